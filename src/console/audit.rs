@@ -380,6 +380,11 @@ fn sentence_of_kind(kind: RecordKind, fields: &RecordFields<'_>) -> Option<Strin
             None => "the drift ends".to_owned(),
         },
         RecordKind::AuditClosed => format!("closed{}", fields.with(": ", "end").replace(": ", " as ")),
+        RecordKind::LiveHarm => {
+            let lived = fields.find("lived")?;
+            let count = |name: &str| lived.get(name)?.as_u64();
+            format!("{} of {} live tasks were past a limit of harm", count("any")?, count("tasks")?)
+        }
         RecordKind::Commissioned | RecordKind::SensesCommissioned => {
             let tasks = fields.text("tasks").or_else(|| fields.text("episodes"));
             let tasks = tasks.map_or_else(String::new, |tasks| format!(", over {tasks} tasks"));

@@ -131,6 +131,7 @@ impl EngineRecorder {
             AlarmKey::RolledBack(_)
             | AlarmKey::Shifted(_)
             | AlarmKey::SharedEvent(_)
+            | AlarmKey::Harm(_)
             | AlarmKey::KeptFalse
             | AlarmKey::NameTaken
             | AlarmKey::TelemetryMissed

@@ -124,6 +124,7 @@ pub(crate) fn decisions(
             | RecordKind::EngineBegan
             | RecordKind::EngineEnded
             | RecordKind::Commissioned
+            | RecordKind::LiveHarm
             | RecordKind::SensesCommissioned
             | RecordKind::Recording
             | RecordKind::RecordingRemoved

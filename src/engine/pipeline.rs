@@ -49,6 +49,7 @@ use crate::restart;
 use crate::stages::activation::Activation;
 use crate::stages::break_glass;
 use crate::stages::confirmation::{self, ConfirmationRun};
+use crate::stages::live_harm::LiveHarmWatch;
 use crate::stages::monitoring::LiveMonitoring;
 use crate::stages::re_evaluation::ReEvaluationRun;
 use crate::stages::resume::{self, Resumption};
@@ -121,6 +122,7 @@ pub struct Pipeline {
     world: LiveWorld,
     resumptions: Vec<Resumption>,
     health: CellHealth,
+    live_harm: LiveHarmWatch,
     agent: Digest,
     work: Option<StageWork>,
     /// Stages of versions that a person paused.
@@ -178,6 +180,7 @@ impl Pipeline {
             monitors: Monitors::default(),
             resumptions: Vec::new(),
             health: CellHealth::default(),
+            live_harm: LiveHarmWatch::default(),
             work: None,
             parked: Vec::new(),
             on_call: false,
@@ -226,6 +229,7 @@ impl Pipeline {
             world: &mut self.world,
             resumptions: &mut self.resumptions,
             health: &mut self.health,
+            live_harm: &mut self.live_harm,
         };
         (live, &mut self.approvals)
     }

@@ -9,6 +9,7 @@ use crate::monitors::ActivationMonitor;
 use crate::operations::report_refused_form;
 use crate::people::approvals::{Approvals, void_requests};
 use crate::recorder::EngineRecorder;
+use crate::stages::live_harm::LiveHarmWatch;
 use crate::stages::monitoring::LiveMonitoring;
 use crate::stages::rollback::trigger;
 use crate::version_concern::VersionConcern;
@@ -38,6 +39,7 @@ pub(crate) fn recover(live: &mut LiveMonitoring<'_>, approvals: &mut Approvals) 
         report_refused_form(live.record, &version);
     }
     reload_evidence_files(live.context, live.record, live.evidence_files)?;
+    *live.live_harm = LiveHarmWatch::recall(live.context, live.record, live.evidence_files)?;
     let interrupted = live.record.version_table().store().opening().interrupted.clone();
     let mut restarted = std::collections::BTreeSet::new();
     for work in interrupted {

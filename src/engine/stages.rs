@@ -11,6 +11,7 @@ pub(crate) mod closing;
 mod comparison_slice;
 pub mod confirmation;
 pub(crate) mod ladder;
+pub(crate) mod live_harm;
 pub mod monitoring;
 pub(crate) mod omitted_stage;
 pub(crate) mod re_evaluation;

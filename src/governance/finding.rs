@@ -537,6 +537,10 @@ findings! {
     TripHolds => MonitorSafetyTrip,
     /// A rate is significantly worse.
     RateWorse { rate: Rate } => MonitorRateTrip,
+    /// A measure of harm of a live task is past the value from which it is a danger to people.
+    DangerLive { measure: HarmKind, value: f64, limit: f64 } => MonitorSafetyTrip,
+    /// The rates of live tasks past a limit of harm are above normal; the measure with the most evidence.
+    HarmRoseLive { measure: HarmKind, past: u64, any: u64, tasks: u64, normal: f64 } => MonitorHarmTrip,
     /// A rate drifts.
     RateDrifts { rate: Rate } => MonitorRateWarning,
     /// The version is rollback-coupled: the first warning rolls it back.

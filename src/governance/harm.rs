@@ -214,6 +214,29 @@ impl Default for HarmMeasures {
     }
 }
 
+/// A measure of one task past a limit.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, schemars::JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct HarmPast {
+    /// The measure.
+    pub measure: HarmKind,
+    /// The measured value, in the measure's unit.
+    pub value: f64,
+    /// The limit, in the same unit.
+    pub limit: f64,
+    /// Its unit; empty for a share or a ratio.
+    pub unit: String,
+}
+
+impl HarmPast {
+    /// A measure with its value, if that is past the limit.
+    #[must_use]
+    pub fn of(measure: HarmKind, harm: &HarmMeasures, limit: f64) -> Option<Self> {
+        let value = harm.of(measure);
+        measure.is_past(value, limit).then(|| Self { measure, value, limit, unit: measure.unit().to_owned() })
+    }
+}
+
 /// Distances beyond this do no harm and are not told apart, m or rad.
 pub const DISTANCE_MAX: f64 = 1.0;
 

@@ -238,6 +238,7 @@ pub mod ids;
 pub mod interface;
 pub mod kappa;
 pub mod lifecycle;
+pub mod live_harm;
 pub mod manifest;
 pub mod metrics;
 pub mod mode;

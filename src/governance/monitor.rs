@@ -6,6 +6,7 @@
 //! nothing here reads a clock. Source: paper section 5.2 stage 6, equation 11; design rule 3.8.
 
 mod normal;
+mod trip;
 
 use std::borrow::Cow;
 
@@ -14,6 +15,7 @@ use holdpoint_text::Hint;
 use serde::{Deserialize, Serialize};
 
 pub use normal::normal_rates;
+pub use trip::{roll_back, safety_trip};
 
 use super::closed_set::convert_equal_terms;
 use super::decision::{Dimension, Reason, ReasonCode};
@@ -85,6 +87,8 @@ crate::closed_set! {
         NotANumber = "not-a-number",
         /// The guard denied a command that the version's own permissions do not cover.
         PermissionBreach = "permission-breach",
+        /// A measure of harm past the value from which it is a danger to people, found at the end of the task.
+        Danger = "danger",
     }
 }
 

@@ -19,11 +19,13 @@ use super::wall_time::WallTime;
 mod class_limits;
 pub mod fields;
 mod harm;
+mod live_harm;
 pub mod name;
 mod reasons;
 
 use fields::Weights;
 pub use harm::{HarmSettings, HarmTolerance};
+pub use live_harm::LiveHarmSettings;
 pub use name::{ProfileName, ProfileNameError, SiteName, SiteNameError, titled};
 pub use reasons::ReasonedNumber;
 use reasons::Reasons;
@@ -54,6 +56,8 @@ pub struct Profile {
     pub behavior: BehaviorSettings,
     /// How much worse a version may be in each measure of harm.
     pub harm: HarmSettings,
+    /// How harm in live tasks is judged, for a version's whole life.
+    pub live_harm: LiveHarmSettings,
     /// Floors and weights of `rho` and `kappa_R`.
     pub recovery: RecoverySettings,
     /// The gate's requirements beyond the four dimensions, and the activation mode.

@@ -116,6 +116,8 @@ crate::closed_set! {
         EngineEnded = "engine-ended",
         /// The normal rates of a family were counted, once.
         Commissioned = "commissioned",
+        /// The harm of a version's live tasks so far: after each task past a limit, and from time to time without one.
+        LiveHarm = "live-harm",
         /// What is normal for the camera check was measured, once.
         SensesCommissioned = "senses-commissioned",
         /// The record of an upgrade is closed.

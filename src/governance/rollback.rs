@@ -44,7 +44,9 @@ impl TriggerKind {
     #[must_use]
     pub fn of(reasons: &[Reason], silent: bool) -> Self {
         match reasons.first().map(|reason| reason.code) {
-            Some(ReasonCode::MonitorRateTrip | ReasonCode::MonitorCoupledTrip) => Self::RateTrip,
+            Some(
+                ReasonCode::MonitorRateTrip | ReasonCode::MonitorCoupledTrip | ReasonCode::MonitorHarmTrip,
+            ) => Self::RateTrip,
             Some(ReasonCode::MonitorOperator) => Self::Operator,
             Some(ReasonCode::MonitorEscalationUnanswered) if silent => Self::TelemetrySilence,
             Some(ReasonCode::MonitorEscalationUnanswered) => Self::EscalationUnanswered,
@@ -262,6 +264,7 @@ mod tests {
         for (code, silent, kind) in [
             (ReasonCode::MonitorSafetyTrip, false, TriggerKind::SafetyEvent),
             (ReasonCode::MonitorRateTrip, true, TriggerKind::RateTrip),
+            (ReasonCode::MonitorHarmTrip, false, TriggerKind::RateTrip),
             (ReasonCode::MonitorEscalationUnanswered, true, TriggerKind::TelemetrySilence),
             (ReasonCode::MonitorEscalationUnanswered, false, TriggerKind::EscalationUnanswered),
             (ReasonCode::MonitorOperator, false, TriggerKind::Operator),

@@ -17,6 +17,7 @@ use holdpoint_governance::closed_set::Lenient;
 use holdpoint_governance::condition::Condition;
 use holdpoint_governance::decision::{Dimension, Reason};
 use holdpoint_governance::failure_cause::FailureCause;
+use holdpoint_governance::harm::HarmPast;
 use holdpoint_governance::ids::{CapabilityId, Digest, Family};
 use holdpoint_governance::lifecycle::{Stage, State};
 use holdpoint_governance::monitor::MonitorOutcome;
@@ -332,6 +333,19 @@ pub enum EventKind {
         timeouts: u32,
         /// The largest force in any of them, N.
         peak_force_n: f64,
+    },
+    /// In a live task a measure of harm was past its limit.
+    HarmPastLimit {
+        /// The active version that did the task.
+        version: CapabilityId,
+        /// Which of its live tasks, counting from 1 over its whole life.
+        task: u64,
+        /// The measures, each with value, limit and unit.
+        past: Vec<HarmPast>,
+        /// Whether a measure is past the value from which it is a danger to people.
+        danger: bool,
+        /// Its live tasks past a limit so far, this one included.
+        tasks_past: u64,
     },
     /// The camera check measured what is normal for the cell over its first live tasks and stored it.
     SensesCommissioned {

@@ -57,6 +57,7 @@ pub(crate) const fn is_own(kind: RecordKind) -> bool {
         | RecordKind::EngineBegan
         | RecordKind::EngineEnded
         | RecordKind::Commissioned
+        | RecordKind::LiveHarm
         | RecordKind::SensesCommissioned
         | RecordKind::AuditClosed
         | RecordKind::Recording

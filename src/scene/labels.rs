@@ -27,6 +27,7 @@ pub const fn version_of(kind: &EventKind) -> Option<&CapabilityId> {
         | EventKind::Activated { version, .. }
         | EventKind::Confirmed { version, .. }
         | EventKind::Monitor { version, .. }
+        | EventKind::HarmPastLimit { version, .. }
         | EventKind::Rung { version, .. }
         | EventKind::RolledBack { version, .. }
         | EventKind::Continued { version, .. }
@@ -86,6 +87,7 @@ pub fn level(kind: &EventKind) -> &'static str {
         EventKind::Rung { ok: false, .. } => "ERROR",
         EventKind::Rung { .. }
         | EventKind::Monitor { .. }
+        | EventKind::HarmPastLimit { .. }
         | EventKind::CommandRefused { .. }
         | EventKind::Voided { .. }
         | EventKind::Drift { kind: Some(_), .. }

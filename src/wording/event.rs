@@ -4,6 +4,7 @@
 
 use std::fmt::Write as _;
 
+use crate::harm::harm_past;
 use crate::{failure_cause, notice};
 use holdpoint_governance::profile::titled;
 use holdpoint_protocol::event::{DimensionResult, Event, EventKind};
@@ -216,6 +217,14 @@ fn text(kind: &EventKind) -> String {
              {peak_force_n:.1} N; stored as normal for {}",
             version.family
         ),
+        EventKind::HarmPastLimit { version, task, past, danger, tasks_past } => {
+            let measures: Vec<String> = past.iter().map(harm_past).collect();
+            let danger = if *danger { "; DANGER to people" } else { "" };
+            format!(
+                "harm     {version}: {} in live task {task}; {tasks_past} of {task} past a limit{danger}",
+                measures.join(", ")
+            )
+        }
         EventKind::SensesCommissioned { tasks, picture_jitter_m, pictures_missing } => format!(
             "normal   camera: jitter up to {:.1} mm, up to {:.0} % of camera frames missing in {tasks} \
              tasks; stored as normal for the cell",
@@ -335,6 +344,20 @@ mod tests {
             let line = sentence(&Event { seq: 1, at_ms: 0, kind }, LINE_WIDTH_MAX);
             assert!(line.as_str().ends_with(text), "{}", line.as_str());
         }
+    }
+
+    #[test]
+    fn live_task_past_a_limit_names_measures_values_and_counts() {
+        let json = r#"{"event":"harm-past-limit","version":"place@1.0.0","task":107,"danger":true,"tasks_past":3,
+            "past":[{"measure":"landing-speed","value":2.31,"limit":0.3,"unit":"m/s"},
+                    {"measure":"drop-height","value":0.27,"limit":0.01,"unit":"m"}]}"#;
+        let kind: EventKind = serde_json::from_str(json).unwrap();
+        let line = sentence(&Event { seq: 1, at_ms: 0, kind }, LINE_WIDTH_MAX);
+        assert_eq!(
+            line.as_str(),
+            "harm     place@1.0.0: speed of the object at landing 2.310 m/s (limit 0.300 m/s), fall of the object \
+             0.2700 m (limit 0.0100 m) in live task 107; 3 of 107 past a limit; DANGER to people"
+        );
     }
 
     /// Sanitizing a text twice changes nothing.

@@ -294,6 +294,17 @@ pub fn finding(found: &Finding) -> String {
         F::SafetyTrip { event } => format!("{}: a safety event", event.name()),
         F::TripHolds => "a trip holds until the version is rolled back".into(),
         F::RateWorse { rate } => format!("the {} rate is significantly worse", rate.name()),
+        F::DangerLive { measure, value, limit } => format!(
+            "{}: {}; past {} it is a danger to people",
+            measure.label(),
+            measure.format(*value),
+            measure.format(*limit)
+        ),
+        F::HarmRoseLive { measure, past, any, tasks, normal } => format!(
+            "harm past a limit in {any} of {tasks} live tasks ({}: {past}); up to {} is normal",
+            measure.label(),
+            percent(*normal)
+        ),
         F::RateDrifts { rate } => format!("the {} rate drifts", rate.name()),
         F::RollbackCoupled => "the version is rollback-coupled: the first warning rolls it back without a question".into(),
         F::ShiftedLive { signal, live, tasks, twin, twins } => format!(

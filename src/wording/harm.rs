@@ -1,7 +1,7 @@
 //! Comparisons of harm and of whole sequences in words.
 
 use holdpoint_governance::behavior::{HarmComparison, HarmDecider, SequenceMeasure};
-use holdpoint_governance::harm::HarmKind;
+use holdpoint_governance::harm::{HarmKind, HarmPast};
 
 pub(crate) fn percent(rate: f64) -> String {
     format!("{:.1} %", 100.0 * rate)
@@ -9,6 +9,12 @@ pub(crate) fn percent(rate: f64) -> String {
 
 pub(crate) const fn more(measure: HarmKind) -> &'static str {
     if measure.is_worse_when_lower() { "less" } else { "more" }
+}
+
+/// A measure past its limit.
+pub(crate) fn harm_past(past: &HarmPast) -> String {
+    let HarmPast { measure, value, limit, .. } = past;
+    format!("{} {} (limit {})", measure.label(), measure.format(*value), measure.format(*limit))
 }
 
 /// Both means with their unit and the tolerance.

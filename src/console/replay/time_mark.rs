@@ -65,9 +65,9 @@ pub fn of(kind: &EventKind) -> Option<TimeMark> {
         },
         EventKind::ApprovalRequested { .. } => aside(Glyph::Waiting, ThemeRole::Waiting, 5),
         EventKind::Rung { ok: false, .. } | EventKind::Fault { .. } => aside(Glyph::Bad, ThemeRole::Bad, 7),
-        EventKind::LiveFault { fault: Some(_) } | EventKind::Drift { kind: Some(_), .. } => {
-            aside(Glyph::Warning, ThemeRole::Warning, 4)
-        }
+        EventKind::LiveFault { fault: Some(_) }
+        | EventKind::Drift { kind: Some(_), .. }
+        | EventKind::HarmPastLimit { .. } => aside(Glyph::Warning, ThemeRole::Warning, 4),
         EventKind::Sequence { success, tasks, .. } => {
             let failed = !success || tasks.iter().any(|task| task.violation);
             failed.then_some(TimeMark {

@@ -174,9 +174,10 @@ pub(super) fn remedy(reason: &ReasonRecord, evidence_file: &EvidenceFileRecord) 
         Code::GateShadowTooShort => act_on(Action::RunShadowLonger),
         Code::GateDependencyUnmet => act_on(Action::ActivateDependency),
         Code::PolicySimulationOnly | Code::GateSimulationOnly => act_on(Action::AdmitOtherProfiles),
-        Code::MonitorRateTrip | Code::MonitorRateWarning | Code::MonitorCoupledTrip => {
-            act_on(Action::KeepRate)
-        }
+        Code::MonitorRateTrip
+        | Code::MonitorRateWarning
+        | Code::MonitorCoupledTrip
+        | Code::MonitorHarmTrip => act_on(Action::KeepRate),
         Code::MonitorTelemetryMissing => act_on(Action::DeliverTelemetry),
         Code::MonitorEscalationUnanswered => Remedy::Act(Action::AnswerEscalation),
         Code::MonitorOperator => Remedy::Act(Action::OperatorDecides),

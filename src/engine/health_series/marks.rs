@@ -155,6 +155,7 @@ pub(super) fn of_alarms(span: &RecordSpan, alarms: &[AlarmEpisode]) -> Vec<Healt
             AlarmKind::Escalated
             | AlarmKind::Violation
             | AlarmKind::SharedEvent
+            | AlarmKind::Harm
             | AlarmKind::WeakRecovery
             | AlarmKind::SafeStopped
             | AlarmKind::NotRecovered
@@ -208,6 +209,7 @@ fn family_of(key: &AlarmKey) -> Option<Family> {
         | AlarmKey::Restricted(version)
         | AlarmKey::Violation(version)
         | AlarmKey::Degraded(version)
+        | AlarmKey::Harm(version)
         | AlarmKey::WeakRecovery(version)
         | AlarmKey::Shifted(version)
         | AlarmKey::SharedEvent(version)

@@ -49,6 +49,7 @@ impl ExperimentPipeline {
         for watched in self.0.monitors.iter_mut() {
             watched.monitor.disable_rates(rates);
         }
+        self.0.live_harm.set_blind(rates.contains(&Rate::Harm));
     }
 
     /// One sequence under the monitors, after a look at their deadlines: what a slice of the engine's does.

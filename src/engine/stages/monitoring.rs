@@ -5,8 +5,9 @@ use holdpoint_governance::condition::Condition;
 use holdpoint_governance::decision::{Reason, ReasonCode};
 use holdpoint_governance::distribution_shift::{is_live_look_due, live_shifts, live_tasks_max};
 use holdpoint_governance::ids::CapabilityId;
-use holdpoint_governance::lifecycle::{DeactivationKind, LifecycleEvent};
-use holdpoint_governance::monitor::{MonitorAction, MonitorDecision};
+use holdpoint_governance::lifecycle::{DeactivationKind, LifecycleEvent, State};
+use holdpoint_governance::live_harm::TaskHarm;
+use holdpoint_governance::monitor::{MonitorAction, MonitorDecision, roll_back, safety_trip};
 use holdpoint_governance::notice::Notice;
 use holdpoint_governance::record::{RecordKind, UpgradeEnd};
 use holdpoint_governance::rollback::{Trigger, TriggerKind};
@@ -16,6 +17,7 @@ use holdpoint_runtime::agent::dispatcher::DispatchedTask;
 use holdpoint_runtime::task::TaskRecord;
 
 use super::ladder::raise_rolled_back;
+use super::live_harm::LiveHarmWatch;
 use super::resume::{self, Resumption};
 use super::rollback::{LiveScene, Rollback};
 use crate::context::Context;
@@ -48,6 +50,8 @@ pub struct LiveMonitoring<'a> {
     pub resumptions: &'a mut Vec<Resumption>,
     /// What is normal for each family, for any active version.
     pub(crate) health: &'a mut CellHealth,
+    /// The harm of every active version's live tasks.
+    pub(crate) live_harm: &'a mut LiveHarmWatch,
 }
 
 impl LiveMonitoring<'_> {
@@ -127,10 +131,16 @@ impl LiveMonitoring<'_> {
             // a monitor learns only that. An operation that stops the arm counts for the version it is about.
             let stepped_in = cut_short && halted && dispatched.record.intervention;
             let tightened = self.is_tightened(id);
+            let mut harm = TaskHarm::default();
             if link_up {
                 let marks = LiveTaskMarks { cut_short, stepped_in, tightened };
                 let task_record = LiveTaskRecord { record: &dispatched.record, marks };
-                keep_telemetry(self.record, self.monitors, id, &task_record, report.duration_ms)?;
+                let batch = keep_telemetry(self.record, self.monitors, id, &task_record, report.duration_ms)?;
+                if !cut_short {
+                    let judged = (self.context, &*self.evidence_files);
+                    let task = (id, &dispatched.record, batch);
+                    harm = self.live_harm.observe(judged, self.record, task, tightened)?;
+                }
             }
             let (ours, others): (Vec<_>, Vec<_>) = raised.into_iter().partition(|raised| raised.id == *id);
             raised = others;
@@ -146,7 +156,11 @@ impl LiveMonitoring<'_> {
             if link_up && !cut_short && !in_place {
                 self.health.observe(self.context, self.record, id, &dispatched.record)?;
             }
-            if link_up && !tripped && (!cut_short || stepped_in) {
+            if tripped {
+                continue;
+            }
+            let rolled_back = self.act_on_harm(id, &harm, scene)?;
+            if link_up && !rolled_back && (!cut_short || stepped_in) {
                 self.watch(id, &dispatched.record, tightened, scene)?;
             }
         }
@@ -158,7 +172,47 @@ impl LiveMonitoring<'_> {
         self.record.is_restricted(id) || self.monitors.of(id).is_some_and(|watched| watched.restricted)
     }
 
-    /// Feeds one live task to the monitor of its version.
+    /// Rolls a version back for the harm of its live task. Returns whether it did: a version without monitor and rollback
+    /// target is its family's commissioned one, and gets an alarm.
+    fn act_on_harm(
+        &mut self,
+        id: &CapabilityId,
+        harm: &TaskHarm,
+        scene: Option<LiveScene<'_>>,
+    ) -> Result<bool, EngineFault> {
+        let reasons = harm.reasons();
+        if reasons.is_empty() || !self.is_active(id)? {
+            return Ok(false);
+        }
+        if self.is_replaceable(id)? {
+            let decision = roll_back(reasons, self.record.now_tick());
+            return self.act_on(id, &decision, None, scene).map(|()| true);
+        }
+        if !harm.past.is_empty() {
+            let notice = Notice::decided(reasons.first());
+            self.record.raise(
+                AlarmKey::Harm(id.clone()),
+                self.context.profile.alarms.violation,
+                true,
+                notice,
+            );
+        }
+        Ok(false)
+    }
+
+    /// Whether a version is still active: an earlier task of the sequence, or a person, may have ended that.
+    fn is_active(&self, id: &CapabilityId) -> Result<bool, EngineFault> {
+        Ok(self.record.version_table().version(id)?.1.state == State::Active)
+    }
+
+    /// Whether a version is rolled back like a new one: it has a monitor or a rollback target.
+    fn is_replaceable(&self, id: &CapabilityId) -> Result<bool, EngineFault> {
+        let (_, lifecycle, _) = self.record.version_table().version(id)?;
+        Ok(self.monitors.of(id).is_some() || lifecycle.predecessor.is_some())
+    }
+
+    /// Feeds one live task to the monitor of its version. A confirmed version that an engine found at its start has none:
+    /// its safety events count all the same.
     fn watch(
         &mut self,
         id: &CapabilityId,
@@ -167,7 +221,15 @@ impl LiveMonitoring<'_> {
         scene: Option<LiveScene<'_>>,
     ) -> Result<(), EngineFault> {
         let now_tick = self.record.now_tick();
-        let Some(watched) = self.monitors.of_mut(id) else { return Ok(()) };
+        let Some(watched) = self.monitors.of_mut(id) else {
+            return match safety_events(record).first() {
+                Some(event) if self.is_active(id)? && self.is_replaceable(id)? => {
+                    let decision = safety_trip(*event, now_tick);
+                    self.act_on(id, &decision, None, scene)
+                }
+                Some(_) | None => Ok(()),
+            };
+        };
         watched.monitor.set_tightened(tightened);
         let Some(values) = record.values() else { return Ok(()) };
         watched.monitor.telemetry(now_tick);
@@ -341,14 +403,14 @@ impl LiveMonitoring<'_> {
 }
 
 /// Keeps what a version did in the telemetry file, of a watched one with its path; its digest enters the chain with the
-/// next record, or with those of others.
+/// next record, or with those of others. Returns the number of its batch.
 fn keep_telemetry(
     record: &mut EngineRecorder,
     monitors: &Monitors,
     id: &CapabilityId,
     task_record: &LiveTaskRecord<'_>,
     duration_ms: u64,
-) -> Result<(), EngineFault> {
+) -> Result<u64, EngineFault> {
     let (stream, rows, body) = if monitors.of(id).is_some() {
         (LIVE, task_record.record.path.len().max(1), serde_json::to_vec(task_record)?)
     } else {
@@ -365,11 +427,11 @@ fn keep_telemetry(
         body,
     };
     let store = record.version_table().store();
-    store.append_telemetry(&batch)?;
+    let number = store.append_telemetry(&batch)?.batch;
     if store.telemetry_is_due(to_ms)? {
         record.write(Vec::new(), Vec::new())?;
     }
-    Ok(())
+    Ok(number)
 }
 
 fn escalated(

@@ -15,7 +15,7 @@ use crate::context::Context;
 use crate::fault::EngineFault;
 use crate::recorder::EngineRecorder;
 use crate::world::live::SequenceReport;
-use crate::world::supervisor::safety_events;
+use crate::world::supervisor::stopping_events;
 
 /// Tasks of the predecessor after which the recovery of the family is judged.
 const RESUME_TASKS: u32 = 3;
@@ -99,7 +99,7 @@ pub(crate) fn takes_in(
     let worked = report.tasks.iter().filter(|done| !done.record.refused && !done.record.invalid);
     for done in worked.filter(|done| done.id == *predecessor) {
         rollback.resumed_tasks += 1;
-        events.extend(safety_events(&done.record));
+        events.extend(stopping_events(&done.record, &context.profile));
         events.extend(moved_on(&done.record, context.profile.runtime.unsafe_continuation_max_ms));
     }
     let replaced = record.active_of(&predecessor.family).is_none_or(|now| now.id() != *predecessor);

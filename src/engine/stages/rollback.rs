@@ -38,7 +38,7 @@ use crate::world::forked_task::ForkedTask;
 use crate::world::ladder_motion::LadderMotion;
 use crate::world::live::Rig;
 use crate::world::painter::LadderPainter;
-use crate::world::supervisor::{Trip, safety_events};
+use crate::world::supervisor::{Trip, stopping_events};
 
 /// The trigger of a rollback that begins now.
 pub(crate) fn trigger(record: &EngineRecorder, kind: TriggerKind, text: Notice) -> Trigger {
@@ -182,14 +182,14 @@ impl Rollback<'_> {
         if trigger.kind != TriggerKind::SafetyEvent {
             return None;
         }
-        let events = safety_events(scene.record);
+        let events = stopping_events(scene.record, &self.context.profile);
         let event = trigger.event.or_else(|| events.first().copied())?;
         let mut fork = self.context.cell.world().ok()?;
         fork.go_on_from(scene.start).ok()?;
         let (task, seed) = (scene.record.task, scene.record.seed);
         let forked = ForkedTask::new(fork, target, &self.terms(target), task, seed);
         let (_, worked) = forked.run(&mut |_, _| {})?;
-        let of_target = safety_events(&worked);
+        let of_target = stopping_events(&worked, &self.context.profile);
         if worked.invalid || !events.iter().chain([&event]).all(|event| of_target.contains(event)) {
             return None;
         }

@@ -5,6 +5,7 @@ mod behavior_shift;
 mod cache_edits;
 mod cell_faults;
 mod checkpoints;
+mod live_harm;
 mod omitted_stages;
 mod outside_domain;
 mod outside_gate;

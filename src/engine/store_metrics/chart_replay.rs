@@ -3,8 +3,9 @@
 use serde_json::Value;
 
 use holdpoint_governance::decision::ReasonCode;
+use holdpoint_governance::live_harm::danger_reason;
 use holdpoint_governance::metrics::store_metrics::{NotReplayable, ReplayOutcome};
-use holdpoint_governance::monitor::{Monitor, MonitorDecision, normal_rates};
+use holdpoint_governance::monitor::{Monitor, MonitorDecision, normal_rates, roll_back};
 use holdpoint_governance::record::{AuditRecord, RecordKind};
 use holdpoint_governance::strictness::Strictness;
 
@@ -45,6 +46,9 @@ pub(super) fn action(
     if !is_measured(cause) {
         return not(NotReplayable::ByPerson);
     }
+    if cause == ReasonCode::MonitorHarmTrip {
+        return not(NotReplayable::WholeLife);
+    }
     let Some(control) = replayer.history.control_at(&of.id, record.seq) else {
         return not(NotReplayable::EvidenceMissing);
     };
@@ -75,6 +79,10 @@ pub(super) fn action(
     };
     // An event within a task is published before the task is charted.
     let tripped = last.safety.iter().map(|event| fresh.clone().safety(*event, 0));
+    let harm = last.values.and_then(|values| values.harm);
+    let dangers = harm.map(|harm| frame.profile.live_harm.dangers(&harm)).unwrap_or_default();
+    let in_danger = roll_back(dangers.iter().map(danger_reason).collect(), 0);
+    let tripped = tripped.chain((!dangers.is_empty()).then_some(in_danger));
     if tripped.map(|again| same(&again)).any(|differs| differs.is_none()) {
         return ReplayOutcome::Equal;
     }
@@ -258,6 +266,7 @@ mod tests {
             (ReasonCode::MonitorSafetyTrip, true, false),
             (ReasonCode::MonitorRateWarning, true, false),
             (ReasonCode::MonitorCoupledTrip, true, false),
+            (ReasonCode::MonitorHarmTrip, true, false),
             (ReasonCode::MonitorTelemetryMissing, false, true),
             (ReasonCode::MonitorEscalationUnanswered, false, true),
             (ReasonCode::MonitorOperator, false, false),

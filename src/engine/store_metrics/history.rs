@@ -288,6 +288,7 @@ impl History {
             | RecordKind::EngineBegan
             | RecordKind::EngineEnded
             | RecordKind::Commissioned
+            | RecordKind::LiveHarm
             | RecordKind::SensesCommissioned
             | RecordKind::Recording
             | RecordKind::GoalSet

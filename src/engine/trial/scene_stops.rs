@@ -56,7 +56,10 @@ pub fn past_limit(event: StoppingEvent, record: &TaskRecord, profile: &Profile) 
             | HardStop::BudgetBreach,
         )
         | StoppingEvent::Safety(
-            SafetyEvent::KeepOut | SafetyEvent::NotANumber | SafetyEvent::PermissionBreach,
+            SafetyEvent::KeepOut
+            | SafetyEvent::NotANumber
+            | SafetyEvent::PermissionBreach
+            | SafetyEvent::Danger,
         ) => return None,
     };
     (value > limit).then_some(PastLimit { quantity, value, limit })

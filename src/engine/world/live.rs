@@ -145,7 +145,7 @@ pub(crate) struct RunningSequence {
     starts: Vec<TaskStart>,
 }
 
-/// The live world where a watched version began a task.
+/// The live world where a version began a task.
 pub(crate) struct TaskStart {
     pub(crate) id: CapabilityId,
     pub(crate) task: TaskKind,
@@ -351,8 +351,8 @@ impl RunningSequence {
             let world = arm.body().world();
             listener.before_task(world, task, seed);
             let mut at_work = view.active(&Agent::select(task)).map(Capability::id);
-            if let (Some(supervisor), Some(id)) = (&supervisor, &at_work)
-                && supervisor.watches(id)
+            if supervisor.is_some()
+                && let Some(id) = &at_work
             {
                 self.starts.push(TaskStart { id: id.clone(), task, world: world.copy() });
             }

@@ -9,6 +9,7 @@ use std::sync::{Arc, Mutex};
 use crate::monitors::{ActivationMonitor, Monitors};
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::monitor::{MonitorAction, MonitorDecision, SafetyEvent};
+use holdpoint_governance::profile::Profile;
 use holdpoint_protocol::clock::{Clock, tick_of};
 use holdpoint_runtime::guard::PolicyHit;
 use holdpoint_runtime::recovery::RecoveryReport;
@@ -66,11 +67,6 @@ impl SequenceSupervisor {
     /// Reports questions at once: operators must not wait for the end of a sequence to learn of a deadline.
     pub(crate) fn tell_at_once(&mut self, questions: MonitorQuestions) {
         self.questions = Some(questions);
-    }
-
-    /// Whether a monitor watches this version.
-    pub(crate) fn watches(&self, id: &CapabilityId) -> bool {
-        self.monitors.of(id).is_some()
     }
 
     /// One tick of a task of `id`. `world_tick` counts from the start of the sequence.
@@ -150,6 +146,13 @@ pub fn safety_events(record: &TaskRecord) -> Vec<SafetyEvent> {
     let hits = record.hits.iter().filter_map(|(_, hit)| of_hit(*hit));
     let signals = record.signals.iter().filter_map(|raised| of_signal(raised.signal));
     hits.chain(signals).collect()
+}
+
+/// The safety events of a finished task, danger by its measures of harm among them.
+#[must_use]
+pub(crate) fn stopping_events(record: &TaskRecord, profile: &Profile) -> Vec<SafetyEvent> {
+    let is_danger = record.harm.is_some_and(|harm| !profile.live_harm.dangers(&harm).is_empty());
+    safety_events(record).into_iter().chain(is_danger.then_some(SafetyEvent::Danger)).collect()
 }
 
 const fn of_hit(hit: PolicyHit) -> Option<SafetyEvent> {

@@ -20,6 +20,8 @@ crate::closed_set! {
         Violation = "violation",
         /// A version performs worse than its family did when it was commissioned.
         Degraded = "degraded",
+        /// A commissioned version was a danger in a live task, or does harm more often than is normal.
+        Harm = "harm",
         /// An active version's own recovery drills pass too seldom.
         WeakRecovery = "weak-recovery",
         /// A version differs in the live world from the sandbox.
@@ -84,6 +86,7 @@ impl AlarmKind {
             | Self::Restricted
             | Self::Violation
             | Self::Degraded
+            | Self::Harm
             | Self::WeakRecovery
             | Self::Shifted
             | Self::SharedEvent
@@ -120,6 +123,8 @@ pub enum AlarmKey {
     Violation(CapabilityId),
     /// The active version under which the family performs worse.
     Degraded(CapabilityId),
+    /// The active version that did harm.
+    Harm(CapabilityId),
     /// The active version whose drills pass too seldom.
     WeakRecovery(CapabilityId),
     /// The version that was in shadow.
@@ -173,6 +178,7 @@ impl AlarmKey {
             Self::Restricted(_) => AlarmKind::Restricted,
             Self::Violation(_) => AlarmKind::Violation,
             Self::Degraded(_) => AlarmKind::Degraded,
+            Self::Harm(_) => AlarmKind::Harm,
             Self::WeakRecovery(_) => AlarmKind::WeakRecovery,
             Self::Shifted(_) => AlarmKind::Shifted,
             Self::SharedEvent(_) => AlarmKind::SharedEvent,
@@ -204,6 +210,7 @@ impl fmt::Display for AlarmKey {
             | Self::Restricted(version)
             | Self::Violation(version)
             | Self::Degraded(version)
+            | Self::Harm(version)
             | Self::WeakRecovery(version)
             | Self::Shifted(version)
             | Self::SharedEvent(version)
@@ -240,6 +247,7 @@ impl FromStr for AlarmKey {
             AlarmKind::Restricted => Self::Restricted(version()?),
             AlarmKind::Violation => Self::Violation(version()?),
             AlarmKind::Degraded => Self::Degraded(version()?),
+            AlarmKind::Harm => Self::Harm(version()?),
             AlarmKind::WeakRecovery => Self::WeakRecovery(version()?),
             AlarmKind::Shifted => Self::Shifted(version()?),
             AlarmKind::SharedEvent => Self::SharedEvent(version()?),
@@ -319,6 +327,7 @@ mod tests {
                 | AlarmKind::Restricted
                 | AlarmKind::Violation
                 | AlarmKind::Degraded
+                | AlarmKind::Harm
                 | AlarmKind::WeakRecovery
                 | AlarmKind::Shifted
                 | AlarmKind::SharedEvent

@@ -254,6 +254,8 @@ reason_codes! {
     MonitorSafetyTrip = "monitor-safety-trip",
     /// A rate is significantly worse; rolls back.
     MonitorRateTrip = "monitor-rate-trip",
+    /// Live tasks are past a limit of harm more often than is normal for the version, in its whole life; rolls back.
+    MonitorHarmTrip = "monitor-harm-trip",
     /// A rate drifts; early warning, restricts.
     MonitorRateWarning = "monitor-rate-warning",
     /// A rate drifts under a version that is rollback-coupled; rolls back without asking.

@@ -90,6 +90,8 @@ crate::closed_set! {
         TelemetryPruned = "telemetry-pruned",
         /// It depends on a missing event: silence, or a missing answer.
         RestsOnTime = "rests-on-time",
+        /// It rests on all live tasks of the version's whole life; the record has the count.
+        WholeLife = "whole-life",
         /// A person requested it; nothing is computed.
         ByPerson = "by-person",
         /// The charts restarted at a moment that is not on record.

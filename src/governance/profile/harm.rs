@@ -3,7 +3,7 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::harm::{HarmKind, HarmMeasures};
+use crate::harm::{HarmKind, HarmMeasures, HarmPast};
 
 /// The limits of one measure; written `[mean, limit]`, both in the measure's unit.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -85,6 +85,13 @@ impl HarmSettings {
     #[must_use]
     pub fn is_past(&self, harm: &HarmMeasures) -> bool {
         HarmKind::ALL.into_iter().any(|kind| kind.is_past(harm.of(kind), self.of(kind).limit))
+    }
+
+    /// Every measure that is past its limit.
+    #[must_use]
+    pub fn past(&self, harm: &HarmMeasures) -> Vec<HarmPast> {
+        let past = |measure| HarmPast::of(measure, harm, self.of(measure).limit);
+        HarmKind::ALL.into_iter().filter_map(past).collect()
     }
 
     /// The limits of a measure.

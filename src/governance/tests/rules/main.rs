@@ -14,6 +14,7 @@ mod early;
 mod fixture;
 mod gating;
 mod harm;
+mod live_harm;
 mod metric_mutations;
 mod monitoring;
 mod never_pass;
