@@ -14,7 +14,7 @@ use holdpoint_engine::context::Context;
 use holdpoint_engine::trial::worker::Worker;
 use holdpoint_governance::harm::{HarmKind, HarmMeasures};
 use holdpoint_governance::ids::Family;
-use holdpoint_governance::profile::{HarmSettings, ProfileName};
+use holdpoint_governance::profile::{HarmSettings, Profile, ProfileName};
 use holdpoint_runtime::agent::dispatcher::admit;
 use holdpoint_runtime::capability::Capability;
 use holdpoint_runtime::task::{Supervision, TaskStage};
@@ -23,7 +23,9 @@ use holdpoint_sim::episode::EpisodeSetup;
 use holdpoint_text::Hint;
 use serde::{Deserialize, Serialize};
 
+use super::danger::{self, DangerAgreement};
 use super::referee_runs::{self, Channel, JudgedVersion, RefereeWitness, begin};
+use super::scale::{HarmScale, RefereeObservation};
 use super::true_harm::{SqueezePeak, TrueHarmMeter, has_counterpart};
 use super::{judging_context, side_by_side};
 use crate::candidate_pool::Pool;
@@ -57,12 +59,16 @@ pub struct SensorsPlan {
 pub struct SensorRow {
     pub version: String,
     pub family: Family,
+    /// The version is a baseline, and no candidate of the pool.
+    pub is_baseline: bool,
     pub conditions: Conditions,
     pub seed: u64,
     /// The work was done, by inspection.
     pub done: bool,
     pub sensor: HarmMeasures,
     pub referee: HarmMeasures,
+    /// The quantities of the referee that make an episode a danger.
+    pub truth: RefereeObservation,
     pub squeeze: SqueezePeak,
 }
 
@@ -191,24 +197,28 @@ pub struct SensorsReport {
     /// Episodes that a version did not accept or the simulator could not run; counted nowhere.
     pub invalid: u64,
     pub families: Vec<FamilyAgreement>,
+    /// The danger thresholds, over all families.
+    pub danger: Vec<DangerAgreement>,
     /// Measures without a true value.
     pub not_compared: Vec<HarmKind>,
 }
 
 impl SensorsReport {
     /// Of the finished episodes; an absent row is an invalid one.
-    fn of(plan: &SensorsPlan, rows: &[Option<SensorRow>], limits: &HarmSettings) -> Self {
+    fn of(plan: &SensorsPlan, rows: &[Option<SensorRow>], profile: &Profile, scale: &HarmScale) -> Self {
+        let all: Vec<&SensorRow> = rows.iter().flatten().collect();
         let mut families: BTreeMap<&Family, Vec<&SensorRow>> = BTreeMap::new();
-        for row in rows.iter().flatten() {
+        for row in all.iter().copied() {
             families.entry(&row.family).or_default().push(row);
         }
-        let families = families.into_iter().map(|(family, rows)| agreement(family, &rows, limits));
+        let families = families.into_iter().map(|(family, rows)| agreement(family, &rows, &profile.harm));
         Self {
             profile: ProfileName::Sim,
             seed: plan.seed,
             episodes: plan.episodes,
             invalid: rows.iter().filter(|row| row.is_none()).count() as u64,
             families: families.collect(),
+            danger: danger::agreements(&all, &profile.live_harm, scale),
             not_compared: HarmKind::ALL.into_iter().filter(|kind| !has_counterpart(*kind)).collect(),
         }
     }
@@ -243,7 +253,8 @@ pub fn run(plan: &SensorsPlan, tell: &ProgressFn<'_>) -> Result<SensorsReport, E
     let cell = Cell::builtin()?;
     let context = judging_context(cell.clone())?;
     let rows = rows(plan, &cell, &context, tell)?;
-    let report = SensorsReport::of(plan, &rows, &context.profile.harm);
+    let scale = HarmScale::builtin().map_err(|error| ExperimentError::Unexpected(error.to_string()))?;
+    let report = SensorsReport::of(plan, &rows, &context.profile, &scale);
     write_atomically(&plan.out.join("sensors.csv"), csv(rows.iter().flatten()).as_bytes())?;
     write_atomically(&plan.out.join("sensors.json"), &serde_json::to_vec_pretty(&report)?)?;
     Ok(report)
@@ -257,11 +268,11 @@ fn rows(
     tell: &ProgressFn<'_>,
 ) -> Result<Vec<Option<SensorRow>>, ExperimentError> {
     let versions = versions(plan.pool.as_deref(), context)?;
-    let mut blocks: Vec<(&str, &JudgedVersion, Range<u64>)> = Vec::new();
-    for (name, judged) in &versions {
+    let mut blocks: Vec<(&ComparedVersion, Range<u64>)> = Vec::new();
+    for version in &versions {
         for from in (0..plan.episodes.div_ceil(BLOCK)).map(|block| block * BLOCK) {
             let until = (from + BLOCK).min(plan.episodes);
-            blocks.push((name.as_str(), judged, plan.seed + from..plan.seed + until));
+            blocks.push((version, plan.seed + from..plan.seed + until));
         }
     }
     let began = Instant::now();
@@ -269,8 +280,8 @@ fn rows(
         plan.jobs,
         blocks.len(),
         |worker, at| {
-            let (name, judged, indices) = blocks[at].clone();
-            Ok(indices.map(|index| episode(worker, cell, (name, judged), index)).collect::<Vec<_>>())
+            let (version, indices) = blocks[at].clone();
+            Ok(indices.map(|index| episode(worker, cell, version, index)).collect::<Vec<_>>())
         },
         &|_, finished| tell(&progress(finished, blocks.len(), began)),
     )?;
@@ -282,38 +293,45 @@ fn progress(finished: usize, all: usize, began: Instant) -> String {
     format!("[{finished}/{all}] blocks of {BLOCK} episodes; about {:.0} min left", left / 60.0)
 }
 
-/// The baselines of the three tasks, then the candidates of the pool, each with its name.
-fn versions(pool: Option<&Path>, context: &Context) -> Result<Vec<(String, JudgedVersion)>, ExperimentError> {
+/// A version whose episodes are compared.
+struct ComparedVersion {
+    name: String,
+    is_baseline: bool,
+    judged: JudgedVersion,
+}
+
+/// The baselines of the three tasks, then the candidates of the pool.
+fn versions(pool: Option<&Path>, context: &Context) -> Result<Vec<ComparedVersion>, ExperimentError> {
     let baselines = holdpoint_engine::embedded::baselines()
         .map_err(|error| ExperimentError::Unexpected(error.sentence()))?;
-    let mut found: Vec<(String, Capability)> = baselines
+    let compared = |(name, is_baseline, version): (String, bool, Capability)| ComparedVersion {
+        name,
+        is_baseline,
+        judged: JudgedVersion::new(context, version),
+    };
+    let mut found: Vec<(String, bool, Capability)> = baselines
         .into_iter()
         // The family that parks the arm has no task of its own.
         .filter(|version| TaskKind::SEQUENCE.iter().any(|task| task.name() == version.id().family.as_str()))
-        .map(|version| (version.id().to_string(), version))
+        .map(|version| (version.id().to_string(), true, version))
         .collect();
     if let Some(folder) = pool {
         for (name, package) in per_candidate::packages(&Pool::read(folder)?)? {
             let version = Capability::load(&name, package)
                 .map_err(|error| ExperimentError::candidate(&name, error.sentence()))?;
-            found.push((name, version));
+            found.push((name, false, version));
         }
     }
-    Ok(found.into_iter().map(|(name, version)| (name, JudgedVersion::new(context, version))).collect())
+    Ok(found.into_iter().map(compared).collect())
 }
 
 /// One episode of a version; `None` if the simulator failed or the version did not accept the task.
-fn episode(
-    worker: &mut Worker,
-    cell: &Cell,
-    (name, judged): (&str, &JudgedVersion),
-    index: u64,
-) -> Option<SensorRow> {
+fn episode(worker: &mut Worker, cell: &Cell, version: &ComparedVersion, index: u64) -> Option<SensorRow> {
     let seed = referee_runs::seed(Channel::Episodes, index);
-    let worked = observe(worker, cell, (name, judged), (referee_runs::conditions(index), seed));
+    let worked = observe(worker, cell, version, (referee_runs::conditions(index), seed));
     if worked.is_err() {
         // A world that diverged is not used again.
-        worker.failed(judged.version.bundle.task(), seed);
+        worker.failed(version.judged.version.bundle.task(), seed);
     }
     worked.ok().flatten()
 }
@@ -321,7 +339,7 @@ fn episode(
 fn observe(
     worker: &mut Worker,
     cell: &Cell,
-    (name, judged): (&str, &JudgedVersion),
+    ComparedVersion { name, is_baseline, judged }: &ComparedVersion,
     (conditions, seed): (Conditions, u64),
 ) -> Result<Option<SensorRow>, SimError> {
     let task = judged.version.bundle.task();
@@ -342,14 +360,17 @@ fn observe(
         }
     }
     let record = run.record();
+    let truth = witness.observation(record.success);
     Ok(record.harm.map(|sensor| SensorRow {
-        version: name.to_owned(),
+        version: name.clone(),
         family: judged.version.id().family,
+        is_baseline: *is_baseline,
         conditions,
         seed,
         done: record.success,
         sensor,
-        referee: meter.measures(&witness.observation(record.success)),
+        referee: meter.measures(&truth),
+        truth,
         squeeze: meter.squeeze(),
     }))
 }
@@ -361,16 +382,20 @@ fn csv<'a>(rows: impl IntoIterator<Item = &'a SensorRow>) -> String {
         let name = kind.name().replace('-', "_");
         text.push_str(&format!(",{name}_sensor,{name}_referee"));
     }
-    text.push_str(",squeeze_tick,squeeze_harder_n,squeeze_other_n,pads_mean_n,ticks_after_push\n");
+    text.push_str(",squeeze_tick,squeeze_harder_n,squeeze_other_n,pads_mean_n,ticks_after_push");
+    text.push_str(",is_baseline,force_n,object_speed_m_s,keep_out_ticks\n");
     for row in rows {
-        let SensorRow { version, family, conditions, seed, done, sensor, referee, squeeze } = row;
+        let SensorRow { version, family, conditions, seed, done, sensor, referee, squeeze, .. } = row;
         text.push_str(&format!("{version},{family},{},{seed},{}", conditions.name(), u8::from(*done)));
         for kind in compared() {
             text.push_str(&format!(",{},{}", sensor.of(kind), referee.of(kind)));
         }
         let SqueezePeak { tick, harder_n, other_n, mean_n, ticks_after_push } = squeeze;
         let after_push = ticks_after_push.map_or_else(String::new, |ticks| ticks.to_string());
-        text.push_str(&format!(",{tick},{harder_n:.2},{other_n:.2},{mean_n:.2},{after_push}\n"));
+        text.push_str(&format!(",{tick},{harder_n:.2},{other_n:.2},{mean_n:.2},{after_push}"));
+        let RefereeObservation { force_n, object_speed_m_s, keep_out_ticks, .. } = row.truth;
+        let is_baseline = u8::from(row.is_baseline);
+        text.push_str(&format!(",{is_baseline},{force_n:.2},{object_speed_m_s:.3},{keep_out_ticks}\n"));
     }
     text
 }
@@ -384,11 +409,13 @@ mod tests {
         SensorRow {
             version: "grasp@1.0.0".to_owned(),
             family: Family::from(TaskKind::Grasp),
+            is_baseline: true,
             conditions: Conditions::Sandbox,
             seed: 7,
             done: true,
             sensor: grip(sensor_n),
             referee: grip(referee_n),
+            truth: RefereeObservation::default(),
             squeeze,
         }
     }
@@ -496,7 +523,7 @@ mod tests {
         assert_eq!(one.lines().count() as u64, episodes + 1);
         assert_eq!(episodes + reports[0].invalid, 12);
         let columns = |line: &str| line.split(',').count();
-        assert!(one.lines().all(|line| columns(line) == 5 + 2 * reports[0].families[0].measures.len() + 5));
+        assert!(one.lines().all(|line| columns(line) == 5 + 2 * reports[0].families[0].measures.len() + 9));
         let [json, _] = files("sensors.json");
         assert_eq!(serde_json::from_str::<SensorsReport>(&json).unwrap(), reports[0]);
     }
