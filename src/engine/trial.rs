@@ -7,6 +7,7 @@ pub mod drills;
 pub mod episodes;
 pub mod evaluation;
 pub mod job_outcome;
+pub mod live_start;
 pub mod mode_metrics;
 pub mod reuse;
 pub mod scene_stops;

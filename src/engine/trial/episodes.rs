@@ -39,29 +39,56 @@ pub fn episode(
 /// As [`episode`].
 #[must_use]
 pub fn alone(worker: &mut Worker, trial: TrialCase<'_>) -> TaskRecord {
+    match worker.arm(trial.cell, &trial.setup()).map(|_| ()) {
+        Ok(()) => alone_here(worker, &trial),
+        Err(_) => failed(worker, &trial),
+    }
+}
+
+/// As [`alone`], from the present state of the worker's arm.
+pub(super) fn alone_here(worker: &mut Worker, trial: &TrialCase<'_>) -> TaskRecord {
     let mut run = || -> Result<TaskRecord, SimError> {
-        let arm = worker.arm(trial.cell, &trial.setup())?;
+        let arm = worker.built_arm()?;
         if !trial.is_admitted(arm) {
             return Ok(trial.refused());
         }
         Ok(trial.start().finish(&mut arm.handle(), &mut |_, _| Supervision::Continue)?)
     };
-    run().unwrap_or_else(|_| failed(worker, &trial))
+    run().unwrap_or_else(|_| failed(worker, trial))
 }
 
 /// Runs the same episode of two versions: on one world as long as both ask the same of it, then each on its own.
 /// The records are those of two episodes by themselves.
 #[must_use]
-pub fn pair(worker: &mut Worker, [first, second]: [TrialCase<'_>; 2]) -> [TaskRecord; 2] {
+pub fn pair(worker: &mut Worker, both: [TrialCase<'_>; 2]) -> [TaskRecord; 2] {
+    let [first, second] = both;
     let setup = first.setup();
     if setup != second.setup() {
-        return [first, second].map(|trial| alone(worker, trial));
+        return both.map(|trial| alone(worker, trial));
     }
-    // Who is not admitted works nothing, and the other works alone.
-    match worker.arm(first.cell, &setup).map(|arm| first.is_admitted(arm) && second.is_admitted(arm)) {
-        Ok(true) => {}
-        Ok(false) => return [first, second].map(|trial| alone(worker, trial)),
-        Err(_) => return [first, second].map(|trial| failed(worker, &trial)),
+    match worker.arm(first.cell, &setup).map(|_| ()) {
+        Ok(()) => pair_here(worker, both),
+        Err(_) => both.map(|trial| failed(worker, &trial)),
+    }
+}
+
+/// As [`pair`], from the present state of the worker's arm.
+pub(super) fn pair_here(worker: &mut Worker, both: [TrialCase<'_>; 2]) -> [TaskRecord; 2] {
+    let [first, second] = both;
+    let start = worker.built_arm().map(|arm| {
+        let are_admitted = first.is_admitted(arm) && second.is_admitted(arm);
+        (!are_admitted).then(|| arm.body().copy())
+    });
+    match start {
+        Ok(None) => {}
+        // Who is not admitted works nothing, and the other works alone.
+        Ok(Some(start)) => {
+            return both.map(|trial| match worker.arm_from(trial.cell, &start).map(|_| ()) {
+                Ok(()) => alone_here(worker, &trial),
+                Err(_) => failed(worker, &trial),
+            });
+        }
+        Err(_) => return both.map(|trial| failed(worker, &trial)),
     }
     let (mut one, mut other) = (first.start(), second.start());
     let mut begin = || -> Result<WorldCopy, SimError> {
@@ -70,7 +97,7 @@ pub fn pair(worker: &mut Worker, [first, second]: [TrialCase<'_>; 2]) -> [TaskRe
         Ok(arm.body().copy())
     };
     let Ok(parted) = begin() else {
-        return [first, second].map(|trial| failed(worker, &trial));
+        return both.map(|trial| failed(worker, &trial));
     };
     let mut go_on = |run: TaskRun, trial: &TrialCase<'_>, from: Option<&WorldCopy>| {
         let work = || -> Result<TaskRecord, SimError> {

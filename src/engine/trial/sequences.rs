@@ -9,9 +9,11 @@ use holdpoint_sim::SimError;
 use holdpoint_sim::episode::EpisodeSetup;
 
 use super::trial_lab::TrialSubject;
-use super::undisturbed_run::TrialCase;
 use super::worker::Worker;
 use crate::cell::{Cell, Conditions};
+
+/// What whole sequences of an evaluation are sampled from.
+const CONDITIONS: Conditions = Conditions::Sandbox;
 
 /// The records of one sequence, with the candidate and with the active version for the candidate's task.
 pub type SequenceRecords = (Vec<TaskRecord>, Vec<TaskRecord>);
@@ -47,6 +49,13 @@ impl TrialTeam {
         let [first, second, third] = TaskKind::SEQUENCE;
         Some([version_for(first)?, version_for(second)?, version_for(third)?])
     }
+
+    /// The versions for the tasks before `task`, in order; `None` if one of them has no version.
+    #[must_use]
+    pub fn before(&self, task: TaskKind) -> Option<Vec<&TrialSubject>> {
+        let version_for = |task| self.0.iter().find(|member| member.version.bundle.task() == task);
+        TaskKind::SEQUENCE.into_iter().take_while(|earlier| *earlier < task).map(version_for).collect()
+    }
 }
 
 /// Runs one sequence of the sandbox's distribution; if the simulator fails, the last record is invalid.
@@ -58,8 +67,8 @@ pub fn run_sequence(
     seed: u64,
 ) -> Vec<TaskRecord> {
     let mut records = Vec::with_capacity(lineup.len());
-    let set_up = worker.arm(cell, &setup(cell, seed)).map(|_| ());
-    let outcome = set_up.and_then(|()| run_tasks(worker, cell, &lineup, seed, &mut records));
+    let set_up = worker.arm(cell, &setup(cell, CONDITIONS, seed)).map(|_| ());
+    let outcome = set_up.and_then(|()| run_tasks(worker, cell, &lineup, (CONDITIONS, seed), &mut records));
     records_with_failure(worker, outcome.map(|_| ()), &lineup, seed, records)
 }
 
@@ -76,9 +85,9 @@ pub fn run_sequence_pair(
     let shared_tasks = TaskKind::SEQUENCE.iter().take_while(|task| **task < candidate_task).count();
     let [shared_lineup, _] = lineups.map(|lineup| lineup.into_iter().take(shared_tasks).collect::<Vec<_>>());
     let mut shared_records = Vec::with_capacity(TaskKind::SEQUENCE.len());
-    let set_up = worker.arm(cell, &setup(cell, seed)).map(|_| ());
+    let set_up = worker.arm(cell, &setup(cell, CONDITIONS, seed)).map(|_| ());
     let world_after = set_up
-        .and_then(|()| run_tasks(worker, cell, &shared_lineup, seed, &mut shared_records))
+        .and_then(|()| run_tasks(worker, cell, &shared_lineup, (CONDITIONS, seed), &mut shared_records))
         .and_then(|is_done| Ok(if is_done { Some(worker.built_arm()?.body().copy()) } else { None }));
     let world = match world_after {
         Ok(Some(world)) => world,
@@ -91,28 +100,28 @@ pub fn run_sequence_pair(
     lineups.map(|lineup| {
         let (mut records, rest) = (shared_records.clone(), lineup.get(shared_tasks..).unwrap_or_default());
         let set_up = worker.arm_from(cell, &world).map(|_| ());
-        let outcome = set_up.and_then(|()| run_tasks(worker, cell, rest, seed, &mut records));
+        let outcome = set_up.and_then(|()| run_tasks(worker, cell, rest, (CONDITIONS, seed), &mut records));
         records_with_failure(worker, outcome.map(|_| ()), &lineup, seed, records)
     })
 }
 
-fn setup(cell: &Cell, seed: u64) -> EpisodeSetup {
-    EpisodeSetup::sample(TaskKind::Grasp, &cell.scene, cell.distribution(Conditions::Sandbox), seed)
+/// Everything that is drawn for a sequence.
+pub(super) fn setup(cell: &Cell, conditions: Conditions, seed: u64) -> EpisodeSetup {
+    EpisodeSetup::sample(TaskKind::Grasp, &cell.scene, cell.distribution(conditions), seed)
 }
 
 /// Runs tasks one after the other from the present state of the worker's arm. Returns whether all were done.
-fn run_tasks(
+pub(super) fn run_tasks(
     worker: &mut Worker,
     cell: &Cell,
     subjects: &[&TrialSubject],
-    seed: u64,
+    (conditions, seed): (Conditions, u64),
     records: &mut Vec<TaskRecord>,
 ) -> Result<bool, SimError> {
     let arm = worker.built_arm()?;
     for subject in subjects {
-        let version = &subject.version;
-        let trial = TrialCase { cell, terms: &subject.terms, version, conditions: Conditions::Sandbox, seed };
-        arm.body_mut().begin_task(version.bundle.task());
+        let trial = subject.trial(cell, conditions, seed);
+        arm.body_mut().begin_task(subject.version.bundle.task());
         if !trial.is_admitted(arm) {
             records.push(trial.refused());
             return Ok(false);

@@ -1,0 +1,210 @@
+//! Single tasks from the starts of the live cell: its distribution, and the state in which the tasks before leave it.
+//!
+//! The first task of a live sequence begins at a reset of the world. Each later task begins where the one before ended,
+//! and only if that was done. So the active versions of the earlier tasks run first. A seed whose sequence does not come
+//! to the task is replaced. A version sees the same start as in the live cell. Judges nothing.
+
+use holdpoint_body::TaskKind;
+use holdpoint_runtime::task::TaskRecord;
+use holdpoint_sim::SimError;
+use holdpoint_sim::episode::EpisodeSetup;
+use holdpoint_sim::rng::Stream;
+
+use super::episodes::{alone_here, pair_here};
+use super::sequences::{TrialTeam, run_tasks, setup};
+use super::trial_subject::TrialSubject;
+use super::worker::Worker;
+use crate::cell::{Cell, Conditions};
+
+/// What the live cell samples from.
+const CONDITIONS: Conditions = Conditions::Live;
+
+/// Seeds tried for one start. A cell that comes to the task in half of its sequences misses one start in 256.
+const SEEDS_TRIED: usize = 8;
+
+/// The episode of a version from the live start of a seed. Its record has the first seed tried that comes to the task; it
+/// is invalid if none does.
+#[must_use]
+pub fn alone_from_live_start(
+    worker: &mut Worker,
+    cell: &Cell,
+    team: &TrialTeam,
+    subject: &TrialSubject,
+    seed: u64,
+) -> TaskRecord {
+    let task = subject.version.bundle.task();
+    match reach(worker, cell, team, task, seed) {
+        Ok(Some(seed)) => alone_here(worker, &subject.trial(cell, CONDITIONS, seed)),
+        Ok(None) => TaskRecord::invalid(task, seed),
+        Err(_) => worker.failed(task, seed),
+    }
+}
+
+/// As [`alone_from_live_start`], of two versions from one start.
+#[must_use]
+pub fn pair_from_live_start(
+    worker: &mut Worker,
+    cell: &Cell,
+    team: &TrialTeam,
+    both: [&TrialSubject; 2],
+    seed: u64,
+) -> [TaskRecord; 2] {
+    let [first, _] = both;
+    let task = first.version.bundle.task();
+    match reach(worker, cell, team, task, seed) {
+        Ok(Some(seed)) => pair_here(worker, both.map(|subject| subject.trial(cell, CONDITIONS, seed))),
+        Ok(None) => both.map(|_| TaskRecord::invalid(task, seed)),
+        Err(_) => both.map(|_| worker.failed(task, seed)),
+    }
+}
+
+/// Everything that is drawn for a task from the live start of a seed that comes to it.
+#[must_use]
+pub fn setup_of(cell: &Cell, team: &TrialTeam, task: TaskKind, seed: u64) -> EpisodeSetup {
+    if team.before(task).is_some() {
+        setup(cell, CONDITIONS, seed)
+    } else {
+        // No live sequence comes to a task behind an empty place, so it begins by itself.
+        EpisodeSetup::sample(task, &cell.scene, cell.distribution(CONDITIONS), seed)
+    }
+}
+
+/// Brings the worker's arm to the live start of a seed, or of one that replaces it. Returns the seed of the start.
+fn reach(
+    worker: &mut Worker,
+    cell: &Cell,
+    team: &TrialTeam,
+    task: TaskKind,
+    seed: u64,
+) -> Result<Option<u64>, SimError> {
+    let before = team.before(task);
+    for seed in std::iter::successors(Some(seed), |seed| Some(replacement(*seed))).take(SEEDS_TRIED) {
+        worker.arm(cell, &setup_of(cell, team, task, seed))?;
+        let Some(before) = &before else { return Ok(Some(seed)) };
+        if run_tasks(worker, cell, before, (CONDITIONS, seed), &mut Vec::new())? {
+            worker.built_arm()?.body_mut().begin_task(task);
+            return Ok(Some(seed));
+        }
+    }
+    Ok(None)
+}
+
+/// The seed that replaces one: below 2^53, so that every reader of JSON has all of its digits.
+fn replacement(seed: u64) -> u64 {
+    Stream::from_state(seed ^ 0x11fe_57a2_7000_0001).bits() >> 11
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::embedded;
+    use crate::trial::episodes::alone;
+    use crate::trial::seeds::{CALIBRATION_FROM_RUN, SeedPurpose, episode_seed};
+    use crate::trial::undisturbed_run::TrialCase;
+    use crate::world::listener::NoListener;
+    use crate::world::live::LiveCell;
+    use holdpoint_governance::ids::Family;
+    use holdpoint_governance::policy::PolicyTable;
+    use holdpoint_governance::profile::{Profile, ProfileName};
+    use holdpoint_runtime::agent::ActiveView;
+    use holdpoint_runtime::capability::Capability;
+    use holdpoint_runtime::terms::SkillTerms;
+    use std::collections::BTreeMap;
+    use std::sync::Arc;
+
+    struct Bench {
+        cell: Cell,
+        terms: SkillTerms,
+        active: BTreeMap<Family, Capability>,
+    }
+
+    impl ActiveView for Bench {
+        fn active(&self, family: &Family) -> Option<&Capability> {
+            self.active.get(family)
+        }
+    }
+
+    impl Bench {
+        fn new() -> Self {
+            let (cell, profile) = (Cell::builtin().unwrap(), Profile::builtin(ProfileName::Sim).unwrap());
+            let table = Arc::new(PolicyTable::builtin(&profile).unwrap());
+            let terms = SkillTerms::new(&profile, table, cell.geometry.clone(), cell.zones.clone());
+            let baselines = embedded::baselines().unwrap().into_iter();
+            let in_sequence = baselines.filter(|version| version.id().family.as_str() != "park");
+            let active = in_sequence.map(|version| (version.id().family, version)).collect();
+            Self { cell, terms, active }
+        }
+
+        fn subject(&self, task: TaskKind) -> TrialSubject {
+            let version = self.active[&Family::from(task)].clone();
+            TrialSubject { version, terms: self.terms.clone(), fallback: None }
+        }
+
+        fn team(&self, task: TaskKind) -> TrialTeam {
+            TrialTeam::excluding(task, TaskKind::SEQUENCE.map(|task| self.subject(task)))
+        }
+    }
+
+    fn seed(index: u64) -> u64 {
+        episode_seed(CALIBRATION_FROM_RUN + 11, SeedPurpose::Live, index)
+    }
+
+    /// The tasks of live sequences come out the same when each is run by itself from its live start.
+    #[test]
+    fn task_from_its_live_start_is_the_task_of_the_live_cell() {
+        let bench = Bench::new();
+        let mut live = LiveCell::new(bench.cell.clone()).unwrap();
+        let mut worker = Worker::new();
+        let mut compared = BTreeMap::new();
+        for seed in (0..8).map(seed) {
+            let report = live.run_sequence(&bench, &|_| bench.terms.clone(), seed, &mut NoListener, None);
+            for done in &report.tasks {
+                let task = done.record.task;
+                let (subject, team) = (bench.subject(task), bench.team(task));
+                let found = alone_from_live_start(&mut worker, &bench.cell, &team, &subject, seed);
+                assert_eq!(found, done.record, "{task} {seed}");
+                let pair = [&subject, &subject];
+                let both = pair_from_live_start(&mut worker, &bench.cell, &team, pair, seed);
+                assert_eq!(both, [found.clone(), found], "{task} {seed}");
+                *compared.entry(task).or_insert(0) += 1;
+            }
+        }
+        assert_eq!(compared.len(), TaskKind::SEQUENCE.len(), "{compared:?}");
+    }
+
+    #[test]
+    fn seed_that_does_not_come_to_the_task_is_replaced() {
+        let bench = Bench::new();
+        let task = TaskKind::Place;
+        let (subject, mut team) = (bench.subject(task), bench.team(task));
+        let mut worker = Worker::new();
+        let mut run =
+            |team: &TrialTeam, seed| alone_from_live_start(&mut worker, &bench.cell, team, &subject, seed);
+        let replaced: Vec<u64> = (0..40).map(seed).filter(|seed| run(&team, *seed).seed != *seed).collect();
+        assert!(!replaced.is_empty() && replaced.len() < 40, "{replaced:?}");
+        for seed in replaced {
+            let record = run(&team, seed);
+            assert!(!record.invalid && record.seed < 1 << 53, "{record:?}");
+            assert_eq!(run(&team, record.seed), record, "the seed of a start comes to the task itself");
+        }
+        // At a twentieth of its speed and force no grasp is done in time.
+        let slow = |subject: TrialSubject| TrialSubject { terms: subject.terms.tightened(0.05), ..subject };
+        team = TrialTeam::excluding(task, team.members().iter().cloned().map(slow));
+        assert!(run(&team, seed(0)).invalid);
+    }
+
+    #[test]
+    fn task_behind_an_empty_place_begins_by_itself() {
+        let bench = Bench::new();
+        let subject = bench.subject(TaskKind::Align);
+        let nobody = TrialTeam::default();
+        let (cell, seed) = (&bench.cell, seed(3));
+        let found = alone_from_live_start(&mut Worker::new(), cell, &nobody, &subject, seed);
+        let (terms, version) = (&subject.terms, &subject.version);
+        let case = TrialCase { cell, terms, version, conditions: Conditions::Live, seed };
+        assert_eq!(found, alone(&mut Worker::new(), case));
+        assert_eq!(setup_of(cell, &nobody, TaskKind::Align, seed), case.setup());
+        let of_sequence = setup_of(cell, &bench.team(TaskKind::Align), TaskKind::Align, seed);
+        assert_eq!((of_sequence.task, of_sequence.distribution.as_str()), (TaskKind::Grasp, "live"));
+    }
+}
