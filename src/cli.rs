@@ -19,6 +19,7 @@ mod context;
 pub mod data;
 pub mod decide;
 pub mod demo;
+pub mod distinguisher;
 pub mod doctor;
 mod engine_verbs;
 pub mod experiment;

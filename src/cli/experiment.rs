@@ -7,6 +7,7 @@ use std::path::PathBuf;
 
 use clap::{Args, Subcommand};
 
+use super::distinguisher::{self, DistinguisherArgs};
 use super::output::TextTable;
 use super::paper::{self, PaperArgs, ReportArgs};
 use super::per_candidate::{self, PerCandidateArgs};
@@ -31,6 +32,7 @@ Examples:
   holdpoint lab experiment per-candidate --pool pool-7
   holdpoint lab experiment truth --pool mutants --out truth
   holdpoint lab experiment sensors --out sensors
+  holdpoint lab experiment distinguisher --out rows
   holdpoint lab experiment all --preset paper-e2 --out paper")]
 pub struct ExperimentArgs {
     /// The chosen experiment with its arguments.
@@ -71,6 +73,8 @@ pub enum ExperimentVerb {
     Truth(TruthArgs),
     /// Compares each measure of harm with the referee: misses and false alarms at its limit, by family.
     Sensors(SensorsArgs),
+    /// Records what a version sees of its task in the live cell and in the sandbox, for a classifier.
+    Distinguisher(DistinguisherArgs),
 }
 
 /// The arguments of `experiment drift`.
@@ -124,6 +128,7 @@ pub fn run(args: &ExperimentArgs, out: &mut CommandOutput<'_>) -> Result<Exit, C
         ExperimentVerb::Report(args) => paper::regenerate_report(args, out),
         ExperimentVerb::Truth(args) => truth::run(args, out),
         ExperimentVerb::Sensors(args) => sensors::run(args, out),
+        ExperimentVerb::Distinguisher(args) => distinguisher::run(args, out),
     }
 }
 

@@ -265,7 +265,7 @@ impl TruthBench {
 }
 
 /// The context in which versions are judged: the least strict profile.
-fn judging_context(cell: Cell) -> Result<Context, ExperimentError> {
+pub(crate) fn judging_context(cell: Cell) -> Result<Context, ExperimentError> {
     let unexpected = |error: &dyn Hint| ExperimentError::Unexpected(error.sentence());
     let profile = Profile::builtin(ProfileName::Sim).map_err(|error| unexpected(&error))?;
     let table = PolicyTable::builtin(&profile).map_err(|error| unexpected(&error))?;

@@ -1,0 +1,117 @@
+//! `holdpoint lab experiment distinguisher`: arguments and the printed report.
+//!
+//! Prints the number of rows of [`holdpoint_lab::distinguisher`]; trains no classifier.
+
+use std::io::Write as _;
+use std::path::PathBuf;
+
+use clap::Args;
+
+use super::output::TextTable;
+use super::run::JOBS_MAX;
+use crate::cli::output::CommandOutput;
+use crate::error::{CliError, Exit};
+use holdpoint_lab::distinguisher::{self, DistinguisherPlan, DistinguisherReport};
+use holdpoint_lab::pipeline_experiments::ExperimentError;
+use holdpoint_text::{WIDTH_MAX, sanitize};
+
+/// The arguments of `experiment distinguisher`.
+#[derive(Clone, Debug, PartialEq, Eq, Args)]
+#[command(after_help = "\
+A row has what one version saw of one task. The origins are the live cell, single tasks from live starts, and the pairs of
+the sandbox. A script trains classifiers on the rows:
+
+  python3 -m venv env && env/bin/pip install scikit-learn
+  env/bin/python tests/reports/distinguish.py rows
+
+Examples:
+  holdpoint lab experiment distinguisher --out rows
+  holdpoint lab experiment distinguisher --sequences 400 --seed 100000 --out rows --json")]
+pub struct DistinguisherArgs {
+    /// Sequences of the live cell; each origin runs each task as often, as far as it comes to it.
+    #[arg(long, value_name = "N", default_value_t = 4_000, value_parser = clap::value_parser!(u64).range(1..=100_000))]
+    pub sequences: u64,
+    /// Index of the first sequence.
+    #[arg(long, value_name = "S", default_value_t = 0, value_parser = clap::value_parser!(u64).range(0..=1_000_000_000))]
+    pub seed: u64,
+    /// Blocks of sequences at once [default: the number of cores].
+    #[arg(long, value_name = "J", value_parser = clap::value_parser!(u16).range(1..=i64::from(JOBS_MAX)))]
+    pub jobs: Option<u16>,
+    /// The folder for `distinguisher.csv`, a row a task, and `distinguisher.json`, their number.
+    #[arg(long, value_name = "DIR")]
+    pub out: PathBuf,
+}
+
+/// Runs the experiment and prints the number of rows.
+///
+/// # Errors
+/// If the folder cannot be used, or the cell cannot be built.
+pub fn run(args: &DistinguisherArgs, out: &mut CommandOutput<'_>) -> Result<Exit, CliError> {
+    let cores = std::thread::available_parallelism().map_or(1, usize::from);
+    let plan = DistinguisherPlan {
+        sequences: args.sequences,
+        seed: args.seed,
+        jobs: args.jobs.map_or(cores, usize::from),
+        out: args.out.clone(),
+    };
+    // Progress is only information; losing it loses no result.
+    let tell = |line: &str| {
+        let _ = writeln!(std::io::stderr().lock(), "{}", sanitize(line, WIDTH_MAX));
+    };
+    let report = distinguisher::run(&plan, &tell).map_err(|error| match error {
+        error @ ExperimentError::File { .. } => CliError::usage(error),
+        error => CliError::fault(error),
+    })?;
+    out.answer(&report, |out| show(&report, &plan, out))?;
+    Ok(Exit::Confirmed)
+}
+
+fn show(
+    report: &DistinguisherReport,
+    plan: &DistinguisherPlan,
+    out: &mut CommandOutput<'_>,
+) -> Result<(), CliError> {
+    let mut table = TextTable::new(&["origin", "task", "rows"]);
+    for count in &report.rows {
+        table.row([count.origin.to_string(), count.task.to_string(), count.rows.to_string()]);
+    }
+    out.table(&table)?;
+    out.line(&format!("{} features of each task", report.features.len()))?;
+    out.line(&format!("distinguisher.csv and distinguisher.json are in {}", plan.out.display()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use holdpoint_body::TaskKind;
+    use holdpoint_lab::distinguisher::{RowCount, TaskOrigin};
+
+    #[test]
+    fn report_has_the_rows_of_each_origin_and_task() {
+        let count = |origin, task, rows| RowCount { origin, task, rows };
+        let report = DistinguisherReport {
+            sequences: 7,
+            seed: 0,
+            features: vec!["ticks".to_owned(), "grip_max".to_owned()],
+            rows: vec![
+                count(TaskOrigin::Live, TaskKind::Place, 5),
+                count(TaskOrigin::LiveStart, TaskKind::Place, 7),
+            ],
+        };
+        let plan = DistinguisherPlan { sequences: 7, seed: 0, jobs: 1, out: PathBuf::from("here") };
+        let mut printed = Vec::new();
+        show(&report, &plan, &mut CommandOutput::to(&mut printed, false)).unwrap();
+        let printed = String::from_utf8(printed).unwrap();
+        let cells = |line: &str| line.split_whitespace().map(str::to_owned).collect::<Vec<_>>().join(" ");
+        let lines: Vec<String> = printed.lines().map(cells).collect();
+        assert_eq!(
+            lines[1..],
+            [
+                "live place 5",
+                "live-start place 7",
+                "2 features of each task",
+                "distinguisher.csv and distinguisher.json are in here",
+            ]
+        );
+    }
+}
