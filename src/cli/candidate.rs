@@ -18,12 +18,15 @@ use crate::error::{CliError, Exit};
 use holdpoint_approvals::SignedAuthorship;
 use holdpoint_engine::check::{self, RegisteredVersions, StaticFindings, UnmetFallback};
 use holdpoint_engine::explain::difference::differences;
+use holdpoint_engine::tryout::Tryout;
+use holdpoint_governance::decision::Reason;
 use holdpoint_governance::ids::{CapabilityId, Digest};
 use holdpoint_governance::lifecycle::Stage;
 use holdpoint_governance::outcome::{InterfaceOutcome, PolicyOutcome};
 use holdpoint_governance::profile::{Profile, ProfileName, titled};
 use holdpoint_governance::risk::RiskClass;
 use holdpoint_governance::site_profile::ChosenProfile;
+use holdpoint_governance::time_excess::TimeExcess;
 use holdpoint_registry::Layout;
 use holdpoint_runtime::capability::{self, Capability, PackageError, ParsedPackage};
 use holdpoint_text::{ErrorReason, Untrusted};
@@ -127,7 +130,8 @@ pub struct SignArgs {
 #[derive(Clone, Debug, PartialEq, Eq, Args)]
 #[command(after_help = "\
 Exits with 0 if at least one profile admits the candidate; the last line names them. Exits with 1 if
-none does, or if its recovery cannot work. Exits with 3 if a fault of the cell would put it on hold.
+none does, or if its recovery cannot work. Exits with 3 if a fault of the cell, or ticks that take
+far longer than declared, would put it on hold.
 
 Examples:
   holdpoint candidate check manifests/candidates/grasp-improved --json
@@ -187,6 +191,9 @@ struct CandidateReport {
     /// Faults of the cell that would put it on hold.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     cell_faults: Vec<String>,
+    /// Ticks that take too long, which would put it on hold.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    slow_ticks: Option<String>,
     /// The declared fallback, if no version meets it.
     #[serde(skip_serializing_if = "Option::is_none")]
     unmet_fallback: Option<UnmetFallback>,
@@ -363,6 +370,9 @@ fn summary(report: &CandidateReport) -> String {
         (true, false, _) if !report.cell_faults.is_empty() => {
             "result     on hold until the cell is repaired".to_owned()
         }
+        (true, false, _) if report.slow_ticks.is_some() => {
+            "result     on hold: its ticks take too long".to_owned()
+        }
         (true, false, true) => format!("result     admitted under {admits}"),
         (true, false, false) => format!("result     admitted under {admits}; refused under {refuses}"),
     }
@@ -392,6 +402,7 @@ fn check(
         verdicts,
         recovery: versions.recovery(candidate).iter().map(holdpoint_wording::line).collect(),
         cell_faults: versions.cell_faults(candidate).iter().map(holdpoint_wording::line).collect(),
+        slow_ticks: slow_ticks(candidate, &findings)?.as_ref().map(holdpoint_wording::line),
         unmet_fallback: versions.unmet_fallback(candidate),
         registered,
     };
@@ -420,6 +431,9 @@ fn check(
         for fault in &report.cell_faults {
             out.line(&format!("cell       its drills cannot run: {fault}"))?;
         }
+        if let Some(slow) = &report.slow_ticks {
+            out.line(&format!("time       {slow}"))?;
+        }
         if let Some(unmet) = &report.unmet_fallback {
             out.line(&format!("           manifest.toml: {unmet}"))?;
         }
@@ -431,11 +445,30 @@ fn check(
         }
         out.line(&summary(&report))
     })?;
-    Ok(match (admitted, report.cell_faults.is_empty()) {
-        (true, true) => Exit::Confirmed,
-        (true, false) => Exit::Held,
+    let is_held = !report.cell_faults.is_empty() || report.slow_ticks.is_some();
+    Ok(match (admitted, is_held) {
+        (true, false) => Exit::Confirmed,
+        (true, true) => Exit::Held,
         (false, _) => Exit::Rejected,
     })
+}
+
+/// The reason that validation would put a component on hold for, under the first profile that admits it and has one.
+fn slow_ticks(
+    candidate: &Capability,
+    findings: &[(Profile, StaticFindings)],
+) -> Result<Option<Reason>, CliError> {
+    let admitting: Vec<&Profile> =
+        findings.iter().filter(|(_, found)| found.admits()).map(|(profile, _)| profile).collect();
+    if candidate.package.component.is_none() || admitting.is_empty() {
+        return Ok(None);
+    }
+    let tryout = Tryout::new(candidate.clone()).map_err(CliError::internal)?;
+    let Some(tick_us) = tryout.median_tick_us() else { return Ok(None) };
+    let declared_us = candidate.manifest.permissions.resources.cpu_us_per_tick;
+    let reason =
+        |profile: &Profile| Some(TimeExcess::of_tick(tick_us, declared_us, profile)?.reason(profile));
+    Ok(admitting.into_iter().find_map(reason))
 }
 
 fn diff(

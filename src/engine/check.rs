@@ -245,6 +245,7 @@ pub(crate) fn assess(
         new_permissions: found.new_permissions,
         changes: VersionDiff { fields: version_differences(active, candidate), declared },
         risk: version_origin::risk(candidate, active, author_known),
+        time_excess: None,
         kappas: Kappas {
             interface: found.interface,
             policy: found.policy,

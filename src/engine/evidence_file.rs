@@ -27,6 +27,7 @@ use holdpoint_governance::recovery::RecoveryAssessment;
 use holdpoint_governance::risk::RiskClass;
 use holdpoint_governance::shared_event::SharedEvent;
 use holdpoint_governance::start_domain::StartDomain;
+use holdpoint_governance::time_excess::TimeExcess;
 use holdpoint_governance::vocabulary::Deployability;
 use holdpoint_governance::worst_case_search::SearchFinding;
 use holdpoint_protocol::detail::VersionDiff;
@@ -45,6 +46,20 @@ pub struct StaticAssessment {
     pub changes: VersionDiff,
     /// Its risk class by its changes.
     pub risk: RiskClass,
+    /// Time that it takes beyond what is allowed; absent if it takes none, or if that was not measured.
+    pub time_excess: Option<TimeExcess>,
+}
+
+impl StaticAssessment {
+    /// The same for a version that takes too much time, if it does: its behavior has no value then.
+    #[must_use]
+    pub fn with_time_excess(mut self, excess: Option<TimeExcess>, profile: &Profile) -> Self {
+        if let Some(excess) = &excess {
+            self.kappas.behavior = excess.behavior(profile);
+        }
+        self.time_excess = excess;
+        self
+    }
 }
 
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -123,6 +138,12 @@ pub struct EvidenceFile {
     /// Its risk class with the causes; absent in records of older builds, which counts as high.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub risk: Option<RiskClass>,
+    /// Time beyond what it may take, if that ended its evaluation; absent in records of older builds.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub time_excess: Option<TimeExcess>,
+    /// Wall time that its evaluation has taken, ms; none in a script.
+    #[serde(skip_serializing_if = "is_zero")]
+    pub worked_ms: u64,
     /// The deployment outcome of the last decision.
     pub deployment: Option<Deployability>,
     /// Profiles under which a profile demotion blocked it.
@@ -132,6 +153,11 @@ pub struct EvidenceFile {
     /// The progress of the running stage.
     #[serde(skip)]
     pub progress: Option<ProgressView>,
+}
+
+#[allow(clippy::trivially_copy_pass_by_ref, reason = "serde passes a field by reference")]
+const fn is_zero(value: &u64) -> bool {
+    *value == 0
 }
 
 impl EvidenceFile {
@@ -150,6 +176,7 @@ impl EvidenceFile {
             suspicion: None,
             kept: None,
             held: false,
+            worked_ms: 0,
             ..self.clone()
         };
         Digest::of_json("holdpoint.evidence.v1", &evidence)
@@ -162,6 +189,7 @@ impl EvidenceFile {
         self.new_permissions = found.new_permissions;
         self.changes = found.changes;
         self.risk = Some(found.risk);
+        self.time_excess = found.time_excess;
     }
 
     /// Adds the gate's decision: conditions, deployment outcome, and reasons.
@@ -228,6 +256,12 @@ impl EvidenceFiles {
     #[must_use]
     pub fn is_held(&self, id: &CapabilityId) -> bool {
         self.of(id).is_some_and(|evidence_file| evidence_file.held)
+    }
+
+    /// The excess of a version whose evaluation has taken the wall time that the profile allows.
+    #[must_use]
+    pub fn spent_time(&self, id: &CapabilityId, profile: &Profile) -> Option<TimeExcess> {
+        TimeExcess::of_evaluation(self.of(id)?.worked_ms, profile)
     }
 
     /// Whether a version has an open concern, from its activation or since.

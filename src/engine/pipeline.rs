@@ -7,6 +7,7 @@
 mod commands;
 mod concerns;
 pub(crate) mod concurrent;
+mod evaluation_time;
 pub mod experiment;
 mod halted;
 mod parked;
@@ -390,6 +391,7 @@ impl Pipeline {
     }
 
     fn sandbox_slice(&mut self, run: Box<SandboxRun>) -> Result<(), EngineFault> {
+        let (id, begun_ms) = (run.id().clone(), self.record.now_ms());
         let mut sandbox = Sandbox {
             context: &self.context,
             trials: &self.trials,
@@ -397,6 +399,7 @@ impl Pipeline {
             evidence_files: &mut self.evidence_files,
         };
         let step = sandbox.slice(run)?;
+        self.note_slice_time(&id, begun_ms);
         self.live_due_for(step.episodes);
         self.work = step.run.map(StageWork::Sandbox);
         Ok(())

@@ -6,10 +6,10 @@
 pub mod activation;
 pub(crate) mod break_glass;
 mod cache_mismatch;
-mod cell_fault;
 pub(crate) mod closing;
 mod comparison_slice;
 pub mod confirmation;
+mod early_hold;
 pub(crate) mod ladder;
 pub(crate) mod live_harm;
 pub mod monitoring;

@@ -15,6 +15,7 @@ pub mod search;
 pub mod seeds;
 pub mod sequences;
 pub mod stress;
+pub mod tick_time;
 pub mod trace;
 pub mod trial_lab;
 pub mod trial_subject;
@@ -35,6 +36,7 @@ use self::trial_lab::TrialLab;
 use self::undisturbed_run::UndisturbedCache;
 use self::worker_pool::WorkerPool;
 use crate::cell::Cell;
+use crate::fault::EngineFault;
 
 /// How one engine runs evaluations.
 pub struct Trials {
@@ -86,6 +88,14 @@ impl Trials {
     #[must_use]
     pub fn is_cancelled(&self) -> bool {
         self.cancel.load(Ordering::Relaxed)
+    }
+
+    /// Drops the jobs that were announced and have not begun: their evaluation ended.
+    ///
+    /// # Errors
+    /// If no thread starts.
+    pub fn drop_announced(&self) -> Result<(), EngineFault> {
+        self.worker_pool.expect(Vec::new())
     }
 
     /// The cached results of active versions.

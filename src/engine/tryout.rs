@@ -8,7 +8,8 @@ use holdpoint_governance::profile::{Profile, ProfileName};
 use holdpoint_protocol::film::{Film, FilmSubject, FilmedRun};
 use holdpoint_runtime::capability::Capability;
 use holdpoint_runtime::skill::Skill;
-use holdpoint_runtime::task::{Supervision, TaskRecord, TaskRun};
+use holdpoint_runtime::task::TaskRecord;
+use holdpoint_runtime::terms::SkillTerms;
 use holdpoint_sim::SimError;
 use holdpoint_text::Hint as _;
 
@@ -18,7 +19,8 @@ use crate::context::Context;
 use crate::embedded::baselines;
 use crate::episode_replay::film_render::FilmedWork;
 use crate::evidence_binding::terms_under;
-use crate::trial::episodes::alone;
+use crate::trial::episodes::{alone, alone_with};
+use crate::trial::tick_time::median_tick_us;
 use crate::trial::undisturbed_run::TrialCase;
 use crate::trial::worker::Worker;
 use crate::world::cell_frame;
@@ -93,27 +95,19 @@ impl Tryout {
     /// One episode of the candidate, with its code wrapped.
     #[must_use]
     pub fn run_episode(&self, worker: &mut Worker, seed: u64, around: &mut SkillWrapper<'_>) -> TaskRecord {
-        let terms = terms_under(&self.context, &self.candidate, &[]);
-        let cell = &self.context.cell;
-        let trial = TrialCase {
-            cell,
-            terms: &terms,
-            version: &self.candidate,
-            conditions: Conditions::Sandbox,
-            seed,
-        };
-        let task = self.candidate.bundle.task();
-        let mut work = || -> Result<TaskRecord, SimError> {
-            let arm = worker.arm(cell, &trial.setup())?;
-            if !trial.is_admitted(arm) {
-                return Ok(trial.refused());
-            }
-            let skill = around(self.candidate.start(terms.bundle_seed(seed)));
-            let guard = terms.guard(&self.candidate.manifest.permissions);
-            let run = TaskRun::new(skill, guard, terms.task(task, seed, self.candidate.abort_secs()));
-            Ok(run.finish(&mut arm.handle(), &mut |_, _| Supervision::Continue)?)
-        };
-        work().unwrap_or_else(|_| worker.failed(task, seed))
+        let (terms, version) = (self.terms(), &self.candidate);
+        let (cell, conditions) = (&self.context.cell, Conditions::Sandbox);
+        alone_with(worker, TrialCase { cell, terms: &terms, version, conditions, seed }, around)
+    }
+
+    /// Processor time of the candidate's median tick, us; `None` for a controller that is compiled in, and if no tick ran.
+    #[must_use]
+    pub fn median_tick_us(&self) -> Option<f64> {
+        median_tick_us(&self.context.cell, &self.terms(), &self.candidate)
+    }
+
+    fn terms(&self) -> SkillTerms {
+        terms_under(&self.context, &self.candidate, &[])
     }
 
     /// Films one episode of both.

@@ -16,6 +16,7 @@ use super::outcome::{
 };
 use super::profile::fields::Weights;
 use super::recovery::names_cell_fault;
+use super::time_excess::names_time_excess;
 use super::vocabulary::{deployability_of_shadow, vocabulary_row};
 
 /// The four assessments of one candidate.
@@ -106,8 +107,8 @@ pub struct PsiContext {
 
 /// `Psi(kappas, Gamma)`: the next permitted stage, in Procedure 2's order.
 ///
-/// I incompatible -> reject; P incompatible -> reject; a measured failure of B, or of R beyond review -> sandbox;
-/// a fault of the cell in R -> sandbox; P review -> rollback-review; R incompatible -> sandbox (rollback-review if an
+/// I incompatible -> reject; P incompatible -> reject; an excess of time -> sandbox; a measured failure of B, or of R beyond
+/// review -> sandbox; a fault of the cell in R -> sandbox; P review -> rollback-review; R incompatible -> sandbox (rollback-review if an
 /// approver exists and rollback itself works); missing or inconclusive B or R -> sandbox; any restriction -> shadow; else activate.
 /// A measured failure is not put to people: a review is about permissions, and cannot outweigh what was measured.
 #[must_use]
@@ -182,6 +183,9 @@ fn recommend(kappas: &Kappas, context: PsiContext) -> (Recommendation, Option<Di
     }
     if blocked(policy) {
         return (Recommendation::Reject, Some(Dimension::Policy));
+    }
+    if names_time_excess(&kappas.behavior) {
+        return (Recommendation::Sandbox, Some(Dimension::Behavior));
     }
     let measured_failure = behavior == CheckResult::Fail && kappas.behavior.basis == Basis::Measured;
     if !measured_failure && names_cell_fault(&kappas.recovery) {

@@ -72,6 +72,10 @@ crate::closed_set! {
         RunNextStage = "run-next-stage",
         /// More paired episodes are run.
         RunMoreEpisodes = "run-more-episodes",
+        /// The code takes less processor time in a tick, or the manifest declares more.
+        TakeLessTickTime = "take-less-tick-time",
+        /// The evaluation takes less wall time, or runs again with a new budget.
+        TakeLessEvaluationTime = "take-less-evaluation-time",
         /// The manifest declares every used permission, and no hard stop occurs.
         AvoidHardStop = "avoid-hard-stop",
         /// The drills pass in the phase, too.

@@ -326,6 +326,10 @@ findings! {
     PairsEndedEarly { rule: EarlyStopReason, seen: u64, budget: u64 } => BehaviorEndedEarly,
     /// There are fewer pairs than the budget.
     TooFewPairs => BehaviorInconclusive,
+    /// The median tick of its code takes far more processor time than it declares.
+    TicksTooSlow { measured_us: f64, declared_us: u32 } => BehaviorTickTooSlow,
+    /// The evaluation has taken the wall time that the profile allows.
+    EvaluationTooLong { worked_min: f64, budget_min: u32 } => BehaviorTimeSpent,
     /// The episodes cannot be assessed.
     BehaviorGap { gap: EvidenceGap } => BehaviorNoData,
     /// The values are an estimate from declared or earlier traces.

@@ -266,6 +266,7 @@ pub mod stats;
 pub mod strictness;
 pub mod submission;
 pub mod text_error;
+pub mod time_excess;
 pub mod value_type;
 pub mod vocabulary;
 pub mod wall_time;

@@ -230,6 +230,10 @@ pub struct EvaluationSettings {
     pub near_divergence_max: f64,
     /// Sequences of the live world per sandbox episode pair, in hundredths.
     pub live_sequences_per_100_episodes: u32,
+    /// Factor on the declared processor time of a tick; a component whose median tick takes longer is put on hold.
+    pub tick_time_factor_max: f64,
+    /// Longest wall time that the evaluation of one candidate may take, minutes; then the candidate is put on hold.
+    pub wall_minutes_max: u32,
 }
 
 /// Costs of `kappa_B` per unit of worsening.

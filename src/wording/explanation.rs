@@ -167,6 +167,13 @@ pub(crate) const fn remedy_action(action: RemedyAction) -> &'static str {
         }
         A::RunNextStage => "it has to be measured: the next stage does that",
         A::RunMoreEpisodes => "more paired episodes are needed",
+        A::TakeLessTickTime => {
+            "its code has to take less processor time in a tick, or its manifest has to declare more \
+             (`permissions.resources.cpu_us_per_tick`)"
+        }
+        A::TakeLessEvaluationTime => {
+            "its evaluation has to take less time; `holdpoint version retry` repeats the sandbox with the whole time"
+        }
         A::AvoidHardStop => {
             "the manifest has to declare every permission in use, and the event must not occur: one ends an evaluation"
         }

@@ -118,6 +118,12 @@ pub fn finding(found: &Finding) -> String {
         }
         F::PairsEndedEarly { rule, seen, budget } => ended_early(*rule, *seen, *budget, "episode pairs"),
         F::TooFewPairs => "fewer episode pairs than the budget".into(),
+        F::TicksTooSlow { measured_us, declared_us } => {
+            format!("it computes {measured_us:.0} us a tick where {declared_us} us are declared")
+        }
+        F::EvaluationTooLong { worked_min, budget_min } => {
+            format!("its evaluation has taken {worked_min:.0} minutes of the {budget_min} that the profile allows")
+        }
         F::BehaviorGap { gap } => evidence_gap(*gap, "episodes"),
         F::Estimated => "declared or earlier traces: an estimate, to be replaced by measurement".into(),
         F::SequenceWorse { measure, active, candidate, tolerance, pairs, ends, seed } => sequence(

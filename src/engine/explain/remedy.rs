@@ -113,6 +113,8 @@ pub(super) fn remedy(reason: &ReasonRecord, evidence_file: &EvidenceFileRecord) 
         // More drills settled it in the version's favor.
         Code::RecoverySettled => return None,
         Code::BehaviorInconclusive => act_on(Action::RunMoreEpisodes),
+        Code::BehaviorTickTooSlow => Remedy::Act(Action::TakeLessTickTime),
+        Code::BehaviorTimeSpent => Remedy::Act(Action::TakeLessEvaluationTime),
         Code::BehaviorHardStop => Remedy::Act(Action::AvoidHardStop),
         Code::RecoveryRollbackBelowFloor => rollback_drills(reason, evidence_file),
         Code::RecoveryBelowThreshold

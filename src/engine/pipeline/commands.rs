@@ -177,7 +177,9 @@ impl Pipeline {
                 let reply = operations::transition(record, &operation, OperatorAct::ToRetry, |version| {
                     LifecycleEvent::Repeat { version, stage }
                 })?;
-                evidence_files.edit(&operation.version).held = false;
+                let evidence_file = evidence_files.edit(&operation.version);
+                evidence_file.held = false;
+                evidence_file.worked_ms = 0;
                 Ok(reply)
             }
             Command::Anchor(operation) => operations::set_anchor(record, &operation),

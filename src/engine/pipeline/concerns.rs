@@ -37,8 +37,12 @@ impl Pipeline {
     }
 
     pub(super) fn re_evaluation_slice(&mut self, run: Box<ReEvaluationRun>) -> Result<(), EngineFault> {
+        let (id, begun_ms) = (run.id().clone(), self.record.now_ms());
         let Self { context, trials, record, evidence_files, monitors, .. } = self;
-        match re_evaluation::slice(context, trials, record, evidence_files, monitors, run)? {
+        let step = re_evaluation::slice(context, trials, record, evidence_files, monitors, run)?;
+        self.note_slice_time(&id, begun_ms);
+        let Self { record, evidence_files, monitors, .. } = self;
+        match step {
             ReEvaluationStep::GoOn(run, episodes) => {
                 self.live_due_for(episodes);
                 self.work = Some(StageWork::ReEvaluation(run));
@@ -49,6 +53,7 @@ impl Pipeline {
             ReEvaluationStep::NotCleared(id, reason) => {
                 self.demote(&id, Notice::DiffersFromShadow { reason })
             }
+            ReEvaluationStep::TimeSpent(id, reason) => self.demote(&id, Notice::Decided { reason }),
         }
     }
 
@@ -64,8 +69,12 @@ impl Pipeline {
     }
 
     pub(super) fn confirmation_slice(&mut self, run: Box<ConfirmationRun>) -> Result<(), EngineFault> {
+        let (id, begun_ms) = (run.id().clone(), self.record.now_ms());
         let Self { context, trials, record, evidence_files, monitors, .. } = self;
-        match confirmation::slice(context, trials, record, evidence_files, monitors, run)? {
+        let step = confirmation::slice(context, trials, record, evidence_files, monitors, run)?;
+        self.note_slice_time(&id, begun_ms);
+        let Self { record, evidence_files, monitors, .. } = self;
+        match step {
             confirmation::ConfirmationStep::GoOn(run, episodes) => {
                 self.live_due_for(episodes);
                 self.work = Some(StageWork::Confirmation(run));
@@ -76,6 +85,9 @@ impl Pipeline {
                 monitoring::maybe_confirm(record, evidence_files, monitors, &id)
             }
             confirmation::ConfirmationStep::ConcernRemains(id) => self.demote(&id, Notice::ConcernRemains),
+            confirmation::ConfirmationStep::TimeSpent(id, reason) => {
+                self.demote(&id, Notice::Decided { reason })
+            }
         }
     }
 

@@ -149,11 +149,11 @@ impl Pipeline {
             return Ok(true);
         }
         match self.work.take() {
-            Some(StageWork::Confirmation(run)) if run.is_over() => {
+            Some(StageWork::Confirmation(run)) if run.is_over() || self.has_spent_time(run.id()) => {
                 self.confirmation_slice(run)?;
                 return Ok(true);
             }
-            Some(StageWork::ReEvaluation(run)) if run.is_over() => {
+            Some(StageWork::ReEvaluation(run)) if run.is_over() || self.has_spent_time(run.id()) => {
                 self.re_evaluation_slice(run)?;
                 return Ok(true);
             }
@@ -183,11 +183,11 @@ impl Pipeline {
                 self.sandbox_slice(run)?;
                 return Ok(SliceOutcome::Ran);
             }
-            Some(StageWork::Confirmation(run)) if !run.is_over() => {
+            Some(StageWork::Confirmation(run)) if !run.is_over() && !self.has_spent_time(run.id()) => {
                 self.confirmation_slice(run)?;
                 return Ok(SliceOutcome::Ran);
             }
-            Some(StageWork::ReEvaluation(run)) if !run.is_over() => {
+            Some(StageWork::ReEvaluation(run)) if !run.is_over() && !self.has_spent_time(run.id()) => {
                 self.re_evaluation_slice(run)?;
                 return Ok(SliceOutcome::Ran);
             }

@@ -1,12 +1,14 @@
 //! How a stage ends: the decision told, the evidence written with the change of state, a rejection closed.
 
 use holdpoint_governance::alarms::{AlarmEvent, AlarmKey};
-use holdpoint_governance::decision::{Decision, Kappa, lead_reason};
+use holdpoint_governance::decision::{Decision, Kappa, Reason, lead_reason};
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::lifecycle::{LifecycleEvent, Stage, State};
+use holdpoint_governance::monitor::MonitorOutcome;
 use holdpoint_governance::notice::Notice;
 use holdpoint_governance::outcome::StageOutcome;
 use holdpoint_governance::record::{RecordKind, UpgradeEnd};
+use holdpoint_governance::time_excess::TimeExcess;
 use holdpoint_protocol::event::EventKind;
 use holdpoint_protocol::snapshot::ProgressView;
 use holdpoint_protocol::work_unit::WorkUnit;
@@ -123,6 +125,23 @@ pub(crate) fn put_on_hold(
     };
     record.transition(&id.family, event, note)?;
     Ok(())
+}
+
+/// The comparison of an active version took too long: its concern stays open. Publishes and returns the reason.
+pub(crate) fn note_spent_time(
+    context: &Context,
+    record: &mut EngineRecorder,
+    evidence_files: &mut EvidenceFiles,
+    id: &CapabilityId,
+    excess: &TimeExcess,
+) -> Reason {
+    let reason = excess.reason(&context.profile);
+    let evidence_file = evidence_files.edit(id);
+    evidence_file.progress = None;
+    evidence_file.reasons = vec![reason.clone()];
+    let (decision, reasons) = (MonitorOutcome::DoubtRemains, vec![reason.clone()]);
+    record.tell(EventKind::Monitor { version: id.clone(), decision, reasons });
+    reason
 }
 
 /// A stage ends without a result; it can be begun again.

@@ -6,6 +6,7 @@
 //! any other demotes it. Uncertain means hold (design rules 3.6, 3.8).
 
 use holdpoint_governance::cached_result::CacheLocation;
+use holdpoint_governance::decision::Reason;
 use holdpoint_governance::evaluation_key::KeyUse;
 use holdpoint_governance::evidence::EvidenceBinding;
 use holdpoint_governance::ids::{CapabilityId, Digest};
@@ -18,7 +19,7 @@ use holdpoint_registry::store_terms::EvidenceKind;
 use holdpoint_runtime::capability::Capability;
 
 use super::cache_mismatch::invalidate_cache;
-use super::closing::progress;
+use super::closing::{note_spent_time, progress};
 use super::comparison_slice::{ComparisonSlice, run_slice};
 use crate::cell::Conditions;
 use crate::context::Context;
@@ -110,6 +111,8 @@ pub enum ConfirmationStep {
     Settled(CapabilityId),
     /// The concern remains on new evidence.
     ConcernRemains(CapabilityId),
+    /// The evaluation has taken the wall time that the profile allows.
+    TimeSpent(CapabilityId, Box<Reason>),
 }
 
 /// One slice of a run.
@@ -127,6 +130,11 @@ pub fn slice(
     let id = run.id.clone();
     if monitors.of(&id).is_none() {
         return Ok(ConfirmationStep::Gone);
+    }
+    if let Some(excess) = evidence_files.spent_time(&id, &context.profile) {
+        trials.drop_announced()?;
+        let reason = note_spent_time(context, record, evidence_files, &id, &excess);
+        return Ok(ConfirmationStep::TimeSpent(id, Box::new(reason)));
     }
     if run.evaluation.is_refuted() {
         invalidate_cache(record, trials, &id, &run.predecessor.id(), run.evaluation.reuse())?;

@@ -21,7 +21,7 @@ use holdpoint_runtime::capability::Capability;
 use holdpoint_sim::distribution::Drift;
 
 use super::cache_mismatch::invalidate_cache;
-use super::closing::{abort_stage, progress};
+use super::closing::{abort_stage, note_spent_time, progress};
 use super::comparison_slice::{ComparisonSlice, run_slice};
 use super::shadow::{self, ShadowRun};
 use crate::cell::{Cell, Conditions};
@@ -106,6 +106,10 @@ pub fn begin(
     };
     let seeds = record.evaluation_seeds(KeyUse::ReEvaluation, id, &binding)?;
     let plan = EvaluationPlan::re_evaluation(&context.profile);
+    if shadow.is_none() {
+        // The time of its promotion is over.
+        evidence_files.edit(id).worked_ms = 0;
+    }
     progress(record, evidence_files, id, Stage::Shadow, WorkUnit::ReEvaluation, (0, plan.budget()));
     Ok(Some(Box::new(ReEvaluationRun {
         id: id.clone(),
@@ -131,6 +135,8 @@ pub enum ReEvaluationStep {
     Cleared(CapabilityId),
     /// The active version is not cleared, for this reason.
     NotCleared(CapabilityId, Option<Box<Reason>>),
+    /// The evaluation of the active version has taken the wall time that the profile allows.
+    TimeSpent(CapabilityId, Box<Reason>),
 }
 
 /// One slice of a run.
@@ -153,6 +159,16 @@ pub fn slice(
     if run.shadow.is_some() && binding(context, record.version_table(), &candidate) != run.binding {
         abort_stage(record, evidence_files, &id, Notice::ActiveOrProfileChanged)?;
         return Ok(ReEvaluationStep::Gone);
+    }
+    if let Some(excess) = evidence_files.spent_time(&id, &context.profile) {
+        trials.drop_announced()?;
+        let Some(shadow) = run.shadow else {
+            let reason = note_spent_time(context, record, evidence_files, &id, &excess);
+            return Ok(ReEvaluationStep::TimeSpent(id, Box::new(reason)));
+        };
+        evidence_files.edit(&id).time_excess = Some(excess);
+        shadow::decide_after_re_evaluation(context, record, evidence_files, shadow)?;
+        return Ok(ReEvaluationStep::Decided);
     }
     if run.evaluation.is_refuted() {
         invalidate_cache(record, trials, &id, &run.before.id(), run.evaluation.reuse())?;

@@ -26,10 +26,10 @@ use holdpoint_runtime::task::TaskRecord;
 use holdpoint_runtime::terms::SkillTerms;
 
 use super::cache_mismatch::invalidate_cache;
-use super::cell_fault;
 use super::closing::{
     abort_stage, close_rejected, first_reason, progress, put_on_hold, report_decision, stage_note,
 };
+use super::early_hold::end_on_hold;
 use super::shared_stops::keep_stops;
 use super::validation;
 use crate::cell::Conditions;
@@ -153,7 +153,8 @@ pub fn begin(
     let seeds = record.evaluation_seeds(KeyUse::Sandbox, id, &binding)?;
     let evidence_file = evidence_files.edit(id);
     // The result of stage 2 counts only for the version that was active then, so it is computed again.
-    evidence_file.take_static(validation::assess(context, record.version_table(), &candidate));
+    evidence_file.take_static(validation::assess_and_time(context, record.version_table(), &candidate));
+    evidence_file.worked_ms = 0;
     evidence_file.tried_under.clone_from(&evidence_file.conditions);
     evidence_file.domain = Some(StartDomain::clone(context.cell.start_domain(candidate.bundle.task())));
     evidence_file.pairs.clear();
@@ -207,7 +208,8 @@ impl Sandbox<'_> {
             abort_stage(self.record, self.evidence_files, &id, Notice::ActiveOrProfileChanged)?;
             return Ok(over);
         }
-        if cell_fault::end_without_fallback(self.context, self.record, self.evidence_files, &id)? {
+        if end_on_hold(self.context, self.record, self.evidence_files, &id)? {
+            self.trials.drop_announced()?;
             return Ok(over);
         }
         let mut episodes = 0;
@@ -231,7 +233,9 @@ impl Sandbox<'_> {
                 if comparison.evaluation.is_refuted() {
                     let reuse = comparison.evaluation.reuse();
                     invalidate_cache(self.record, self.trials, &id, &active.id(), reuse)?;
+                    let worked_ms = self.evidence_files.edit(&id).worked_ms;
                     let run = begin(self.context, self.record, self.evidence_files, &id)?;
+                    self.evidence_files.edit(&id).worked_ms = worked_ms;
                     return Ok(SandboxStep { run: Some(run), episodes: 0 });
                 }
                 if comparison.evaluation.is_over() {

@@ -79,6 +79,7 @@ pub fn begin(
     evidence_file.sequences.clear();
     evidence_file.twins.clear();
     evidence_file.again = None;
+    evidence_file.time_excess = None;
     // What it was suspected of when it was active before is not what this shadow shows.
     evidence_file.suspicion = None;
     evidence_file.bindings.push(binding);
@@ -157,7 +158,7 @@ pub fn take_in(
     decide(context, record, evidence_files, run)
 }
 
-/// Decides the shadow of a candidate that was re-evaluated.
+/// Decides the shadow of a candidate that was re-evaluated, or whose re-evaluation took too long.
 ///
 /// # Errors
 /// If the end of the stage cannot be written.
@@ -202,9 +203,10 @@ fn decide(
         return Ok(ShadowStep::GoOn(run));
     }
     if is_suspicious(&result) {
-        match &evidence_file.again {
-            Some(again) => apply_re_evaluation(&mut result, &again.behavior, again.pairs.pairs.len()),
-            None => return Ok(ShadowStep::ReEvaluate(run)),
+        match (&evidence_file.again, &evidence_file.time_excess) {
+            (Some(again), _) => apply_re_evaluation(&mut result, &again.behavior, again.pairs.pairs.len()),
+            (None, Some(excess)) => excess.leave_open(&mut result, profile),
+            (None, None) => return Ok(ShadowStep::ReEvaluate(run)),
         }
     }
     let candidate = record.capability(&id)?;

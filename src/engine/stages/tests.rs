@@ -14,4 +14,5 @@ mod refused;
 mod shared_events;
 mod state_verb_table;
 mod telemetry;
+mod time_excess;
 mod wiring;

@@ -1,25 +1,27 @@
 //! Stage 2: static compatibility. Interface, policy and the static part of recovery; behavior as a flagged estimate.
-//! Stops at the first incompatible of interface and policy.
+//! Stops at the first incompatible of interface and policy. The ticks of a component are timed.
 
-use holdpoint_governance::composition::{PsiContext, psi};
+use holdpoint_governance::composition::{PsiContext, admits, psi};
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::interface::RegisteredVersion;
 use holdpoint_governance::lifecycle::{LifecycleEvent, Stage, State};
 use holdpoint_governance::outcome::Recommendation;
+use holdpoint_governance::time_excess::TimeExcess;
 use holdpoint_registry::store_terms::EvidenceKind;
 use holdpoint_runtime::capability::Capability;
 
 use super::closing::{close_rejected, first_reason, report_decision, stage_note};
 use crate::check::{self, CheckInputs};
 use crate::context::Context;
-use crate::evidence_binding::made_under;
+use crate::evidence_binding::{made_under, terms_under};
 use crate::evidence_file::{EvidenceFiles, StaticAssessment};
 use crate::fault::EngineFault;
 use crate::recorder::EngineRecorder;
+use crate::trial::tick_time::median_tick_us;
 use crate::version_origin;
 use crate::version_table::VersionTable;
 
-/// Stage 2 of a candidate, whole: it takes well under a millisecond.
+/// Stage 2 of a candidate, whole: it takes well under a millisecond, and for a component two seconds of a task.
 ///
 /// # Errors
 /// If its end cannot be written.
@@ -31,7 +33,7 @@ pub fn run(
 ) -> Result<(), EngineFault> {
     record.start_stage(id, Stage::Validation, 1)?;
     let candidate = record.capability(id)?;
-    let found = assess(context, record.version_table(), &candidate);
+    let found = assess_and_time(context, record.version_table(), &candidate);
     let kappas = found.kappas.clone();
     let under = made_under(context, record.version_table(), &candidate, candidate.digest());
     let decision = psi(&kappas, PsiContext { has_approver: context.profile.has_approver() }, under);
@@ -47,6 +49,23 @@ pub fn run(
     }
     record.transition(&id.family, LifecycleEvent::Pass { version, stage: Stage::Validation }, note)?;
     Ok(())
+}
+
+/// The static assessments of a candidate; one that they admit has its ticks timed.
+pub(crate) fn assess_and_time(
+    context: &Context,
+    version_table: &VersionTable,
+    candidate: &Capability,
+) -> StaticAssessment {
+    let found = assess(context, version_table, candidate);
+    if !admits(found.kappas.interface.outcome, found.kappas.policy.outcome) {
+        return found;
+    }
+    let (profile, resources) = (&context.profile, &candidate.manifest.permissions.resources);
+    let terms = terms_under(context, candidate, &found.kappas.conditions());
+    let excess = median_tick_us(&context.cell, &terms, candidate)
+        .and_then(|us| TimeExcess::of_tick(us, resources.cpu_us_per_tick, profile));
+    found.with_time_excess(excess, profile)
 }
 
 /// The four assessments as far as they go without running anything.

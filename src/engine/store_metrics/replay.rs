@@ -31,7 +31,6 @@ use holdpoint_governance::policy::PolicyTable;
 use holdpoint_governance::profile::{Profile, ProfileName};
 use holdpoint_governance::record::AuditRecord;
 use holdpoint_governance::recovery;
-use holdpoint_governance::risk::RiskClass;
 use holdpoint_governance::rules_version::RulesVersion;
 use holdpoint_governance::site_profile::{ProfileTexts, SiteProfile};
 use holdpoint_governance::wall_time::WallTime;
@@ -221,8 +220,14 @@ impl<'a> Replayer<'a> {
         let kappas = evidence_file.kappas.as_ref().ok_or(NotReplayable::Unreadable)?;
         match newest.kind {
             EvidenceKind::Compat => {
-                self.replay_static(&of.id, newest.seq, (kappas, evidence_file.risk.as_ref()), frame)?;
+                self.replay_static(&of.id, newest.seq, &evidence_file, frame)?;
                 compose(kappas, frame, under, record)
+            }
+            // Time ended the sandbox: what was measured by then decided nothing.
+            EvidenceKind::Sandbox if evidence_file.time_excess.is_some() => {
+                self.replay_static(&of.id, newest.seq, &evidence_file, frame)?;
+                compose(kappas, frame, under, record)?;
+                check_evidence(under, entry, &evidence_file)
             }
             EvidenceKind::Sandbox => {
                 replay_sandbox(&evidence_file, frame)?;
@@ -250,9 +255,10 @@ impl<'a> Replayer<'a> {
         &self,
         id: &CapabilityId,
         seq: u64,
-        (kappas, risk): (&Kappas, Option<&RiskClass>),
+        evidence_file: &EvidenceFile,
         frame: &RulesInForce,
     ) -> Result<(), ReplayFailure> {
+        let kappas = evidence_file.kappas.as_ref().ok_or(NotReplayable::Unreadable)?;
         let candidate = self.capability(id)?;
         let registered = self.registered_before(seq)?;
         let active = registered.iter().find(|one| one.active && one.id.family == id.family);
@@ -263,9 +269,10 @@ impl<'a> Replayer<'a> {
         let author_known = self.author_known_before(id, seq)?;
         let against = check::CheckInputs { active, registered: &registered, fallback, author_known };
         let StaticAssessment { kappas: found, risk: class, .. } =
-            check::assess(candidate, &against, &frame.profile, &frame.table);
+            check::assess(candidate, &against, &frame.profile, &frame.table)
+                .with_time_excess(evidence_file.time_excess, &frame.profile);
         // Evidence of older builds has none.
-        if let Some(risk) = risk {
+        if let Some(risk) = &evidence_file.risk {
             same("risk class", risk, &class)?;
         }
         same("kappa_I", &kappas.interface, &found.interface)?;
@@ -528,6 +535,8 @@ fn replay_shadow(evidence_file: &EvidenceFile, frame: &RulesInForce) -> Result<C
         }
         replay_re_evaluation(re_evaluation, frame)?;
         apply_re_evaluation(&mut again, &re_evaluation.behavior, re_evaluation.pairs.pairs.len());
+    } else if let Some(excess) = &evidence_file.time_excess {
+        excess.leave_open(&mut again, &frame.profile);
     }
     same("shadow", recorded, &again)?;
     Ok(recorded.check)

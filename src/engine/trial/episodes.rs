@@ -16,6 +16,7 @@ use crate::cell::{Cell, Conditions};
 use crate::fault::EngineFault;
 use holdpoint_governance::ids::Digest;
 use holdpoint_runtime::capability::Capability;
+use holdpoint_runtime::skill::Skill;
 use holdpoint_runtime::task::{Supervision, TaskRecord, TaskRun};
 use holdpoint_runtime::terms::SkillTerms;
 
@@ -39,20 +40,38 @@ pub fn episode(
 /// As [`episode`].
 #[must_use]
 pub fn alone(worker: &mut Worker, trial: TrialCase<'_>) -> TaskRecord {
+    alone_with(worker, trial, |skill| skill)
+}
+
+/// As [`alone`], with something around the skill.
+#[must_use]
+pub fn alone_with(
+    worker: &mut Worker,
+    trial: TrialCase<'_>,
+    around: impl FnOnce(Box<dyn Skill>) -> Box<dyn Skill>,
+) -> TaskRecord {
     match worker.arm(trial.cell, &trial.setup()).map(|_| ()) {
-        Ok(()) => alone_here(worker, &trial),
+        Ok(()) => alone_from_here(worker, &trial, around),
         Err(_) => failed(worker, &trial),
     }
 }
 
 /// As [`alone`], from the present state of the worker's arm.
 pub(super) fn alone_here(worker: &mut Worker, trial: &TrialCase<'_>) -> TaskRecord {
-    let mut run = || -> Result<TaskRecord, SimError> {
+    alone_from_here(worker, trial, |skill| skill)
+}
+
+fn alone_from_here(
+    worker: &mut Worker,
+    trial: &TrialCase<'_>,
+    around: impl FnOnce(Box<dyn Skill>) -> Box<dyn Skill>,
+) -> TaskRecord {
+    let run = || -> Result<TaskRecord, SimError> {
         let arm = worker.built_arm()?;
         if !trial.is_admitted(arm) {
             return Ok(trial.refused());
         }
-        Ok(trial.start().finish(&mut arm.handle(), &mut |_, _| Supervision::Continue)?)
+        Ok(trial.start_with(around).finish(&mut arm.handle(), &mut |_, _| Supervision::Continue)?)
     };
     run().unwrap_or_else(|_| failed(worker, trial))
 }

@@ -14,6 +14,7 @@ use holdpoint_governance::phase::WorkPhase;
 use holdpoint_runtime::agent::dispatcher::admit;
 use holdpoint_runtime::arm::Arm;
 use holdpoint_runtime::capability::Capability;
+use holdpoint_runtime::skill::Skill;
 use holdpoint_runtime::task::{Supervision, TaskRecord, TaskRun, TaskStage};
 use holdpoint_runtime::terms::SkillTerms;
 use holdpoint_sim::SimError;
@@ -38,10 +39,15 @@ impl TrialCase<'_> {
     /// The task before its first tick.
     #[must_use]
     pub fn start(&self) -> TaskRun {
+        self.start_with(|skill| skill)
+    }
+
+    /// As [`TrialCase::start`], with something around the skill.
+    pub(super) fn start_with(&self, around: impl FnOnce(Box<dyn Skill>) -> Box<dyn Skill>) -> TaskRun {
         let version = self.version;
         let guard = self.terms.guard(&version.manifest.permissions);
         let terms = self.terms.task(version.bundle.task(), self.seed, version.abort_secs());
-        TaskRun::new(version.start(self.terms.bundle_seed(self.seed)), guard, terms)
+        TaskRun::new(around(version.start(self.terms.bundle_seed(self.seed))), guard, terms)
     }
 
     /// Whether the dispatcher would make this call, as the body stands.

@@ -114,6 +114,10 @@ reason_codes! {
     BehaviorNoData = "behavior-no-data",
     /// The values are declared or from earlier traces, not measured.
     BehaviorEstimated = "behavior-estimated",
+    /// Its code takes far more processor time in a tick than its manifest declares.
+    BehaviorTickTooSlow = "behavior-tick-too-slow",
+    /// Its evaluation has taken the wall time that the profile allows for a candidate.
+    BehaviorTimeSpent = "behavior-time-spent",
 
     /// Recovery is as good as the active version's.
     RecoveryCompatible = "recovery-compatible",

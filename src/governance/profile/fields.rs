@@ -83,6 +83,8 @@ pub const FIELDS: &[ProfileField] = &[
     field("evaluation.envelope_divergence_max", 0.0, 1.0, Lower),
     field("evaluation.near_divergence_max", 0.0, 1.0, Lower),
     field("evaluation.live_sequences_per_100_episodes", 1.0, 100.0, Neither),
+    field("evaluation.tick_time_factor_max", 1.5, 20.0, Lower),
+    field("evaluation.wall_minutes_max", 1.0, 1_440.0, Lower),
     field("behavior.cost_success", 0.01, 100.0, Higher),
     field("behavior.cost_time", 0.01, 100.0, Higher),
     field("behavior.cost_retry", 0.01, 100.0, Higher),

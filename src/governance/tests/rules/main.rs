@@ -22,3 +22,4 @@ mod paper;
 mod permissions;
 mod risk;
 mod texts;
+mod time_excess;
