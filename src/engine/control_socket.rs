@@ -442,7 +442,7 @@ impl ControlSocket {
     }
 
     /// Answers requests that waited for the end of a sequence.
-    fn answer_later(&mut self, engine: &Engine) {
+    pub(crate) fn answer_later(&mut self, engine: &Engine) {
         for (id, answer) in std::mem::take(&mut self.later) {
             match engine.answer_of(&id) {
                 Some(reply) => drop(answer.send(reply)),

@@ -147,8 +147,10 @@ impl Pump {
     /// Delivers the events to all listeners, and returns them.
     pub fn deliver_events(&mut self) -> Vec<Event> {
         let events = self.engine.drain_events();
-        if let Some(socket) = &self.socket {
+        if let Some(socket) = &mut self.socket {
             socket.publish(&events);
+            // Requests that the last slice carried out: a request that ended the engine is answered before the socket closes.
+            socket.answer_later(&self.engine);
         }
         self.listeners.events(&mut self.engine, &events);
         events

@@ -25,6 +25,7 @@ pub mod film;
 pub mod health;
 pub mod monitor_chart;
 mod request_kind;
+pub mod request_problem;
 mod request_signing;
 pub mod scenario_state;
 pub mod schema;

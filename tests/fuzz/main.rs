@@ -36,6 +36,7 @@ use holdpoint::governance::site_profile::{ProfileTexts, SiteProfile};
 use holdpoint::governance::submission::{Package, Submission};
 use holdpoint::headless::script::Script;
 use holdpoint::protocol::command::{Command, Operation, Request};
+use holdpoint::protocol::request_problem::request_problem;
 use holdpoint::protocol::snapshot::RequestKind;
 use holdpoint::protocol::wire::{self, ANSWER_BYTES_MAX, ClientMessage, ServerMessage};
 use holdpoint::runtime::skill::native::Controller;
@@ -239,7 +240,7 @@ fn mutated_requests_are_refused_or_round_trip() {
     let lines = calls.iter().map(|call| wire::line(call).unwrap().into_bytes()).collect();
     campaign("call", None, 4_000, lines, |input| match serde_json::from_slice::<ClientMessage>(input) {
         Err(error) => {
-            let text = error.to_string();
+            let text = request_problem(input, &error).unwrap_or_else(|| error.to_string());
             let line = wire::line(&ServerMessage::Closed { text: text.clone() })
                 .map_err(|error| error.to_string())?;
             if line.len() > ANSWER_BYTES_MAX || line.trim_end_matches('\n').contains('\n') {

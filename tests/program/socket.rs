@@ -230,12 +230,7 @@ fn an_invalid_call_closes_only_its_own_connection() {
     for (line, expected) in [
         ("\n", "no call"),
         ("{}\n", "no call"),
-        ("{\"call\":\"ask\"}\n", "no call"),
         ("{\"call\":\"subscribe\",\"surprise\":1}\n", "no call"),
-        (
-            "{\"call\":\"ask\",\"request\":{\"id\":\"a\",\"command\":{\"command\":\"open-the-gate\"}}}\n",
-            "no call",
-        ),
         ("\u{0}\u{1}\n", "no call"),
         (long.as_str(), "more than"),
     ] {
@@ -247,9 +242,32 @@ fn an_invalid_call_closes_only_its_own_connection() {
         assert!(answer["text"].as_str().unwrap().contains(expected), "{answer}");
         assert_eq!(raw.read(), None);
     }
-    // An id without a limit is refused by itself.
+    // A request with what is not allowed is answered, and the connection stays.
     let mut raw = RawConnection::connect(folder.path());
     raw.read().unwrap();
+    for (request, parts) in [
+        (
+            json!({"id": "a", "command": {"command": "open-the-gate"}}),
+            ["\"request.command.command\"", "\"open-the-gate\"", "snapshot"],
+        ),
+        (
+            json!({"id": "a", "command": {"command": "drift", "kind": "tide", "magnitude": ""}}),
+            ["\"request.command.kind\"", "\"tide\"", "sensor_noise"],
+        ),
+        (
+            json!({"id": "a", "command": {"command": "snapshot", "surprise": 1}}),
+            ["\"request.command.surprise\"", "is unknown", "command"],
+        ),
+        (json!({"command": {"command": "snapshot"}}), ["\"request.id\"", "is missing", "field"]),
+    ] {
+        raw.send(&format!("{}\n", json!({"call": "ask", "request": request})));
+        let reply = raw.read().unwrap()["reply"].clone();
+        assert_eq!((&reply["reply"], &reply["code"]), (&json!("refused"), &json!("bad-input")), "{reply}");
+        let text = reply["text"].as_str().unwrap();
+        assert!(parts.iter().all(|part| text.contains(part)), "{text}");
+        assert!(reply["hint"].as_str().unwrap().contains("holdpoint schema command"), "{reply}");
+    }
+    // An id without a limit is refused by itself.
     for id in [String::new(), "i".repeat(129)] {
         raw.send(&format!(
             "{}\n",
@@ -258,6 +276,40 @@ fn an_invalid_call_closes_only_its_own_connection() {
         assert_eq!(raw.read().unwrap()["reply"]["code"], "bad-input");
     }
     client(folder.path()).send(Command::Shutdown).unwrap();
+    running.join().unwrap();
+}
+
+/// Regression: a request that waited for the arm to stop was answered `not-now`, because the engine ended before its answer.
+#[test]
+fn a_shutdown_during_a_sequence_is_accepted() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder_of_engine = folder.path().to_owned();
+    let (ready, is_ready) = channel();
+    let running = std::thread::spawn(move || {
+        let config = Config {
+            data: &folder_of_engine,
+            profile: ProfileName::Sim.into(),
+            seed: 1,
+            jobs: 1,
+            scripted: false,
+            cell: Cell::builtin().unwrap(),
+            cache: EpisodeCache::InStore,
+        };
+        let mut pump = Pump::new(Engine::start(config).unwrap(), Vec::new());
+        pump.pace_live_world(Some(1.0), Arc::new(|_| ()));
+        pump.open_socket(SignalHandling::Default).unwrap();
+        // The first slice begins a sequence, which takes seconds at this pace.
+        pump.turn();
+        ready.send(()).unwrap();
+        while !pump.engine().has_ended() {
+            if matches!(pump.turn().0, SliceOutcome::Idle { .. }) {
+                pump.wait(Duration::from_millis(5));
+            }
+        }
+    });
+    is_ready.recv_timeout(PATIENCE).unwrap();
+    let reply = client(folder.path()).send(Command::Shutdown).unwrap();
+    assert!(matches!(reply, Reply::Accepted { .. }), "{reply:?}");
     running.join().unwrap();
 }
 

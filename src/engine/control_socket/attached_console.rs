@@ -216,7 +216,7 @@ impl ControlSocketServer {
                 Some(ReadLine::Call(_)) => {
                     NextMessage::Bad("an attached connection accepts only `sit`: use another connection".to_owned())
                 }
-                Some(ReadLine::Bad(text)) => NextMessage::Bad(text),
+                Some(ReadLine::Bad(text) | ReadLine::Refused(text)) => NextMessage::Bad(text),
                 Some(ReadLine::Nothing) | None => NextMessage::Gone,
             },
             told = events.recv() => match told {

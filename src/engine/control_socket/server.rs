@@ -27,6 +27,7 @@ use crate::caller;
 use crate::halt;
 use crate::world::stop_switch::{StopRequest, StopSwitch};
 use holdpoint_protocol::command::{Caller, Command, Refusal, Reply, StopPersistence};
+use holdpoint_protocol::request_problem::request_problem;
 use holdpoint_protocol::wire::{
     self, ANSWER_BYTES_MAX, CALL_BYTES_MAX, ClientMessage, ID_BYTES_MAX, PROTOCOL, ServerMessage,
 };
@@ -50,6 +51,9 @@ const STOP_KEPT_MAX: Duration = Duration::from_secs(1);
 
 /// The next step for a stop that the engine has not recorded yet.
 const NEXT: &str = "the engine puts it on record next";
+
+/// What helps with a request that has a field or a value that is not allowed.
+const SCHEMA_HINT: &str = "`holdpoint schema command` prints the fields and the values of every command";
 
 /// Interval between checks that the socket still has its name.
 const LOOK_EVERY: Duration = Duration::from_secs(1);
@@ -214,7 +218,14 @@ impl ControlSocketServer {
             drop(silent);
             match call {
                 ReadLine::Nothing => return Ok(()),
-                ReadLine::Bad(text) => return write(&mut writer, &ServerMessage::Closed { text }).await,
+                ReadLine::Refused(text) if !crowded => {
+                    let hint = Some(SCHEMA_HINT.to_owned());
+                    let reply = Box::new(Reply::Refused { code: Refusal::BadInput, text, hint });
+                    write(&mut writer, &ServerMessage::Reply { reply }).await?;
+                }
+                ReadLine::Bad(text) | ReadLine::Refused(text) => {
+                    return write(&mut writer, &ServerMessage::Closed { text }).await;
+                }
                 ReadLine::Call(call) if crowded && !takes_authority_away(&call) => {
                     let text = "this process has no file descriptors left for more connections; one that stops the cell or takes a version's authority away is heard".to_owned();
                     return write(&mut writer, &ServerMessage::Closed { text }).await;
@@ -417,6 +428,9 @@ async fn greet(stream: UnixStream) -> io::Result<(BufReader<OwnedReadHalf>, Owne
 pub(super) enum ReadLine {
     Call(ClientMessage),
     Nothing,
+    /// A request with a field or a value that is not allowed, and why.
+    Refused(String),
+    /// No call, and why.
     Bad(String),
 }
 
@@ -431,7 +445,10 @@ pub(super) async fn read_call(reader: &mut BufReader<OwnedReadHalf>) -> io::Resu
     }
     Ok(match serde_json::from_slice(&line) {
         Ok(call) => ReadLine::Call(call),
-        Err(error) => ReadLine::Bad(format!("this is no call of protocol {PROTOCOL}: {error}")),
+        Err(error) => match request_problem(&line, &error) {
+            Some(problem) => ReadLine::Refused(problem),
+            None => ReadLine::Bad(format!("this is no call of protocol {PROTOCOL}: {error}")),
+        },
     })
 }
 
