@@ -130,9 +130,9 @@ Examples:
     /// Resume a paused pipeline.
     #[command(after_help = "\
 Examples:
-  holdpoint resume --as mara --reason 'maintenance done'
-  holdpoint resume grasp --as mara --reason 'the new fingers are measured'")]
-    Resume(decide::PauseArgs),
+  holdpoint resume grasp --as mara --reason 'the new fingers are measured'
+  holdpoint resume --all --as mara --reason 'maintenance done'")]
+    Resume(decide::ResumeArgs),
     /// Return a family to its rollback target.
     #[command(mut_arg("identity", |arg| arg.help(decide::ANY_NAME)))]
     Rollback(decide::FamilyArgs),

@@ -6,6 +6,8 @@ use clap::Args;
 use serde::Serialize;
 
 use super::data;
+use super::metrics::SinceArg;
+use super::time_arg::{TimeArg, when_help};
 use crate::cli::context::CliContext;
 use crate::cli::output::CommandOutput;
 use crate::error::{CliError, Exit};
@@ -18,12 +20,15 @@ use holdpoint_registry::{AuditFilter, Layout, Views};
 
 /// The arguments of `alarms`.
 #[derive(Clone, Debug, PartialEq, Eq, Args)]
-#[command(after_help = "\
+#[command(after_help = concat!(
+    when_help!(),
+    "
 Examples:
   holdpoint alarms
-  holdpoint alarms --history --limit 20
+  holdpoint alarms --history --since 24h
   holdpoint alarms --history --courses
-  holdpoint alarms --history --alarm degraded:grasp@1.0.0")]
+  holdpoint alarms --history --alarm degraded:grasp@1.0.0"
+))]
 pub struct AlarmsArgs {
     /// Shows every change of every alarm, newest first, instead of the open alarms.
     #[arg(long)]
@@ -34,6 +39,9 @@ pub struct AlarmsArgs {
     /// Shows only this alarm.
     #[arg(long, value_name = "NAME")]
     pub alarm: Option<String>,
+    /// Shows only what changed since then; with --courses, what was open since then.
+    #[arg(long, value_name = "WHEN")]
+    pub since: Option<TimeArg>,
     /// Shows at most N lines.
     #[arg(long, value_name = "N", default_value_t = 100, value_parser = clap::value_parser!(u16).range(1..=10_000))]
     pub limit: u16,
@@ -103,8 +111,9 @@ pub(super) fn run(
     out: &mut CommandOutput<'_>,
 ) -> Result<Exit, CliError> {
     let views = data::open_checked(&context.data)?;
+    let (first, from_ms) = beginning(&views, args.since.as_ref())?;
     if args.courses {
-        return courses(views, context, args, out);
+        return courses(views, context, (args, from_ms), out);
     }
     let alarms = views.alarms().map_err(CliError::usage)?;
     let text_of = |name: &str| {
@@ -114,6 +123,7 @@ pub(super) fn run(
     let wanted = |name: &str| args.alarm.as_ref().is_none_or(|alarm| alarm == name);
     let mut lines: Vec<AlarmLine> = if args.history {
         let filter = AuditFilter {
+            from_seq: first,
             kind: Some(RecordKind::AlarmChanged),
             newest_first: true,
             ..AuditFilter::default()
@@ -121,7 +131,8 @@ pub(super) fn run(
         let records = views.audit(&filter).map_err(CliError::usage)?;
         records.iter().filter_map(|record| changed(record.at_ms, &record.body, &text_of)).collect()
     } else {
-        let open = alarms.iter().filter(|entry| entry.state != AlarmState::Normal);
+        let open =
+            alarms.iter().filter(|entry| entry.state != AlarmState::Normal && entry.changed_ms >= from_ms);
         open.map(|entry| {
             let (at_ms, alarm) = (entry.changed_ms, entry.alarm.clone());
             AlarmLine::new(at_ms, (alarm, entry.priority, entry.state), text_of(&entry.alarm))
@@ -134,16 +145,29 @@ pub(super) fn run(
         out.answer(line, |out| out.line(&line.line()))?;
     }
     if lines.is_empty() && !out.is_json() {
-        out.line(if args.history { "no alarm was ever raised" } else { "no alarm is open" })?;
+        out.line(match (args.since.is_some(), args.history) {
+            (true, true) => "no alarm changed since then",
+            (true, false) => "no open alarm changed since then",
+            (false, true) => "no alarm was ever raised",
+            (false, false) => "no alarm is open",
+        })?;
     }
     Ok(Exit::Confirmed)
 }
 
-/// The course of each alarm in the whole history, newest first.
+/// The first record since the moment, and when it was written, virtual ms; the whole history without a moment.
+fn beginning(views: &Views, since: Option<&TimeArg>) -> Result<(u64, u64), CliError> {
+    let Some(since) = since else { return Ok((0, 0)) };
+    let first = SinceArg::Time(since.clone()).first_record(views)?;
+    let written = views.stamp(first).map_err(CliError::usage)?;
+    Ok((first, written.map_or(u64::MAX, |written| written.at_ms)))
+}
+
+/// The course of each alarm that was open at `from_ms` or later, newest first.
 fn courses(
     views: Views,
     context: &CliContext,
-    args: &AlarmsArgs,
+    (args, from_ms): (&AlarmsArgs, u64),
     out: &mut CommandOutput<'_>,
 ) -> Result<Exit, CliError> {
     let reader = HealthReader::new(views, &Layout::new(&context.data)).map_err(CliError::usage)?;
@@ -160,7 +184,10 @@ fn courses(
         HealthError::Store(error) => CliError::usage(error),
         HealthError::InvalidQuery(text) => CliError::usage(text),
     })?;
-    let wanted = |spell: &&AlarmEpisode| args.alarm.as_ref().is_none_or(|alarm| *alarm == spell.alarm);
+    let wanted = |spell: &&AlarmEpisode| {
+        args.alarm.as_ref().is_none_or(|alarm| *alarm == spell.alarm)
+            && spell.ended.as_ref().is_none_or(|ended| ended.at_ms >= from_ms)
+    };
     let mut count = 0;
     for spell in series.alarms.iter().filter(wanted).take(usize::from(args.limit)) {
         count += 1;
@@ -173,7 +200,8 @@ fn courses(
         })?;
     }
     if count == 0 && !out.is_json() {
-        out.line("no alarm was ever raised")?;
+        let since = args.since.is_some();
+        out.line(if since { "no alarm was open since then" } else { "no alarm was ever raised" })?;
     }
     let sentences = if out.is_json() { Vec::new() } else { series.coverage.sentences() };
     sentences.iter().try_for_each(|text| out.paragraph("", text))?;

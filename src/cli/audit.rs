@@ -8,7 +8,9 @@ use clap::{Args, Subcommand};
 
 use super::audit_proof::{self, CheckProofArgs, ConsistencyArgs, ProofArgs};
 use super::data;
+use super::metrics::SinceArg;
 use super::output::TextTable;
+use super::time_arg::when_help;
 use super::verify::{self, VerifyArgs};
 use super::witness::{self, WitnessArgs};
 use crate::cli::context::CliContext;
@@ -40,11 +42,15 @@ pub struct AuditArgs {
 #[derive(Clone, Debug, PartialEq, Eq, Subcommand)]
 pub enum AuditVerb {
     /// Lists records, newest first. Omits telemetry digests, which are most of the records, unless --all is given.
-    #[command(after_help = "\
+    #[command(after_help = concat!(
+        when_help!(),
+        "  a record: #120
+
 Examples:
   holdpoint audit list --subject grasp@1.3.0 --limit 20
-  holdpoint audit list --kind shift-note
-  holdpoint audit list --all")]
+  holdpoint audit list --kind shift-note --since 24h
+  holdpoint audit list --all"
+    ))]
     List {
         /// Only records about exactly this family or version.
         #[arg(long, value_name = "FAMILY[@VERSION]")]
@@ -55,6 +61,9 @@ Examples:
         /// Includes telemetry digests.
         #[arg(long, conflicts_with = "kind")]
         all: bool,
+        /// Only records since then [default: all].
+        #[arg(long, value_name = "WHEN")]
+        since: Option<SinceArg>,
         /// The largest number of records.
         #[arg(long, value_name = "N", default_value_t = 50,
               value_parser = clap::value_parser!(u32).range(1..=i64::from(LIST_MAX)))]
@@ -116,10 +125,12 @@ Example:
 /// [`CliError`].
 pub fn run(context: &CliContext, args: &AuditArgs, out: &mut CommandOutput<'_>) -> Result<Exit, CliError> {
     match &args.verb {
-        AuditVerb::List { subject, kind, all, limit } => {
+        AuditVerb::List { subject, kind, all, since, limit } => {
+            let views = data::open(&context.data)?;
+            let first = since.as_ref().map(|since| since.first_record(&views)).transpose()?;
             let seals = RecordKind::SEALS.into_iter().filter(|_| kind.is_none() && !all);
             let filter = AuditFilter {
-                from_seq: 0,
+                from_seq: first.unwrap_or(0),
                 before_seq: None,
                 kind: *kind,
                 without: seals.collect(),
@@ -127,7 +138,7 @@ pub fn run(context: &CliContext, args: &AuditArgs, out: &mut CommandOutput<'_>) 
                 limit: *limit as usize,
                 newest_first: true,
             };
-            list(&data::open(&context.data)?, &filter, out)?;
+            list(&views, &filter, out)?;
         }
         AuditVerb::Verify(args) => return verify::run(context, args, out),
         AuditVerb::Proof(args) => return audit_proof::record(context, args, out),

@@ -53,9 +53,9 @@ impl StoredNames {
             return None;
         }
         match arg.get_value_names()?.first()?.as_str() {
-            "FAMILY@VERSION" | "VERSION|FOLDER" | "UPGRADE" => Some(Self::Versions),
+            "FAMILY@VERSION" | "UPGRADE" => Some(Self::Versions),
             "FAMILY" => Some(Self::Families),
-            "FAMILY[@VERSION]" => Some(Self::Subjects),
+            "FAMILY[@VERSION]" | "FAMILY[@VERSION]|FOLDER" => Some(Self::Subjects),
             _ => None,
         }
     }
@@ -221,7 +221,7 @@ fn places(command: &Command) -> Vec<NameArgument> {
             let option = arg.get_long().map(str::to_owned);
             let named =
                 |name: &str| arg.get_value_names().is_some_and(|names| names.iter().any(|one| one == name));
-            let or_path = named("VERSION|FOLDER") || named("UPGRADE");
+            let or_path = named("FAMILY[@VERSION]|FOLDER") || named("UPGRADE");
             found.extend(StoredNames::of(arg).map(|names| NameArgument {
                 verbs: verbs.to_vec(),
                 option,

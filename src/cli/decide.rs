@@ -11,7 +11,7 @@ use std::path::PathBuf;
 
 use clap::Args;
 
-pub use lifecycle::{BreakGlassArgs, DemoteArgs, ProfileBlockArgs, ReleaseArgs, RepeatArgs};
+pub use lifecycle::{BreakGlassArgs, DemoteArgs, ProfileBlockArgs, ReleaseArgs, RepeatArgs, ResumeArgs};
 
 use super::confirm_time::{self, ConfirmTimeArgs};
 use super::data;
@@ -53,7 +53,7 @@ pub enum RequestedDecision {
     /// To pause: no further stage begins.
     Pause(PauseArgs),
     /// To resume stages.
-    Resume(PauseArgs),
+    Resume(ResumeArgs),
     /// To stop the cell.
     Stop(StopArgs),
     /// To start the stopped cell.
@@ -149,7 +149,7 @@ pub struct FamilyArgs {
     pub signature: SigningArgs,
 }
 
-/// The arguments of `pause` and `resume`.
+/// The arguments of `pause`.
 #[derive(Clone, Debug, PartialEq, Eq, Args)]
 pub struct PauseArgs {
     /// One family [default: all]. Candidates registered later are not paused.
@@ -224,11 +224,15 @@ pub(super) fn run(
         RequestedDecision::Anchor(args) => {
             lifecycle::signed_act(context, &views()?, args, Command::Anchor, out)
         }
-        RequestedDecision::Pause(args) => pause(context, &views()?, args, PauseChange::Pause, out),
+        RequestedDecision::Pause(args) => {
+            let subject = (args.family.as_ref(), &args.signature);
+            pause(context, &views()?, subject, PauseChange::Pause, out)
+        }
         RequestedDecision::Resume(args) => {
+            let subject = (lifecycle::family_to_resume(args)?, &args.signature);
             // Only an identity of the store may let a version continue.
             let who = identity(context, &args.signature)?;
-            pause(context, &views()?, args, PauseChange::Resume(&who), out)
+            pause(context, &views()?, subject, PauseChange::Resume(&who), out)
         }
         RequestedDecision::Stop(args) => stop::stop(context, args, out),
         RequestedDecision::Go(args) => stop::start(context, args, out),
@@ -413,16 +417,16 @@ enum PauseChange<'a> {
 fn pause(
     context: &CliContext,
     views: &Views,
-    args: &PauseArgs,
+    (family, signature): (Option<&Family>, &SigningArgs),
     pausing: PauseChange<'_>,
     out: &mut CommandOutput<'_>,
 ) -> Result<Exit, CliError> {
-    if let Some(family) = &args.family {
+    if let Some(family) = family {
         known_family(views, family)?;
     }
     let mut executor = VerbExecutor::open(context)?;
     let fits = |view: &&holdpoint_protocol::snapshot::CandidateView| {
-        let of_family = args.family.as_ref().is_none_or(|family| view.version.family == *family);
+        let of_family = family.is_none_or(|family| view.version.family == *family);
         let may_change = match pausing {
             PauseChange::Pause => view.state.may_pause(&view.flags),
             PauseChange::Resume(_) => view.state.may_resume(&view.flags, view.held),
@@ -432,14 +436,14 @@ fn pause(
     let versions: Vec<CapabilityId> =
         executor.snapshot()?.candidates.iter().filter(fits).map(|view| view.version.clone()).collect();
     if versions.is_empty() {
-        let of = args.family.as_ref().map_or_else(String::new, |family| format!(" of {family}"));
+        let of = family.map_or_else(String::new, |family| format!(" of {family}"));
         return Err(CliError::from_engine_fault(match pausing {
             PauseChange::Pause => format!("nothing was paused: no version{of} is advancing"),
             PauseChange::Resume(_) => format!("nothing was resumed: no version{of} is paused or on hold"),
         }));
     }
     for version in versions {
-        let operation = operation(&version, &args.signature);
+        let operation = operation(&version, signature);
         match pausing {
             PauseChange::Pause => executor.execute(Command::Pause(operation), out)?,
             PauseChange::Resume(who) => executor.execute_as(context, who, Command::Resume(operation), out)?,

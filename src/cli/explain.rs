@@ -1,4 +1,5 @@
-//! `holdpoint explain`: why a version is in its state, from the store alone.
+//! `holdpoint explain`: why a version, or the active and the newest version of a family, is in its state, from the store
+//! alone.
 //!
 //! Prints the result of [`holdpoint_engine::explain`]; judges nothing. Without an option it prints the deciding reasons
 //! on one screen; `--full` and JSON have everything.
@@ -14,8 +15,9 @@ use crate::error::{CliError, Exit};
 use holdpoint_engine::embedded;
 use holdpoint_engine::explain;
 use holdpoint_governance::explanation::ExplanationSummary;
-use holdpoint_governance::ids::CapabilityId;
+use holdpoint_governance::ids::{CapabilityId, Family};
 use holdpoint_protocol::explanation::{DecisionExplanation, ExplainedReason, Explanation, Ruling};
+use holdpoint_registry::Views;
 use holdpoint_runtime::capability::PackageError;
 use holdpoint_text::ErrorReason;
 use holdpoint_wording::explanation::{cached_results, permission_use};
@@ -42,10 +44,11 @@ const TEXT_LINES_MAX: usize = 2;
 Examples:
   holdpoint explain align@1.1.0
   holdpoint explain align@1.1.0 --full
+  holdpoint explain align
   holdpoint explain grasp-improved --json")]
 pub struct ExplainArgs {
-    /// The version, or the folder of a registered candidate.
-    #[arg(value_name = "VERSION|FOLDER")]
+    /// A version, the folder of a registered candidate, or a family: its active and its newest version.
+    #[arg(value_name = "FAMILY[@VERSION]|FOLDER")]
     pub subject: String,
     /// Print every decision with its rule, all reasons and the permissions used.
     #[arg(long)]
@@ -58,16 +61,21 @@ pub struct ExplainArgs {
 /// If there is no store, or no such version in it.
 pub fn run(context: &CliContext, args: &ExplainArgs, out: &mut CommandOutput<'_>) -> Result<Exit, CliError> {
     let views = data::open_checked(&context.data)?;
-    let id = version(&args.subject)?;
+    let ids = versions(&views, &args.subject)?;
     let missing = super::profile_authorization::missing(&views);
-    if args.full || out.is_json() {
-        let found = explain::explain(&views, &id).map_err(CliError::usage)?;
-        let explanation = found.ok_or_else(|| unknown(context, &id))?;
-        out.answer(&explanation, |out| show(&explanation, out))?;
-    } else {
-        let found = explain::summarize(&views, &id).map_err(CliError::usage)?;
-        let summary = found.ok_or_else(|| unknown(context, &id))?;
-        show_summary(context, summary, out)?;
+    for (index, id) in ids.iter().enumerate() {
+        if index > 0 && !out.is_json() {
+            out.line("")?;
+        }
+        if args.full || out.is_json() {
+            let found = explain::explain(&views, id).map_err(CliError::usage)?;
+            let explanation = found.ok_or_else(|| unknown(context, id))?;
+            out.answer(&explanation, |out| show(&explanation, out))?;
+        } else {
+            let found = explain::summarize(&views, id).map_err(CliError::usage)?;
+            let summary = found.ok_or_else(|| unknown(context, id))?;
+            show_summary(context, summary, out)?;
+        }
     }
     if let Some(why) = missing.filter(|_| !out.is_json()) {
         out.line(&format!("profile: gate-profile-unauthorized: {why}"))?;
@@ -81,10 +89,10 @@ fn unknown(context: &CliContext, id: &CapabilityId) -> CliError {
         .with_details(ErrorReason::NotFound)
 }
 
-/// A version by name, or by the folder it was submitted from.
-fn version(subject: &str) -> Result<CapabilityId, CliError> {
+/// A version by name or by the folder it was submitted from, or the active and the newest version of a family.
+fn versions(views: &Views, subject: &str) -> Result<Vec<CapabilityId>, CliError> {
     if let Ok(id) = subject.parse() {
-        return Ok(id);
+        return Ok(vec![id]);
     }
     // An unreadable path is not a candidate's folder; errors in a readable one are reported.
     let known = |path: &Path| match embedded::read(path) {
@@ -92,13 +100,35 @@ fn version(subject: &str) -> Result<CapabilityId, CliError> {
         read => Some(read),
     };
     let read = known(Path::new(subject)).or_else(|| known(&Path::new("manifests/candidates").join(subject)));
-    let Some(read) = read else {
-        let text = format!("{subject:?} is neither a version nor a candidate's folder");
+    if let Some(read) = read {
+        return read.map(|candidate| vec![candidate.id()]).map_err(CliError::usage);
+    }
+    let of_family = family_versions(views, subject)?;
+    if of_family.is_empty() {
+        let text =
+            format!("{subject:?} is neither a version, a family of the store, nor a candidate's folder");
         return Err(CliError::usage(text)
-            .with_hint("a version is <family>@<version>, such as align@1.1.0")
+            .with_hint(
+                "a version is <family>@<version>, such as align@1.1.0; `holdpoint version list` names all",
+            )
             .with_details(ErrorReason::NotFound));
-    };
-    read.map(|candidate| candidate.id()).map_err(CliError::usage)
+    }
+    Ok(of_family)
+}
+
+/// The active version of a family, and its newest if that is another one; none of a family that is not in the store.
+fn family_versions(views: &Views, name: &str) -> Result<Vec<CapabilityId>, CliError> {
+    let Ok(family) = Family::new(name) else { return Ok(Vec::new()) };
+    let families = views.families().map_err(CliError::usage)?;
+    let mut all: Vec<CapabilityId> = families
+        .into_iter()
+        .find(|known| known.name == name)
+        .and_then(|known| known.active)
+        .into_iter()
+        .collect();
+    let newest = views.family_in_order(&family).map_err(CliError::usage)?.pop();
+    all.extend(newest.filter(|newest| !all.contains(newest)));
+    Ok(all)
 }
 
 fn show(explanation: &Explanation, out: &mut CommandOutput<'_>) -> Result<(), CliError> {

@@ -20,7 +20,7 @@ use holdpoint_engine::store_metrics::{self, Coverage, Since, StoreMetrics};
 use holdpoint_governance::metrics::Proportion;
 use holdpoint_governance::metrics::store_metrics::{MeanWithStdDev, ObservedMetrics, ReplayOutcome};
 use holdpoint_protocol::health::HealthClock;
-use holdpoint_registry::{Layout, TelemetryViews};
+use holdpoint_registry::{Layout, TelemetryViews, Views};
 
 /// The longest span, days.
 const DAYS_MAX: u64 = 36_500;
@@ -84,6 +84,25 @@ impl SinceArg {
             }
         }
     }
+
+    /// The first record that it leaves in; one after the last if it leaves none.
+    ///
+    /// # Errors
+    /// If the store cannot be read, or has no such moment.
+    pub(super) fn first_record(&self, views: &Views) -> Result<u64, CliError> {
+        let (last, end) = end_of(views)?;
+        if matches!(self, Self::Time(TimeArg::Virtual(at_ms)) if *at_ms > end.at_ms) {
+            return Ok(last + 1);
+        }
+        self.since(end).map_err(CliError::usage)?.first(views).map_err(CliError::usage)
+    }
+}
+
+/// The last record and its moment.
+fn end_of(views: &Views) -> Result<(u64, PresentTime), CliError> {
+    let head = views.head().map_err(CliError::usage)?;
+    let stamp = views.stamp(head.seq).map_err(CliError::usage)?;
+    Ok((head.seq, PresentTime { at_ms: head.at_ms, wall_ms: stamp.and_then(|stamp| stamp.wall_ms) }))
 }
 
 /// `90m` as milliseconds.
@@ -116,12 +135,7 @@ pub fn run(context: &CliContext, args: &MetricsArgs, out: &mut CommandOutput<'_>
     let environment = cell.map_err(CliError::internal)?.digest();
     let since = match &args.since {
         None => Since::Record(1),
-        Some(since) => {
-            let head = views.head().map_err(CliError::usage)?;
-            let stamp = views.stamp(head.seq).map_err(CliError::usage)?;
-            let end = PresentTime { at_ms: head.at_ms, wall_ms: stamp.and_then(|stamp| stamp.wall_ms) };
-            since.since(end).map_err(CliError::usage)?
-        }
+        Some(since) => since.since(end_of(&views)?.1).map_err(CliError::usage)?,
     };
     let found =
         store_metrics::observe(&views, telemetry.as_ref(), since, environment).map_err(CliError::usage)?;

@@ -81,7 +81,9 @@ impl EngineVerbs for Recorder {
             RequestedDecision::Rollback(args) => format!("rollback {} {}", args.family, args.stop_family),
             RequestedDecision::Demote(args) => format!("demote {} {:?}", args.version, args.profile),
             RequestedDecision::Pause(args) => format!("pause {:?}", args.family),
-            RequestedDecision::Resume(args) => format!("resume {}", args.signature.identity),
+            RequestedDecision::Resume(args) => {
+                format!("resume {:?} {}", args.family, args.signature.identity)
+            }
             RequestedDecision::Stop(args) => format!("stop {:?}", args.who),
             RequestedDecision::Go(args) => format!("go {}", args.signature.identity),
             RequestedDecision::Goal(args) => format!("goal {} {}", args.goal, args.signature.identity),
@@ -198,7 +200,8 @@ fn verbs_reach_the_engine() {
         (["goal", "align"].into_iter().chain(signed).collect(), "goal align mara", 1),
         (["note"].into_iter().chain(signed).collect(), "note mara", 1),
         (["pause"].into_iter().chain(signed).collect(), "pause None", 1),
-        (["resume"].into_iter().chain(signed).collect(), "resume mara", 1),
+        (["resume", "--all"].into_iter().chain(signed).collect(), "resume None mara", 1),
+        (["resume", "grasp"].into_iter().chain(signed).collect(), "resume Some(Family(\"grasp\")) mara", 1),
         (vec!["bench", "--quick"], "bench true", 0),
     ] {
         let line: Vec<&str> = ["--data", "/nowhere"].into_iter().chain(line).collect();
@@ -232,6 +235,7 @@ fn invalid_command_lines_are_refused() {
         "reject grasp@1.3.0 --as mara --reason ''",
         "reject grasp@1.3.0 --as mara",
         "rollback ../grasp --as mara --reason because",
+        "resume grasp --all --as mara --reason because",
         "audit list --limit 0",
         "replay",
         "replay grasp",

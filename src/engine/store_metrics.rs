@@ -80,7 +80,10 @@ pub enum Since {
 
 impl Since {
     /// The first record that counts; one after the last if none does.
-    fn first(self, views: &Views) -> Result<u64, StoreError> {
+    ///
+    /// # Errors
+    /// If the store cannot be read.
+    pub fn first(self, views: &Views) -> Result<u64, StoreError> {
         let head = views.head()?;
         let mut first = None;
         match self {

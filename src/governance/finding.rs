@@ -503,6 +503,8 @@ findings! {
     Improved => GateImproved,
     /// No approver was asked yet.
     NotAskedYet => ApprovalPending,
+    /// The count of approvals while the approvers are asked; only a display has it.
+    ApprovalsSoFar { given: u32, needed: u32 } => ApprovalPending,
     /// Fewer people approved than are needed.
     QuorumNotReached => ApprovalPending,
     /// The approvals are present.

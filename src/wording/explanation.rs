@@ -199,9 +199,9 @@ pub(crate) const fn remedy_action(action: RemedyAction) -> &'static str {
         A::AdmitProfile => "admit this profile in [deployment]",
         A::RequestLess => "ask for less, or have people review it",
         A::RegisterAgain => "approvers would have to approve a new registration",
-        A::AnswerRequest => "approvers have to answer by the deadline; `holdpoint resume` asks again",
+        A::AnswerRequest => "approvers have to answer by the deadline; `holdpoint resume FAMILY` asks again",
         A::ConfirmTime => {
-            "a person has to confirm the time (`holdpoint cell confirm-time`); `holdpoint resume` asks the gate again"
+            "a person has to confirm the time (`holdpoint cell confirm-time`); `holdpoint resume FAMILY` asks the gate again"
         }
         A::EndFreeze => "the freeze has to end",
         A::SignProfile => "an administrator has to sign the profile: `holdpoint profile allow`",

@@ -278,6 +278,7 @@ pub fn finding(found: &Finding) -> String {
         }
         F::Improved => "an improvement of success over the active version is significant".into(),
         F::NotAskedYet => "no approver was asked yet".into(),
+        F::ApprovalsSoFar { given, needed } => format!("{given} of {needed} approvals"),
         F::QuorumNotReached => "fewer people approved than are needed".into(),
         F::ApprovalsPresent => "the approvals are present".into(),
         F::AnsweredTooLate => "too few people answered in time".into(),

@@ -262,10 +262,17 @@ fn names_that_are_not_there() {
         (vec!["approve", "grasp@9.9.9", "--digest", "0123abcd"], "grasp@9.9.9"),
         (vec!["approve", "grasp@1.1.0", "--digest", "0123abcd"], "mara"),
         (vec!["pause", "grab"], "grab"),
-        (vec!["resume"], "mara"),
+        (vec!["resume", "--all"], "mara"),
     ] {
         let arguments: Vec<&str> = arguments.into_iter().chain(signed).collect();
         fixture.refuses(&arguments.join(" "), &arguments, "not-found", &[name]);
+    }
+    // It resumed every family.
+    let error =
+        fixture.refuses("resume", &[&["resume"][..], &signed].concat(), "usage", &["a family", "--all"]);
+    let hint = error["hint"].as_str().unwrap();
+    for command in ["resume FAMILY --as mara", "resume --all --as mara --reason because"] {
+        assert!(hint.contains(command), "{error}");
     }
     for arguments in
         [&["status", "grab"][..], &["status", "grasp@9.9.9"], &["registry", "show", "grasp@9.9.9"]]

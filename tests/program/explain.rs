@@ -130,12 +130,33 @@ fn every_position_of_a_version_has_its_short_form() {
     }
 }
 
+/// A family was refused.
+#[test]
+fn family_stands_for_its_active_and_its_newest_version() {
+    let folder = copy_fixture(OPEN_ROLES);
+    let explain = |arguments: &[&str]| {
+        stdout_text(&old_stores::holdpoint(&folder, &[&["explain"][..], arguments].concat()))
+    };
+    let align = explain(&["align"]);
+    assert!(align.starts_with("align@1.0.0 is ACTIVE since "), "{align}");
+    assert!(align.contains("\n\nalign@1.2.0 was ROLLED BACK to align@1.0.0"), "{align}");
+    // The newest version is the active one.
+    let grasp = explain(&["grasp"]);
+    assert!(grasp.starts_with("grasp@1.1.0 is ACTIVE since ") && !grasp.contains("\n\n"), "{grasp}");
+    let documents = explain(&["align", "--json"]);
+    let versions: Vec<serde_json::Value> = documents
+        .lines()
+        .map(|line| serde_json::from_str::<serde_json::Value>(line).unwrap()["version"].clone())
+        .collect();
+    assert_eq!(versions, ["align@1.0.0", "align@1.2.0"]);
+}
+
 #[test]
 fn a_missing_subject_fails() {
     let data = tempfile::tempdir().unwrap();
     assert_error(&holdpoint(&["explain", "align@1.1.0", "--json"], data.path()), 2, "no-store");
     holdpoint(&["run", "--headless", "--script", "tests/scenarios/reject-interface.toml"], data.path());
-    for subject in ["align@9.9.9", "no-such-folder"] {
+    for subject in ["align@9.9.9", "no-such-folder", "grab"] {
         for form in [&["explain", subject, "--json"][..], &["explain", subject, "--json", "--full"]] {
             let error = assert_error(&holdpoint(form, data.path()), 2, "not-found");
             assert!(

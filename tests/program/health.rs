@@ -68,6 +68,47 @@ fn health_shows_the_tasks_marks_and_verdicts_of_the_store() {
     assert!(courses.contains("raised by") && courses.contains("has stood"), "{courses}");
 }
 
+/// Its last records are of 2522.101 s; before these, alarms changed at 2467.284 s and 1818.931 s.
+#[test]
+fn alarms_and_records_since_a_moment_are_listed() {
+    let folder = store();
+    let count = |arguments: &[&str]| {
+        let output = holdpoint(&[arguments, &["--json"]].concat(), folder.path());
+        assert!(output.status.success(), "{arguments:?}: {}", output_text(&output));
+        String::from_utf8(output.stdout).unwrap().lines().count()
+    };
+    let (history, courses) =
+        (["alarms", "--history", "--since"], ["alarms", "--history", "--courses", "--since"]);
+    for (verb, since, expected) in [
+        (&["audit", "list", "--since"][..], "30s", 3),
+        (&["audit", "list", "--since"], "@2500", 3),
+        (&["audit", "list", "--since"], "#320", 3),
+        (&["audit", "list", "--since"], "@9999", 0),
+        (&["audit", "list", "--kind", "alarm-changed", "--since"], "@2467.284", 2),
+        (&["alarms", "--since"], "30s", 1),
+        (&["alarms", "--since"], "@1800", 3),
+        (&["alarms", "--since"], "@9999", 0),
+        (&history[..], "30s", 1),
+        (&history, "@2467", 2),
+        (&history, "@9999", 0),
+        // Five are still open.
+        (&courses[..], "30s", 5),
+        (&courses, "@2462", 6),
+    ] {
+        assert_eq!(count(&[verb, &[since]].concat()), expected, "{verb:?} {since}");
+    }
+    for verb in [&["audit", "list", "--json"][..], &["alarms", "--json"], &["alarms", "--history", "--json"]]
+    {
+        for (since, part) in [("soon", "\"soon\""), ("tuesday", "machine time")] {
+            let output = holdpoint(&[verb, &["--since", since]].concat(), folder.path());
+            let error = assert_error(&output, 2, "usage");
+            assert!(error["error"].as_str().unwrap().contains(part), "{verb:?} {since}: {error}");
+        }
+    }
+    let output = holdpoint(&["alarms", "--since", "@9999"], folder.path());
+    assert_eq!(output_text(&output), "no open alarm changed since then\n");
+}
+
 #[test]
 fn an_invalid_option_is_one_sentence() {
     let folder = store();

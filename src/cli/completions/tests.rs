@@ -49,7 +49,7 @@ fn every_argument_with_a_stored_name_is_known() {
         "version reactivate versions",
         "version anchor versions",
         "version break-glass versions",
-        "explain versions",
+        "explain subjects",
         "replay versions",
         "candidate compat versions",
         "candidate sandbox versions",
@@ -101,7 +101,7 @@ fn completion_scripts_hold_no_placeholder() {
         "-n \"__fish_holdpoint_using_subcommand approve\" -f -a \"(__holdpoint_stored versions)\"",
         "-n \"__fish_holdpoint_using_subcommand version; and __fish_seen_subcommand_from history\" -f -a \
          \"(__holdpoint_stored families)\"",
-        "-n \"__fish_holdpoint_using_subcommand explain\" -a \"(__holdpoint_stored versions)\"",
+        "-n \"__fish_holdpoint_using_subcommand explain\" -a \"(__holdpoint_stored subjects)\"",
     ] {
         assert!(fish.contains(line), "{line}");
     }

@@ -6,14 +6,14 @@ use clap::Args;
 
 use super::{
     SigningArgs, StatusSubject, VersionArgs, check_digest, identity, known_family, known_version, operation,
-    parse_short_digest, parse_subject, passphrase, request_text,
+    parse_family, parse_short_digest, parse_subject, passphrase, request_text,
 };
 use crate::cli::context::CliContext;
 use crate::cli::output::CommandOutput;
 use crate::cli::verb_executor::{VerbExecutor, running};
 use crate::error::{CliError, Exit};
 use holdpoint_governance::approval::ApprovalDecision;
-use holdpoint_governance::ids::CapabilityId;
+use holdpoint_governance::ids::{CapabilityId, Family};
 use holdpoint_governance::lifecycle::Stage;
 use holdpoint_governance::profile::ProfileName;
 use holdpoint_protocol::command::{Command, Operation};
@@ -66,6 +66,20 @@ impl From<ProfileBlockArgs> for ReleaseArgs {
     fn from(args: ProfileBlockArgs) -> Self {
         Self { version: args.version, profile: args.profile, signature: args.signature }
     }
+}
+
+/// The arguments of `resume`.
+#[derive(Clone, Debug, PartialEq, Eq, Args)]
+pub struct ResumeArgs {
+    /// The family to resume.
+    #[arg(value_parser = parse_family, conflicts_with = "all")]
+    pub family: Option<Family>,
+    /// Resumes every family.
+    #[arg(long)]
+    pub all: bool,
+    /// The identity that signs, and its reason.
+    #[command(flatten)]
+    pub signature: SigningArgs,
 }
 
 /// The arguments of `version retry`.
@@ -137,6 +151,18 @@ fn parse_stage(text: &str) -> Result<Stage, String> {
             Err("only sandbox and shadow can be run again".to_owned())
         }
     }
+}
+
+/// The family to resume, or all; a person who names neither may not know how many others paused.
+pub(super) fn family_to_resume(args: &ResumeArgs) -> Result<Option<&Family>, CliError> {
+    if args.family.is_some() || args.all {
+        return Ok(args.family.as_ref());
+    }
+    let signature = signing_options(&args.signature.identity, args.signature.reason.raw());
+    Err(CliError::usage("resume needs a family, or --all for every family").with_hint(format!(
+        "`holdpoint resume FAMILY {signature}` or `holdpoint resume --all {signature}`; `holdpoint status` shows what is \
+         paused or on hold"
+    )))
 }
 
 /// The version to demote; a family in its place is an error with the command for its active version.

@@ -260,7 +260,8 @@ impl Approvals {
         let is_late = now >= request.row.until && request.kind != RequestKind::Review;
         if is_late && approval.decision == ApprovalDecision::Approve {
             let text = format!("the request about {id} was open until {}", request.row.until);
-            return refuse(Refusal::NotNow, text, Some("`holdpoint resume` has people asked again"));
+            let hint = format!("`holdpoint resume {}` has people asked again", id.family);
+            return refuse(Refusal::NotNow, text, Some(hint.as_str()));
         }
         if vote(context, request.kind, &signed).subject != request.quorum.subject {
             let text = format!("the decision on {id} is over something that has changed since");

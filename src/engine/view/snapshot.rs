@@ -13,9 +13,13 @@ use crate::recorder::EngineRecorder;
 use crate::version_table::FamilyEntry;
 use crate::world::{self, LiveWorld};
 use holdpoint_governance::alarms::Alarm;
+use holdpoint_governance::decision::Reason;
+use holdpoint_governance::finding::Finding;
 use holdpoint_governance::lifecycle::State;
 use holdpoint_governance::wall_time::WallTime;
-use holdpoint_protocol::snapshot::{AlarmView, CandidateView, FamilyView, LiveView, ReviewView, Snapshot};
+use holdpoint_protocol::snapshot::{
+    AlarmView, ApprovalRequestView, CandidateView, FamilyView, LiveView, ReviewView, Snapshot,
+};
 use holdpoint_text::Hint;
 
 /// What a snapshot is taken of.
@@ -30,9 +34,28 @@ pub(crate) struct SnapshotView<'a> {
     pub(crate) world: &'a LiveWorld,
 }
 
+/// The reasons of the gate, which decides before the approvers are asked, with the count of approvals since.
+fn counted(reasons: &[Reason], request: Option<&ApprovalRequestView>) -> Vec<Reason> {
+    let mut reasons = reasons.to_vec();
+    let Some(request) = request else { return reasons };
+    let given = u32::try_from(request.approved_by.len()).unwrap_or(u32::MAX);
+    let count = if request.officer_missing && given >= request.needed {
+        Finding::SafetyOfficerMissing
+    } else {
+        Finding::ApprovalsSoFar { given, needed: request.needed }
+    };
+    for reason in &mut reasons {
+        if reason.finding == Some(Finding::NotAskedYet) {
+            *reason = Reason::new(reason.dimension, count.clone());
+        }
+    }
+    reasons
+}
+
 impl SnapshotView<'_> {
     /// The current snapshot.
     pub(crate) fn snapshot(&self) -> Snapshot {
+        let prompts = self.approvals.views(self.context, self.record, self.evidence_files);
         let mut candidates = Vec::new();
         let mut families = Vec::new();
         for (family, entry) in self.record.version_table().families() {
@@ -40,9 +63,9 @@ impl SnapshotView<'_> {
             for (member, version) in entry.members.iter().zip(&entry.state.versions) {
                 let id = member.capability.id();
                 let baseline = member.capability.submission.parent.is_none();
-                let has_request = self.approvals.of(&id).is_some();
+                let request = prompts.iter().find(|request| request.version == id);
                 let rests = baseline && matches!(version.state, State::Active | State::Superseded);
-                if rests && !has_request {
+                if rests && request.is_none() {
                     continue;
                 }
                 let empty = EvidenceFile::default();
@@ -66,7 +89,7 @@ impl SnapshotView<'_> {
                     pairs: pairs(evidence_file),
                     drills: evidence_file.drills,
                     shadow: shadow(evidence_file, &self.context.profile.evaluation),
-                    reasons: evidence_file.reasons.clone(),
+                    reasons: counted(&evidence_file.reasons, request),
                     conditions: evidence_file.conditions.clone(),
                     deployment: evidence_file.deployment,
                     held: evidence_file.held,
@@ -100,7 +123,7 @@ impl SnapshotView<'_> {
             families,
             candidates,
             emergencies: break_glass_approvals::views(self.context, self.record, self.evidence_files),
-            prompts: self.approvals.views(self.context, self.record, self.evidence_files),
+            prompts,
             alarms: self.alarm_views(),
             live: self.live_view(),
             questions: self.monitors.questions(),

@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use holdpoint_approvals::keyfile::{self, KeyEncoding};
 use holdpoint_approvals::{Approval, KdfCost, Nonce, Passphrase, SignedPersonAct};
 use holdpoint_governance::approval::Role;
+use holdpoint_governance::decision::ReasonCode;
 use holdpoint_governance::outcome::PolicyOutcome;
 use holdpoint_governance::profile::{Profile, ProfileName};
 use holdpoint_protocol::approval_document::{AnswerVoidCause, ApprovalDocument, QuestionRefusal};
@@ -416,6 +417,24 @@ fn an_answer_by_a_revoked_key_is_not_restored() {
     store.commit(holdpoint_registry::Transaction { command_id, at_ms, wall_ms: 0, changes, audit }).unwrap();
     let bench = bench.reopened(Profile::builtin(ProfileName::Human).unwrap());
     assert!(bench.pipeline.snapshot().prompts[0].approved_by.is_empty());
+}
+
+/// The reason of the gate, which decides before it asks, stood there after the first answer, too.
+#[test]
+fn reason_of_a_waiting_version_counts_the_approvals() {
+    let mut bench = Bench::under(Profile::builtin(ProfileName::Human).unwrap());
+    // A review takes two people.
+    let id = crate::tests::awaiting_approval(&mut bench.pipeline, PolicyOutcome::Review, Vec::new());
+    let lead = |bench: &Bench| {
+        let snapshot = bench.pipeline.snapshot();
+        let candidate = snapshot.candidates.into_iter().find(|candidate| candidate.version == id).unwrap();
+        let pending = candidate.reasons.iter().find(|reason| reason.code == ReasonCode::ApprovalPending);
+        holdpoint_wording::line(pending.unwrap())
+    };
+    assert_eq!(lead(&bench), "approval-pending: 0 of 2 approvals");
+    let ann = protected(&mut bench, "ann");
+    done(&approve(&mut bench, &ann));
+    assert_eq!(lead(&bench), "approval-pending: 1 of 2 approvals");
 }
 
 /// Public parts lie in the folder for convenience alone.
