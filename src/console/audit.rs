@@ -335,13 +335,9 @@ fn sentence_of_kind(kind: RecordKind, fields: &RecordFields<'_>) -> Option<Strin
             format!("{} answered the monitor{}", actor(), fields.with(": ", "reason"))
         }
         RecordKind::Resumed => format!("{} resumed it{}", actor(), fields.with(": ", "reason")),
-        RecordKind::KeyCommitted => {
-            format!("a secret key for its seeds was drawn{}", fields.with(": ", "use"))
-        }
+        RecordKind::KeyCommitted => format!("its seeds got a secret key{}", fields.with(": ", "use")),
         RecordKind::KeyRevealed => "the key of its seeds was revealed".to_owned(),
-        RecordKind::AnchorSet => {
-            format!("{} made it the anchor of its family{}", actor(), fields.with(": ", "reason"))
-        }
+        RecordKind::AnchorSet => format!("{} made it the anchor{}", actor(), fields.with(": ", "reason")),
         RecordKind::BreakGlass => {
             format!("{} activated it alone, by break-glass{}", actor(), fields.with(": ", "reason"))
         }

@@ -12,6 +12,7 @@ pub mod experiment;
 mod halted;
 mod parked;
 mod seed_keys;
+mod stage_work;
 mod startup;
 
 use std::sync::Arc;
@@ -33,6 +34,7 @@ use holdpoint_protocol::snapshot::Snapshot;
 use holdpoint_runtime::capability::Capability;
 use holdpoint_runtime::seeds::SeedKey;
 
+use self::stage_work::StageWork;
 use crate::cell::Cell;
 use crate::clock_mismatch;
 use crate::context::Context;
@@ -49,10 +51,9 @@ use crate::recorder::EngineRecorder;
 use crate::restart;
 use crate::stages::activation::Activation;
 use crate::stages::break_glass;
-use crate::stages::confirmation::{self, ConfirmationRun};
+use crate::stages::confirmation;
 use crate::stages::live_harm::LiveHarmWatch;
 use crate::stages::monitoring::LiveMonitoring;
-use crate::stages::re_evaluation::ReEvaluationRun;
 use crate::stages::resume::{self, Resumption};
 use crate::stages::sandbox::{Sandbox, SandboxRun};
 use crate::stages::shadow::{self, ShadowRun, ShadowStep};
@@ -91,24 +92,6 @@ pub enum SliceOutcome {
     Ran,
     /// There is nothing to do before a deadline (virtual ms) or a command.
     Idle { next_ms: Option<u64> },
-}
-
-enum StageWork {
-    Sandbox(Box<SandboxRun>),
-    Shadow(Box<ShadowRun>),
-    Confirmation(Box<ConfirmationRun>),
-    ReEvaluation(Box<ReEvaluationRun>),
-}
-
-impl StageWork {
-    fn id(&self) -> &CapabilityId {
-        match self {
-            Self::Sandbox(run) => run.id(),
-            Self::Shadow(run) => run.id(),
-            Self::Confirmation(run) => run.id(),
-            Self::ReEvaluation(run) => run.id(),
-        }
-    }
 }
 
 /// See the module comment.

@@ -289,7 +289,7 @@ fn a_shutdown_during_a_sequence_is_accepted() {
         let config = Config {
             data: &folder_of_engine,
             profile: ProfileName::Sim.into(),
-            seed: 1,
+            seeds: holdpoint_engine::trial::seeds::EpisodeSeeds::OfRun(1),
             jobs: 1,
             scripted: false,
             cell: Cell::builtin().unwrap(),

@@ -4,21 +4,9 @@ use holdpoint_governance::evaluation_key::{KeyCommitment, KeyUse};
 use holdpoint_governance::ids::Digest;
 use holdpoint_governance::lifecycle::State;
 
-use super::{Pipeline, StageWork};
+use super::Pipeline;
 use crate::evaluation_keys::OpenKey;
 use crate::fault::EngineFault;
-
-impl StageWork {
-    /// What the key of its seeds is for; absent for shadow, which has the live world's.
-    const fn key_use(&self) -> Option<KeyUse> {
-        match self {
-            Self::Sandbox(_) => Some(KeyUse::Sandbox),
-            Self::Shadow(_) => None,
-            Self::Confirmation(_) => Some(KeyUse::Confirmation),
-            Self::ReEvaluation(_) => Some(KeyUse::ReEvaluation),
-        }
-    }
-}
 
 impl Pipeline {
     /// Reveals the keys of evaluations that are over. One that an earlier engine left stays secret as long as its stage

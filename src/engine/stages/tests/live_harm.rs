@@ -28,7 +28,8 @@ fn sim() -> Profile {
 fn until<T>(bench: &mut Bench, fits: impl Fn(&EventKind) -> Option<T>) -> T {
     for _ in 0..60 {
         bench.pipeline.live().sequence(None).unwrap();
-        if let Some(found) = bench.pipeline.drain_events().iter().find_map(&fits) {
+        let events = bench.pipeline.drain_events();
+        if let Some(found) = events.iter().find_map(&fits) {
             return found;
         }
     }
@@ -51,9 +52,7 @@ fn danger_alarms_for_a_commissioned_version_and_rolls_a_new_one_back() {
     let mut bench = Bench::under(profile);
     let before = id("place@1.0.0");
     let past = until(&mut bench, |event| match event {
-        EventKind::HarmPastLimit { version, task: 1, past, danger: true, tasks_past: 1 }
-            if *version == before =>
-        {
+        EventKind::HarmPastLimit { version, past, danger: true, tasks_past: 1, .. } if *version == before => {
             Some(past.clone())
         }
         _ => None,
