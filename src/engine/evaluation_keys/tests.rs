@@ -129,7 +129,7 @@ fn live_seeds_rotate_and_are_revealed_one_rotation_later() {
     let mut pipeline = pipeline(folder.path());
     let live = pipeline.live();
     let mut sources = Vec::new();
-    for _ in 0..LIVE_KEY_SEQUENCES * 2 + 1 {
+    for _ in 0..=LIVE_KEY_SEQUENCES * 2 {
         let source = live.record.live_seeds().unwrap();
         if sources.last() != Some(&source) {
             sources.push(source);

@@ -54,7 +54,7 @@ impl SeedSource {
     pub fn seed(&self, purpose: SeedPurpose, index: u64) -> u64 {
         match self {
             Self::OfRun(run_seed) => episode_seed(*run_seed, purpose, index),
-            Self::Keyed(key) => KEYED_FROM | key.number(purpose.name(), index) % KEYED_FROM,
+            Self::Keyed(key) => KEYED_FROM + key.number(purpose.name(), index) % KEYED_FROM,
         }
     }
 

@@ -31,9 +31,7 @@ const RUN_NS_MAX: u64 = 1_000_000_000;
 /// Processor time of a version's median tick, us; `None` for a controller that is compiled in, and if no tick ran.
 #[must_use]
 pub fn median_tick_us(cell: &Cell, terms: &SkillTerms, version: &Capability) -> Option<f64> {
-    if version.package.component.is_none() {
-        return None;
-    }
+    version.package.component.as_ref()?;
     let seed = episode_seed(CALIBRATION_FROM_RUN, SeedPurpose::Canonical, 0);
     let trial = TrialCase { cell, terms, version, conditions: Conditions::Canonical, seed };
     let (mut worker, mut tick_ns) = (Worker::new(), Vec::new());

@@ -512,38 +512,6 @@ fn activation_that_cannot_be_written_ends_the_ladder() {
 }
 
 #[test]
-fn rollback_target_that_is_no_safer_is_recorded() {
-    let mut bench = Bench::new();
-    let before = bench.activate("align-low-transit");
-    let version = bench.pipeline.record().version_table().version(&before).unwrap().0;
-    let confirm = LifecycleEvent::Confirm { version };
-    bench
-        .pipeline
-        .live()
-        .record
-        .transition(&before.family, confirm, TransitionNote::because(Notice::StageBegins))
-        .unwrap();
-    let id = bench.activate("align-improved");
-    let operation = Operation { version: id.clone(), by: "ann".to_owned(), reason: "drill".to_owned() };
-    assert!(matches!(bench.pipeline.command(Command::Rollback(operation)), Reply::Accepted { .. }));
-    let events = bench.pipeline.drain_events();
-    let record_of = |id: &CapabilityId| {
-        let mut ends = events.iter().filter_map(|event| match event {
-            EventKind::RolledBack { version, record, .. } if version == id => Some((**record).clone()),
-            _ => None,
-        });
-        ends.next().expect("an event reports the rollback")
-    };
-    let record = record_of(&id);
-    assert_eq!(record.recovered, Some(false), "{:?}", record.rungs);
-    assert_eq!(record.rungs.last().unwrap().failure, Some(RungFailure::NotRecovered));
-    // The target is a danger in its first task, and is rolled back in turn.
-    assert_eq!(record_of(&before).trigger.kind, TriggerKind::SafetyEvent);
-    let active = bench.pipeline.record().active_of(&id.family).unwrap();
-    assert_eq!(active.id().to_string(), "align@1.0.0");
-}
-
-#[test]
 fn silence_asks_then_restricts_then_rolls_back() {
     let mut bench = Bench::new();
     let id = bench.activate("grasp-improved");

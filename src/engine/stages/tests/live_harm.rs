@@ -8,8 +8,9 @@ use holdpoint_governance::monitor::SafetyEvent;
 use holdpoint_governance::notice::Notice;
 use holdpoint_governance::profile::{Profile, ProfileName};
 use holdpoint_governance::record::RecordKind;
-use holdpoint_governance::rollback::{PostStatus, RollbackRecord, TriggerKind};
+use holdpoint_governance::rollback::{PostStatus, RollbackRecord, RungFailure, TriggerKind};
 use holdpoint_governance::shared_event::StoppingEvent;
+use holdpoint_protocol::command::{Command, Operation, Reply};
 use holdpoint_protocol::event::EventKind;
 use holdpoint_registry::AuditFilter;
 
@@ -43,12 +44,12 @@ fn rollback_of(version: &CapabilityId) -> impl Fn(&EventKind) -> Option<Rollback
     }
 }
 
-/// Every force on the surroundings is a danger: placing is one, by either version.
+/// Every landing is a danger: placing is one, by either version.
 #[test]
 fn danger_alarms_for_a_commissioned_version_and_rolls_a_new_one_back() {
     let mut profile = sim();
-    profile.harm.contact_peak_n.limit = 1.0;
-    profile.live_harm.danger_contact_peak_n = 1.0;
+    profile.harm.landing_speed_m_s.limit = 0.01;
+    profile.live_harm.danger_landing_speed_m_s = 0.01;
     let mut bench = Bench::under(profile);
     let before = id("place@1.0.0");
     let past = until(&mut bench, |event| match event {
@@ -57,8 +58,8 @@ fn danger_alarms_for_a_commissioned_version_and_rolls_a_new_one_back() {
         }
         _ => None,
     });
-    let contact = past.iter().find(|past| past.measure == HarmKind::ContactPeak).unwrap();
-    assert!(contact.value > 1.0 && contact.limit == 1.0 && contact.unit == "N", "{contact:?}");
+    let landing = past.iter().find(|past| past.measure == HarmKind::LandingSpeed).unwrap();
+    assert!(landing.value > 0.01 && landing.limit == 0.01 && landing.unit == "m/s", "{landing:?}");
     let record = bench.pipeline.record();
     assert_eq!(record.active_of(&before.family).map(|active| active.id()), Some(before.clone()));
     assert!(record.alarms().get(&AlarmKey::Harm(before.clone())).is_some(), "{:?}", record.alarms());
@@ -122,4 +123,36 @@ fn confirmed_version_is_rolled_back_for_a_safety_event_after_a_restart() {
     assert_eq!((rollback.trigger.kind, rollback.in_flight), (TriggerKind::SafetyEvent, false));
     let state = bench.pipeline.record().version_table().version(&version).unwrap().1.state;
     assert_eq!(state, State::RolledBack);
+}
+
+#[test]
+fn rollback_target_that_is_no_safer_is_recorded() {
+    let mut bench = Bench::under(sim());
+    let before = bench.activate("align-low-transit");
+    let version = bench.pipeline.record().version_table().version(&before).unwrap().0;
+    let confirm = LifecycleEvent::Confirm { version };
+    bench
+        .pipeline
+        .live()
+        .record
+        .transition(&before.family, confirm, TransitionNote::because(Notice::StageBegins))
+        .unwrap();
+    let id = bench.activate("align-improved");
+    let operation = Operation { version: id.clone(), by: "ann".to_owned(), reason: "drill".to_owned() };
+    assert!(matches!(bench.pipeline.command(Command::Rollback(operation)), Reply::Accepted { .. }));
+    let events = bench.pipeline.drain_events();
+    let record_of = |id: &CapabilityId| {
+        let mut ends = events.iter().filter_map(|event| match event {
+            EventKind::RolledBack { version, record, .. } if version == id => Some((**record).clone()),
+            _ => None,
+        });
+        ends.next().expect("an event reports the rollback")
+    };
+    let record = record_of(&id);
+    assert_eq!(record.recovered, Some(false), "{:?}", record.rungs);
+    assert_eq!(record.rungs.last().unwrap().failure, Some(RungFailure::NotRecovered));
+    // The target is a danger in its first task, and is rolled back in turn.
+    assert_eq!(record_of(&before).trigger.kind, TriggerKind::SafetyEvent);
+    let active = bench.pipeline.record().active_of(&id.family).unwrap();
+    assert_eq!(active.id().to_string(), "align@1.0.0");
 }

@@ -1,5 +1,6 @@
 //! Time beyond what a version may take puts it on hold: in its ticks before any episode, and in its evaluation after a slice.
 
+use std::fmt::Write as _;
 use std::path::Path;
 
 use holdpoint_governance::component::ComponentBytes;
@@ -30,14 +31,17 @@ const CONTROLLERS: &[u8] = include_bytes!("../../../sdk/prebuilt/controllers.was
 fn chain_of_cache_misses(interface: &str) -> Vec<u8> {
     let followed = "(i32.load ".repeat(64) + "(global.get $at_link)" + &")".repeat(64);
     let described = interface.len();
-    let interface: String = interface.bytes().map(|byte| format!("\\{byte:02x}")).collect();
+    let mut escaped = String::new();
+    for byte in interface.bytes() {
+        write!(escaped, "\\{byte:02x}").unwrap();
+    }
     let name = "holdpoint:skill/skill@1.0.0";
     let text = format!(
         r#"(module
             (memory (export "memory") 897)
             (global $free (mut i32) (i32.const 1024))
             (global $at_link (mut i32) (i32.const 65536))
-            (data (i32.const 16384) "{interface}")
+            (data (i32.const 16384) "{escaped}")
             (func (export "cabi_realloc") (param i32 i32 i32 i32) (result i32)
                 (global.set $free (i32.and (i32.add (global.get $free) (i32.const 7)) (i32.const -8)))
                 (global.get $free)
