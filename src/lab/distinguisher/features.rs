@@ -83,6 +83,9 @@ fn noise(early: &[Observation], add: &mut dyn FnMut(&str, f64)) {
     add("wrist_noise", roughness(early.iter().map(|seen| seen.wrist_force_n)));
 }
 
+/// One number of a pose.
+type PoseValue = fn(&Pose) -> f64;
+
 /// The timing of camera frames, and the noise of what stands still in them: the tray.
 fn camera(seen: &[Observation], frames: &[ArrivedFrame], add: &mut dyn FnMut(&str, f64)) {
     let ticks = seen.len() as f64;
@@ -103,7 +106,7 @@ fn camera(seen: &[Observation], frames: &[ArrivedFrame], add: &mut dyn FnMut(&st
     add("frame_gap_mean", mean(&gaps));
     add("frame_gap_sd", deviation(&gaps));
     add("frame_first_tick", frames.first().map_or(ticks, |frame| frame.tick as f64));
-    let of_target: [(&str, fn(&Pose) -> f64); 4] = [
+    let of_target: [(&str, PoseValue); 4] = [
         ("x", |pose| pose.position[0]),
         ("y", |pose| pose.position[1]),
         ("z", |pose| pose.position[2]),
