@@ -107,7 +107,7 @@ fn turn(output: SceneOutput) -> Turn {
     let mut engine = Engine::start(Config {
         data: data.path(),
         profile: ProfileName::Sim.into(),
-        seed: SEED,
+        seeds: holdpoint_engine::trial::seeds::EpisodeSeeds::OfRun(SEED),
         jobs: 1,
         scripted: true,
         cell: Cell::builtin().unwrap(),

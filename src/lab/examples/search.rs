@@ -14,7 +14,7 @@ use std::sync::atomic::AtomicBool;
 
 use holdpoint_engine::cell::Cell;
 use holdpoint_engine::trial::search::{Search, SearchStyle};
-use holdpoint_engine::trial::seeds::CALIBRATION_FROM_RUN;
+use holdpoint_engine::trial::seeds::{CALIBRATION_FROM_RUN, SeedSource};
 use holdpoint_engine::trial::sequences::TrialTeam;
 use holdpoint_engine::trial::trial_lab::{TrialLab, TrialSubject};
 use holdpoint_engine::trial::undisturbed_run::UndisturbedCache;
@@ -43,7 +43,7 @@ fn search(
     style: SearchStyle,
     limits: &HarmSettings,
 ) -> SearchFinding {
-    let mut search = Search::new(lab.seed, style, *limits);
+    let mut search = Search::new(lab.seeds.search_state(), style, *limits);
     while !search.is_over() {
         let (first, points) = search.next_points(usize::MAX);
         search.add_results(&lab.places(parties[0], parties[1], first, &points).unwrap());
@@ -78,7 +78,7 @@ fn main() {
         let (candidate, active) = (party(&version), party(active));
         for seed in 0..seeds {
             let lab = TrialLab {
-                seed: CALIBRATION_FROM_RUN + 10 + seed,
+                seeds: SeedSource::OfRun(CALIBRATION_FROM_RUN + 10 + seed),
                 worker_pool: &worker_pool,
                 undisturbed: &shelf,
                 part: usize::MAX,
