@@ -494,8 +494,10 @@ fn any_object_in_place_of_the_mark_is_a_stop() {
         engine.await_event("cell-released");
     }
     // An object that cannot be removed keeps the cell stopped.
-    fs::create_dir(&mark).unwrap();
-    fs::write(mark.join("inside"), "").unwrap();
+    let planted = folder.path().join("planted");
+    fs::create_dir(&planted).unwrap();
+    fs::write(planted.join("inside"), "").unwrap();
+    fs::rename(&planted, &mark).unwrap();
     engine.await_event("cell-stopped");
     let answer = send_request(&socket, &json!({ "command": "snapshot" }));
     let stopped = &answer["reply"]["snapshot"]["stopped"];
