@@ -44,12 +44,12 @@ fn rollback_of(version: &CapabilityId) -> impl Fn(&EventKind) -> Option<Rollback
     }
 }
 
-/// Every landing is a danger: placing is one, by either version.
+/// Every task is near enough to a person's zone to be a danger, by either version.
 #[test]
 fn danger_alarms_for_a_commissioned_version_and_rolls_a_new_one_back() {
     let mut profile = sim();
-    profile.harm.landing_speed_m_s.limit = 0.01;
-    profile.live_harm.danger_landing_speed_m_s = 0.01;
+    profile.harm.zone_clearance_m.limit = 2.0;
+    profile.live_harm.danger_zone_clearance_m = 2.0;
     let mut bench = Bench::under(profile);
     let before = id("place@1.0.0");
     let past = until(&mut bench, |event| match event {
@@ -58,8 +58,8 @@ fn danger_alarms_for_a_commissioned_version_and_rolls_a_new_one_back() {
         }
         _ => None,
     });
-    let landing = past.iter().find(|past| past.measure == HarmKind::LandingSpeed).unwrap();
-    assert!(landing.value > 0.01 && landing.limit == 0.01 && landing.unit == "m/s", "{landing:?}");
+    let clearance = past.iter().find(|past| past.measure == HarmKind::ZoneClearance).unwrap();
+    assert!(clearance.value < 2.0 && clearance.limit == 2.0 && clearance.unit == "m", "{clearance:?}");
     let record = bench.pipeline.record();
     assert_eq!(record.active_of(&before.family).map(|active| active.id()), Some(before.clone()));
     assert!(record.alarms().get(&AlarmKey::Harm(before.clone())).is_some(), "{:?}", record.alarms());
