@@ -7,7 +7,7 @@ learn from one half of the sequences, task by task, and guess the origin of the 
 many rows of one origin as of the other. The advantage of a classifier is the share of its right guesses minus that of the
 wrong ones. Its bounds are exact (Clopper-Pearson), and so is its p-value against guessing.
 
-    live-start against live    a third of the pairs begin so: no advantage may be found
+    live-start against live    single tasks from live starts: no advantage may be found
     the same, with a leak      the first reading of one joint is shifted in the live rows: it has to be found
     sandbox against live       they differ by design: an advantage has to be found; names what differs
 
