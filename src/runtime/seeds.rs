@@ -10,14 +10,8 @@ use holdpoint_governance::ids::Digest;
 pub struct SeedKey(Digest);
 
 impl SeedKey {
-    /// The key that a secret gives: no one can compute a seed without the secret.
-    #[must_use]
-    pub fn secret(secret: &[u8; 32]) -> Self {
-        Self(Digest::of_parts("holdpoint.bundle-seeds.secret.v1", &[secret]))
-    }
-
-    /// The key of a run that must be the same everywhere: a script, an experiment. Its seeds are not consecutive
-    /// either, but anyone can compute them.
+    /// The key of a run; 0 where the seeds of episodes are secret themselves. A bundle's seed follows from it and its
+    /// episode's seed, and neither the place nor the purpose of the episode shows in it.
     #[must_use]
     pub fn of_run(seed: u64) -> Self {
         Self(Digest::of_parts("holdpoint.bundle-seeds.run.v1", &[&seed.to_le_bytes()]))
@@ -59,8 +53,6 @@ mod tests {
         assert_eq!(key.seed(7), SeedKey::of_run(1).seed(7));
         assert_ne!(key.seed(7), key.seed(8));
         assert_ne!(key.seed(7), SeedKey::of_run(2).seed(7));
-        assert_ne!(key.seed(7), SeedKey::secret(&[1; 32]).seed(7));
-        assert_ne!(SeedKey::secret(&[1; 32]).seed(7), SeedKey::secret(&[2; 32]).seed(7));
     }
 
     /// Seeds of adjacent episodes share no visible range or bit.

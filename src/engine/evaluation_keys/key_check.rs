@@ -12,7 +12,7 @@ use holdpoint_registry::store_terms::EvidenceKind;
 use holdpoint_registry::{EvidenceEntry, StoreError, Views};
 use serde::Serialize;
 
-use super::{read, records};
+use super::read;
 use crate::evidence_file::EvidenceFile;
 use crate::trial::seeds::{KEYED_FROM, SeedPurpose, SeedSource};
 use crate::version_concern::Confirmation;
@@ -78,11 +78,11 @@ struct Committed {
 /// # Errors
 /// If the store cannot be read.
 pub fn check_keys(views: &Views) -> Result<Result<KeyCheck, KeyProblem>, StoreError> {
-    let mut keys: Vec<Committed> = records(views, RecordKind::KeyCommitted)?
+    let (committed, reveals) = key_records(views)?;
+    let mut keys: Vec<Committed> = committed
         .iter()
         .filter_map(|record| Some(Committed { record: record.seq, commitment: read(record)?, key: None }))
         .collect();
-    let reveals = records(views, RecordKind::KeyRevealed)?;
     if let Err(problem) = take_reveals(&mut keys, &reveals) {
         return Ok(Err(problem));
     }
@@ -115,6 +115,19 @@ pub fn check_keys(views: &Views) -> Result<Result<KeyCheck, KeyProblem>, StoreEr
     }
     found.replaced = replaced(&keys, &used);
     Ok(Ok(found))
+}
+
+/// All commitments and all reveals of a store, in order: a key counts however many came after it.
+fn key_records(views: &Views) -> Result<(Vec<AuditRecord>, Vec<AuditRecord>), StoreError> {
+    let (mut committed, mut revealed) = (Vec::new(), Vec::new());
+    views.each_record(views.head()?.seq, |record| {
+        if record.kind == RecordKind::KeyCommitted {
+            committed.push(record);
+        } else if record.kind == RecordKind::KeyRevealed {
+            revealed.push(record);
+        }
+    })?;
+    Ok((committed, revealed))
 }
 
 fn take_reveals(keys: &mut [Committed], reveals: &[AuditRecord]) -> Result<(), KeyProblem> {

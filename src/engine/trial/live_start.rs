@@ -197,13 +197,13 @@ mod tests {
     fn task_behind_an_empty_place_begins_by_itself() {
         let bench = Bench::new();
         let subject = bench.subject(TaskKind::Align);
-        let nobody = TrialTeam::default();
+        let no_team = TrialTeam::default();
         let (cell, seed) = (&bench.cell, seed(3));
-        let found = alone_from_live_start(&mut Worker::new(), cell, &nobody, &subject, seed);
+        let found = alone_from_live_start(&mut Worker::new(), cell, &no_team, &subject, seed);
         let (terms, version) = (&subject.terms, &subject.version);
         let case = TrialCase { cell, terms, version, conditions: Conditions::Live, seed };
         assert_eq!(found, alone(&mut Worker::new(), case));
-        assert_eq!(setup_of(cell, &nobody, TaskKind::Align, seed), case.setup());
+        assert_eq!(setup_of(cell, &no_team, TaskKind::Align, seed), case.setup());
         let of_sequence = setup_of(cell, &bench.team(TaskKind::Align), TaskKind::Align, seed);
         assert_eq!((of_sequence.task, of_sequence.distribution.as_str()), (TaskKind::Grasp, "live"));
     }

@@ -88,7 +88,7 @@ mod tests {
         }
     }
 
-    /// The recursion against the sum that it stands for.
+    /// The recursion equals the sum that it computes.
     #[test]
     fn evidence_equals_the_sum_over_all_starts() {
         let mut evidence = RateRise::new(0.02).unwrap();
