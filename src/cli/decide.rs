@@ -78,6 +78,8 @@ pub enum RequestedDecision {
     Rearm(VersionArgs),
     /// To make a confirmed version its family's anchor.
     Anchor(VersionArgs),
+    /// To review the tries of a version's family.
+    ReviewTries(VersionArgs),
 }
 
 /// The identity and the reason of a decision.
@@ -227,6 +229,9 @@ pub(super) fn run(
         RequestedDecision::Pause(args) => {
             let subject = (args.family.as_ref(), &args.signature);
             pause(context, &views()?, subject, PauseChange::Pause, out)
+        }
+        RequestedDecision::ReviewTries(args) => {
+            lifecycle::signed_act(context, &views()?, args, Command::ReviewTries, out)
         }
         RequestedDecision::Resume(args) => {
             let subject = (lifecycle::family_to_resume(args)?, &args.signature);

@@ -387,6 +387,8 @@ impl ReportSource<'_> {
 mod tests {
     use super::report::FamilyStatusRow;
     use super::*;
+    use holdpoint_governance::ids::Digest;
+    use holdpoint_governance::tries::{CountedTry, TryAuthor};
 
     fn row(state: State, provisional: bool) -> VersionRow {
         VersionRow {
@@ -404,6 +406,7 @@ mod tests {
             stale: Vec::new(),
             kappas: [None; 4],
             progress: None,
+            counted: None,
             reason: None,
         }
     }
@@ -419,6 +422,25 @@ mod tests {
         }
         let json = serde_json::to_value(&stale).unwrap();
         assert_eq!(json["stale"], serde_json::json!(["profile", "active-version"]));
+    }
+
+    #[test]
+    fn a_counted_try_shows_its_price() {
+        let counted = CountedTry {
+            subject: Digest::of_parts("test", &[]),
+            drawn: None,
+            author: TryAuthor::default(),
+            by_author: 2,
+            in_family: 2,
+            level: 0.0038,
+            pairs: 300,
+            left: 10,
+        };
+        let tried = VersionRow { counted: Some(counted), ..row(State::Validated, false) };
+        let shown =
+            "[try 2 of grasp by unsigned authors: level 0.0038, 300 pairs; 10 tries left before a review]";
+        assert!(tried.line().ends_with(shown), "{}", tried.line());
+        assert!(!row(State::Validated, false).line().contains("try"));
     }
 
     #[test]

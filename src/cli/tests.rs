@@ -96,6 +96,7 @@ impl EngineVerbs for Recorder {
             RequestedDecision::BreakGlass(args) => format!("break-glass {}", args.version),
             RequestedDecision::Rearm(args) => format!("rearm {}", args.version),
             RequestedDecision::Anchor(args) => format!("anchor {}", args.version),
+            RequestedDecision::ReviewTries(args) => format!("review-tries {}", args.version),
         });
         Ok(Exit::Rejected)
     }
@@ -197,6 +198,11 @@ fn verbs_reach_the_engine() {
         (["break-glass", "grasp@1.3.0"].into_iter().chain(signed).collect(), "break-glass grasp@1.3.0", 1),
         (["rearm", "grasp@1.0.0"].into_iter().chain(signed).collect(), "rearm grasp@1.0.0", 1),
         (["version", "anchor", "grasp@1.3.0"].into_iter().chain(signed).collect(), "anchor grasp@1.3.0", 1),
+        (
+            ["version", "review-tries", "grasp@1.3.0"].into_iter().chain(signed).collect(),
+            "review-tries grasp@1.3.0",
+            1,
+        ),
         (["goal", "align"].into_iter().chain(signed).collect(), "goal align mara", 1),
         (["note"].into_iter().chain(signed).collect(), "note mara", 1),
         (["pause"].into_iter().chain(signed).collect(), "pause None", 1),

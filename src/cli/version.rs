@@ -101,6 +101,14 @@ together lose no more than one may. Until a person sets one, the commissioned ve
 Example:
   holdpoint version anchor grasp@1.3.0 --as mara --reason 'slower on purpose since the new belt'")]
     Anchor(VersionArgs),
+    /// Review the tries of a version's family; they are counted from 1 again.
+    #[command(after_help = "\
+Each version that an author tries is tested more strictly than the one before. Once the tries
+are spent, candidates wait for this review; `holdpoint version retry` continues with each.
+
+Example:
+  holdpoint version review-tries grasp@1.3.0 --as mara --reason 'read the twelve tries'")]
+    ReviewTries(VersionArgs),
     /// Activate a version alone in an emergency; two others review it.
     BreakGlass(BreakGlassArgs),
 }
@@ -191,6 +199,7 @@ pub fn run(
         VersionVerb::Answer(args) => RequestedDecision::Continue(args.clone()),
         VersionVerb::Reactivate(args) => RequestedDecision::Rearm(args.clone()),
         VersionVerb::Anchor(args) => RequestedDecision::Anchor(args.clone()),
+        VersionVerb::ReviewTries(args) => RequestedDecision::ReviewTries(args.clone()),
         VersionVerb::BreakGlass(args) => RequestedDecision::BreakGlass(args.clone()),
     };
     engine.decide(context, &decision, out)

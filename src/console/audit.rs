@@ -96,6 +96,7 @@ const fn is_of_people(kind: RecordKind) -> bool {
             | RecordKind::MonitorAnswer
             | RecordKind::ProfilesSet
             | RecordKind::AnchorSet
+            | RecordKind::TriesReviewed
             | RecordKind::Resumed
             | RecordKind::BreakGlass
             | RecordKind::BreakGlassReviewed
@@ -338,6 +339,8 @@ fn sentence_of_kind(kind: RecordKind, fields: &RecordFields<'_>) -> Option<Strin
         RecordKind::KeyCommitted => format!("its seeds got a secret key{}", fields.with(": ", "use")),
         RecordKind::KeyRevealed => "the key of its seeds was revealed".to_owned(),
         RecordKind::AnchorSet => format!("{} made it the anchor{}", actor(), fields.with(": ", "reason")),
+        RecordKind::TryCounted => format!("its sandbox is try {} of its author", fields.text("by_author")?),
+        RecordKind::TriesReviewed => format!("{} reviewed its tries{}", actor(), fields.with(": ", "reason")),
         RecordKind::BreakGlass => {
             format!("{} activated it alone, by break-glass{}", actor(), fields.with(": ", "reason"))
         }

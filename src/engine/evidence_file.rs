@@ -18,6 +18,7 @@ use holdpoint_governance::evidence::{
     AnchorEvidence, DrillTallies, EpisodeValues, EvidenceBinding, FailedDrill, HardStop, Pair,
     SettlingTallies, ShadowSequence, SoloEpisode,
 };
+use holdpoint_governance::finding::Finding;
 use holdpoint_governance::gate::{GateOutcome, ShadowAssessment};
 use holdpoint_governance::ids::{CapabilityId, Digest};
 use holdpoint_governance::outcome::{Assessment, Basis, DimensionOutcome};
@@ -28,6 +29,7 @@ use holdpoint_governance::risk::RiskClass;
 use holdpoint_governance::shared_event::SharedEvent;
 use holdpoint_governance::start_domain::StartDomain;
 use holdpoint_governance::time_excess::TimeExcess;
+use holdpoint_governance::tries::CountedTry;
 use holdpoint_governance::vocabulary::Deployability;
 use holdpoint_governance::worst_case_search::SearchFinding;
 use holdpoint_protocol::detail::VersionDiff;
@@ -82,6 +84,12 @@ pub struct EvidenceFile {
     /// Episodes that the candidate ran alone; empty in records of older builds.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub alone: Vec<SoloEpisode>,
+    /// The try that the sandbox counts as; absent before its first pair, and in records of older builds.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub counted: Option<CountedTry>,
+    /// Why the sandbox ran no pair: its tries are spent, or the same content was rejected before.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub refused_try: Option<Finding>,
     /// Paired episodes, in seed order.
     pub pairs: Vec<Pair>,
     /// Episodes of the family's anchor on the seeds of the pairs; absent if there is no other anchor.

@@ -87,6 +87,7 @@ pub(crate) fn decisions(
             RecordKind::ProfilesSet => reader.add_consequence(record, Consequence::ProfilesSet),
             RecordKind::Resumed => reader.add_consequence(record, Consequence::Resumed),
             RecordKind::AnchorSet => reader.add_consequence(record, Consequence::AnchorSet),
+            RecordKind::TriesReviewed => reader.add_consequence(record, Consequence::TriesReviewed),
             RecordKind::BreakGlass => reader.add_consequence(record, Consequence::BreakGlassUsed),
             RecordKind::BreakGlassReviewed => reader.add_consequence(record, Consequence::BreakGlassReviewed),
             // These are neither decisions nor their results.
@@ -109,6 +110,7 @@ pub(crate) fn decisions(
             | RecordKind::TelemetryMissed
             | RecordKind::AlarmChanged
             | RecordKind::MonitorAnswer
+            | RecordKind::TryCounted
             | RecordKind::Shown
             | RecordKind::ClockDoubted
             | RecordKind::ClockConfirmed

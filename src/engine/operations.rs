@@ -27,6 +27,7 @@ use holdpoint_governance::notice::{AdmissionRefusal, Notice, OperatorAct};
 use holdpoint_governance::record::RecordKind;
 use holdpoint_governance::rollback::TriggerKind;
 use holdpoint_governance::submission::Package;
+use holdpoint_governance::tries::TryLedger;
 use holdpoint_protocol::command::{Operation, PACE_ALLOWED, Refusal, Reply};
 use holdpoint_protocol::event::EventKind;
 use holdpoint_registry::{ActiveCause, StoreError};
@@ -200,6 +201,50 @@ pub(crate) fn set_anchor(record: &mut EngineRecorder, operation: &Operation) -> 
     record.tell(EventKind::AnchorSet { version: id.clone(), by, reason });
     let text = format!("{id} is the anchor of {}: candidates are compared with it, too", id.family);
     Ok(Reply::Accepted { text, version: Some(id) })
+}
+
+/// A person reviews the tries of a version's family: their count begins again.
+pub(crate) fn review_tries(
+    context: &Context,
+    record: &mut EngineRecorder,
+    operation: &Operation,
+) -> Result<Reply, EngineFault> {
+    let id = checked(record, operation)?;
+    let Operation { by, reason, .. } = operation.clone();
+    let family = &id.family;
+    let is_counted = record.version_table().tries(family).is_some_and(|ledger| !ledger.open().is_empty());
+    if !is_counted {
+        let text = format!("no try of {family} is counted since its last review");
+        return Ok(Reply::Refused { code: Refusal::NotNow, text, hint: None });
+    }
+    let people = context.may_need_approval() && !record.clock().is_scripted();
+    if people && has_tried(record, &id, &by)? {
+        return Ok(Reply::Refused {
+            code: Refusal::NotAllowed,
+            text: format!("{by} wrote or registered a version of {family} that was tried"),
+            hint: Some("another operator, engineer or safety officer reviews the tries".to_owned()),
+        });
+    }
+    let body = serde_json::json!({ "by": by, "reason": reason }).to_string();
+    record.note(RecordKind::TriesReviewed, id.to_string(), body)?;
+    record.note_review(family);
+    let text = format!(
+        "the tries of {family} are reviewed and counted from 1 again; a version that was demoted for them continues with \
+         `holdpoint version retry`"
+    );
+    record.tell(EventKind::TriesReviewed { version: id.clone(), by, reason });
+    Ok(Reply::Accepted { text, version: Some(id) })
+}
+
+/// Whether a person wrote or registered this version, or one that was tried since the last review of its family.
+pub(crate) fn has_tried(record: &EngineRecorder, id: &CapabilityId, who: &str) -> Result<bool, EngineFault> {
+    let table = record.version_table();
+    let persons = table.store().persons()?;
+    let tried = table.tries(&id.family).map(TryLedger::open).unwrap_or_default();
+    let is_own = |of: &CapabilityId| {
+        table.version(of).is_ok_and(|(_, _, member)| version_origin::is_of(&persons, member, who))
+    };
+    Ok(is_own(id) || tried.iter().any(|(of, _)| is_own(of)))
 }
 
 /// Reactivates a version of a stopped family that the profile in force admits.

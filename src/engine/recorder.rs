@@ -9,6 +9,7 @@ use holdpoint_governance::lifecycle::{LifecycleEvent, Stage};
 use holdpoint_governance::metrics::store_metrics::ObservedCounts;
 use holdpoint_governance::notice::Notice;
 use holdpoint_governance::record::{RecordKind, UpgradeEnd};
+use holdpoint_governance::tries::CountedTry;
 use holdpoint_governance::wall_time::WallTime;
 use holdpoint_protocol::clock::{Clock, tick_of};
 use holdpoint_protocol::event::EventKind;
@@ -58,6 +59,16 @@ impl EngineRecorder {
     /// Takes in the recorded act that makes a version its family's anchor.
     pub(crate) fn note_anchor(&mut self, id: &CapabilityId) {
         self.versions.note_anchor(id);
+    }
+
+    /// Takes in the recorded try of a version.
+    pub(crate) fn note_try(&mut self, id: &CapabilityId, counted: CountedTry) {
+        self.versions.note_try(id, counted);
+    }
+
+    /// Takes in the recorded review of the tries of a family.
+    pub(crate) fn note_review(&mut self, family: &Family) {
+        self.versions.note_review(family);
     }
 
     /// The alarms.

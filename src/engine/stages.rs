@@ -9,6 +9,7 @@ mod cache_mismatch;
 pub(crate) mod closing;
 mod comparison_slice;
 pub mod confirmation;
+mod counted_try;
 mod early_hold;
 pub(crate) mod ladder;
 pub(crate) mod live_harm;

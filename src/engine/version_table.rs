@@ -4,6 +4,7 @@
 //! writes all of them with their audit record or none, and only then the memory follows. It decides nothing.
 
 mod anchor;
+mod tries;
 
 use std::borrow::Cow;
 use std::collections::BTreeMap;
@@ -21,6 +22,7 @@ use holdpoint_governance::lifecycle::{
 use holdpoint_governance::notice::{Notice, NoticeOrText};
 use holdpoint_governance::profile_downgrade::AdmissionContext;
 use holdpoint_governance::submission::Package;
+use holdpoint_governance::tries::TryLedger;
 use holdpoint_registry::{
     ActiveCause, AuditBody, Change, NewVersion, Store, StoreError, Transaction, VersionHistory, Views,
     command_id,
@@ -209,6 +211,8 @@ pub struct VersionTable {
     families: BTreeMap<Family, FamilyEntry>,
     /// The versions that people made anchors.
     anchors: BTreeMap<Family, CapabilityId>,
+    /// The counted tries.
+    tries: BTreeMap<Family, TryLedger>,
     wall: WallClock,
     /// Digest of the robot that activations name.
     robot: Option<String>,
@@ -239,9 +243,10 @@ impl VersionTable {
             let members = load_members(&views, &family)?;
             families.insert(family, FamilyEntry { state, members });
         }
-        let anchors = chosen_anchors(&views)?;
+        let (anchors, tries) = (chosen_anchors(&views)?, tries::recorded_tries(&views)?);
         drop(views);
-        Ok(Self { store, families, anchors, wall, robot: None, admission: AdmissionContext::LEAST })
+        let admission = AdmissionContext::LEAST;
+        Ok(Self { store, families, anchors, tries, wall, robot: None, admission })
     }
 
     /// Creates the store's first administrator, if no person was ever enrolled.

@@ -7,6 +7,7 @@ use serde::{Deserialize, Serialize};
 
 mod anchor;
 mod component;
+mod counted;
 mod early;
 mod harm;
 mod order;
@@ -15,6 +16,8 @@ mod sequences;
 pub(crate) use anchor::require_anchor;
 pub use anchor::{AnchorComparison, apply_anchor};
 pub use component::{BehaviorComponent, ComponentName, SUCCESS_LOSS_MAX, component_of};
+pub(crate) use counted::apply_try;
+pub use counted::without_try;
 pub use early::{assess_early_stop, end_reason, is_lost, is_lost_early};
 pub(crate) use harm::in_shadow;
 pub use harm::{ExceedanceRates, HarmComparison, HarmDecider};
@@ -264,6 +267,11 @@ pub fn without_value(gap: EvidenceGap) -> BehaviorAssessment {
         pairs: 0,
         ended: None,
     }
+}
+
+/// Whether an assessment rejects nothing yet, so that further comparisons count.
+const fn is_open(result: &BehaviorAssessment) -> bool {
+    matches!(result.assessment.outcome, BehaviorOutcome::Compatible | BehaviorOutcome::Suspicious)
 }
 
 const fn reason(finding: Finding) -> Reason {

@@ -6,6 +6,7 @@ use crate::evidence::{AnchorEvidence, EvidenceBinding, PairedEvidence, RecoveryE
 use crate::outcome::{BehaviorOutcome, RecoveryOutcome};
 use crate::profile::Profile;
 use crate::recovery::{self, RecoveryAssessment};
+use crate::tries::CountedTry;
 
 /// The measurements of one comparison.
 #[derive(Clone, Copy, Debug)]
@@ -22,6 +23,8 @@ pub struct ComparisonEvidence<'a> {
     pub anchor: Option<&'a AnchorEvidence>,
     /// Whole sequences; absent if none were begun.
     pub sequences: Option<&'a SequenceEvidence>,
+    /// The try that it counts as, whose pairs are its budget; absent outside the sandbox, and in evidence of older builds.
+    pub counted: Option<&'a CountedTry>,
 }
 
 impl ComparisonEvidence<'_> {
@@ -34,7 +37,9 @@ impl ComparisonEvidence<'_> {
         ended: EarlyStopReason,
         profile: &Profile,
     ) -> (BehaviorAssessment, RecoveryAssessment) {
-        let Self { pairs, drills, is_settling, has_anchor, anchor, sequences } = *self;
+        let Self { pairs, drills, is_settling, has_anchor, anchor, sequences, counted } = *self;
+        let budget = counted.map_or(profile.evaluation.sandbox_pairs, |counted| counted.pairs);
+        let profile = &profile.with_sandbox_pairs(budget);
         let mut behavior = behavior::assess_early_stop(pairs, current, profile, ended);
         let mut recovery = recovery::assess_drills(drills, current, profile, ended);
         let is_rejected = recovery.assessment.outcome == RecoveryOutcome::Incompatible;
@@ -49,6 +54,9 @@ impl ComparisonEvidence<'_> {
             recovery::apply_settling(&mut recovery, drills);
         }
         behavior::apply_sequences(&mut behavior, sequences, profile);
+        if let Some(counted) = counted {
+            behavior::apply_try(&mut behavior, &pairs.pairs, counted, profile);
+        }
         (behavior, recovery)
     }
 }

@@ -64,6 +64,8 @@ crate::closed_set! {
         ReduceSum = "reduce-sum",
         /// Be no worse than the family's anchor.
         MatchAnchor = "match-anchor",
+        /// A person reviews the tries of the family, then the sandbox is repeated.
+        ReviewTries = "review-tries",
         /// The version leaves arm and object as the skills after it need them.
         PreserveHandover = "preserve-handover",
         /// The manifest declares every request of the code, or the code requests no more.
@@ -332,6 +334,8 @@ pub enum Consequence {
     Resumed,
     /// A person made it its family's anchor.
     AnchorSet,
+    /// A person reviewed the tries of its family.
+    TriesReviewed,
     /// One person activated it by break-glass.
     BreakGlassUsed,
     /// Approvers reviewed the activation by break-glass.

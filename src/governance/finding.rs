@@ -356,6 +356,15 @@ findings! {
     /// The episodes of the anchor cannot be assessed.
     AnchorGap { anchor: CapabilityId, gap: EvidenceGap } => BehaviorNoData,
 
+    /// At the level of its try, the pairs do not exclude that success is lower by the margin.
+    TryOpen { number: u32, level: f64 } => BehaviorTryOpen,
+    /// The tries of an author, or of a family, wait for a person's review.
+    TriesSpent { author: String, family: Family, by_author: u32, in_family: u32 } => BehaviorTriesSpent,
+    /// The same content was rejected in the same circumstances, under this version number.
+    TriedBefore { version: CapabilityId } => BehaviorTriedBefore,
+    /// The same content was measured under this version number in the same circumstances, and is on hold.
+    HeldBefore { version: CapabilityId } => BehaviorTriedBefore,
+
     /// Recovery is as good as that of the active version.
     RecoveryCompatible => RecoveryCompatible,
     /// Everything that recovery needs is present; the drills decide.

@@ -13,7 +13,8 @@
 //! 3. **Check what can be checked without running anything**: [`interface::assess`] and [`policy::assess`].
 //! 4. **Measure** both versions on the same seeds and drill recovery, in your simulator or cell, and
 //!    keep the raw values: [`evidence::PairedEvidence`] for [`behavior::assess`], [`evidence::RecoveryEvidence`] for
-//!    [`recovery::assess`]. Evidence is bound to digests; evidence for other digests counts as no data.
+//!    [`recovery::assess`]. Evidence is bound to digests; evidence for other digests counts as no data. [`tries`] says
+//!    how strictly the next try of an author is tested, and how many pairs it takes.
 //! 5. **Join** the four results with [`composition::psi`], which names the next permitted stage and the reasons.
 //! 6. After shadow, [`gate::assess_shadow`] and [`gate::evaluate`] decide on activation; on the robot [`monitor`]
 //!    watches, and [`rollback`] and [`lifecycle`] define what may follow.
@@ -267,6 +268,7 @@ pub mod strictness;
 pub mod submission;
 pub mod text_error;
 pub mod time_excess;
+pub mod tries;
 pub mod value_type;
 pub mod vocabulary;
 pub mod wall_time;

@@ -316,6 +316,15 @@ impl Manifest {
         Digest::of_json("holdpoint.manifest.v1", self)
     }
 
+    /// As [`Manifest::digest`], without the version number: the same content under another number has the same one.
+    ///
+    /// # Errors
+    /// As [`Manifest::canonical`].
+    pub fn content_digest(&self) -> Result<Digest, serde_json::Error> {
+        let unnumbered = Self { version: semver::Version::new(0, 0, 0), ..self.clone() };
+        Digest::of_json("holdpoint.manifest-content.v1", &unnumbered)
+    }
+
     /// The published JSON Schema of the manifest.
     #[must_use]
     pub fn json_schema() -> serde_json::Value {

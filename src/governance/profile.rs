@@ -52,6 +52,8 @@ pub struct Profile {
     pub watcher: WatcherTolerances,
     /// Budgets and error rates of sandbox, shadow and drills.
     pub evaluation: EvaluationSettings,
+    /// How many tries an author has, at which levels, and against which margin.
+    pub tries: TrySettings,
     /// Costs per unit of worsening that make up `kappa_B`.
     pub behavior: BehaviorSettings,
     /// How much worse a version may be in each measure of harm.
@@ -234,6 +236,22 @@ pub struct EvaluationSettings {
     pub tick_time_factor_max: f64,
     /// Longest wall time that the evaluation of one candidate may take, minutes; then the candidate is put on hold.
     pub wall_minutes_max: u32,
+}
+
+/// Error rates and number of tries (see [`tries`](crate::tries)).
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct TrySettings {
+    /// The loss of success that every accepted version has to exclude at the level of its try.
+    pub margin: f64,
+    /// Most probability that an author ever gets a version accepted that loses the margin or more, between two reviews.
+    pub author_alpha: f64,
+    /// The same for all authors of a family together.
+    pub family_alpha: f64,
+    /// Tries of an author in a family; then a person has to review them.
+    pub per_author: u32,
+    /// Tries of all authors in a family, likewise.
+    pub per_family: u32,
 }
 
 /// Costs of `kappa_B` per unit of worsening.
@@ -542,6 +560,12 @@ impl Profile {
             ReasonedNumber { path, value, shipped: shipped_value.filter(|_| !same), reason }
         };
         Ok(fields::numbers(self).into_iter().map(number).collect())
+    }
+
+    /// The same with another number of pairs: what a counted try has to run.
+    #[must_use]
+    pub fn with_sandbox_pairs(&self, sandbox_pairs: u32) -> Self {
+        Self { evaluation: EvaluationSettings { sandbox_pairs, ..self.evaluation }, ..self.clone() }
     }
 
     /// SHA-256 over every number.

@@ -80,6 +80,10 @@ crate::closed_set! {
         KeyCommitted = "key-committed",
         /// A key for seeds is revealed, because nothing runs under it any more.
         KeyRevealed = "key-revealed",
+        /// The sandbox of a version began its pairs: which try of its author and its family that is, and its terms.
+        TryCounted = "try-counted",
+        /// A person reviewed the tries of a family, whose count begins again: who and why.
+        TriesReviewed = "tries-reviewed",
         /// A version on hold was resumed: by whom and why.
         Resumed = "resumed",
         /// One person activated a version by break-glass: who, why, and the deadline of the review.

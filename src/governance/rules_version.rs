@@ -18,7 +18,9 @@ impl RulesVersion {
     /// 1. Events count one-sided, candidates are compared with the active version alone.
     /// 2. Events are paired; a loss of success of 5 points rejects; a lost success is no recovery as well; the anchor
     ///    bounds what several versions may lose together; failed stops and rollbacks are settled by more drills.
-    pub const CURRENT: Self = Self(2);
+    /// 3. Tries are counted: each has a level at which its pairs exclude a loss of success of the margin, and a price in
+    ///    pairs; content that was rejected is rejected again; spent tries wait for a person's review.
+    pub const CURRENT: Self = Self(3);
 }
 
 impl Default for RulesVersion {

@@ -26,6 +26,7 @@ use holdpoint_governance::profile::{ProfileName, SiteName};
 use holdpoint_governance::risk::RiskClass;
 use holdpoint_governance::start_domain::{OutsideResponse, StartDomain};
 use holdpoint_governance::submission::Risk;
+use holdpoint_governance::tries::CountedTry;
 use holdpoint_governance::vocabulary::Deployability;
 use holdpoint_governance::wall_time::WallTime;
 
@@ -85,6 +86,9 @@ pub struct ApprovalFacts {
     pub dimensions: Vec<DimensionResult>,
     /// Paired episodes of the sandbox.
     pub pairs: Option<PairsFacts>,
+    /// The try that its sandbox counted as; absent in requests of older builds.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub counted: Option<CountedTry>,
     /// Sequences in shadow.
     pub shadow: Option<ShadowFacts>,
     /// What its evidence covers of the start of a task; absent before the sandbox, and in facts of older builds.

@@ -46,6 +46,7 @@ impl Command {
             | Self::Repeat { .. }
             | Self::Rearm(_)
             | Self::Anchor(_)
+            | Self::ReviewTries(_)
             | Self::Continue(_)
             | Self::Go { .. }
             | Self::ConfirmTime { .. }
@@ -100,6 +101,7 @@ impl Command {
             | Self::Restrict(operation)
             | Self::Rearm(operation)
             | Self::Anchor(operation)
+            | Self::ReviewTries(operation)
             | Self::Continue(operation)
             | Self::Demote { operation, .. }
             | Self::Release { operation, .. }

@@ -98,6 +98,9 @@ pub enum Command {
     /// Make a confirmed version its family's anchor: candidates are compared with it, too, so that tolerances do not add
     /// up over several versions.
     Anchor(Operation),
+    /// Review the tries of the version's family: their count begins again. Where people approve, a person does it who
+    /// neither wrote nor registered what was tried.
+    ReviewTries(Operation),
     /// Tighten the envelope of an active version, as the monitor would.
     Restrict(Operation),
     /// Reactivate an earlier version of a safe-stopped family.
@@ -442,6 +445,7 @@ impl Command {
             | Self::Restrict(_)
             | Self::Rearm(_)
             | Self::Anchor(_)
+            | Self::ReviewTries(_)
             | Self::Drift { .. }
             | Self::LiveFault { .. }
             | Self::Continue(_)
@@ -501,6 +505,7 @@ impl Command {
             | Self::Restrict(operation)
             | Self::Rearm(operation)
             | Self::Anchor(operation)
+            | Self::ReviewTries(operation)
             | Self::Continue(operation)
             | Self::Demote { operation, .. }
             | Self::Release { operation, .. }

@@ -406,6 +406,15 @@ pub enum EventKind {
         /// Why, in the person's own words.
         reason: String,
     },
+    /// A person reviewed the tries of a family: their count begins again.
+    TriesReviewed {
+        /// The version that the person named.
+        version: CapabilityId,
+        /// The person.
+        by: String,
+        /// Why, in the person's own words.
+        reason: String,
+    },
     /// A profile demotion: a version was blocked under profiles, or unblocked.
     ProfilesSet {
         /// The version it is about.

@@ -29,6 +29,7 @@ use holdpoint_governance::notice::NoticeOrText;
 use holdpoint_governance::profile::{ProfileName, SiteName};
 use holdpoint_governance::risk::RiskClass;
 use holdpoint_governance::submission::{Provenance, Risk};
+use holdpoint_governance::tries::CountedTry;
 use holdpoint_governance::vocabulary::Deployability;
 use holdpoint_governance::wall_time::{ClockMismatch, WallTime};
 
@@ -177,8 +178,7 @@ pub struct StoppedView {
     /// Number of further stops between the first and those.
     #[serde(default)]
     pub unnamed: u64,
-    /// Number of stops since the cell last ran, the first included; a start request states how many of them its signer
-    /// knows.
+    /// Stops since the cell last ran, the first included; a start request states how many of them its signer knows.
     #[serde(default)]
     pub stops: u64,
 }
@@ -331,6 +331,9 @@ pub struct CandidateView {
     /// Why its evidence is stale; empty while it counts. The numbers beside it are from before.
     #[serde(default)]
     pub stale: Vec<StaleCause>,
+    /// The try that its sandbox counts as; absent before its first pair.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub counted: Option<CountedTry>,
 }
 
 impl CandidateView {

@@ -38,6 +38,8 @@ pub(crate) const fn is_own(kind: RecordKind) -> bool {
         | RecordKind::AnchorSet
         | RecordKind::KeyCommitted
         | RecordKind::KeyRevealed
+        | RecordKind::TryCounted
+        | RecordKind::TriesReviewed
         | RecordKind::Resumed
         | RecordKind::BreakGlass
         | RecordKind::BreakGlassReviewed

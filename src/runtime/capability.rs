@@ -443,6 +443,15 @@ impl Capability {
         self.digest
     }
 
+    /// As [`Capability::digest`], without the version number: the same content under another number has the same one.
+    ///
+    /// # Errors
+    /// Never for a loaded version: its manifest has a canonical form.
+    pub fn content_digest(&self) -> Result<Digest, serde_json::Error> {
+        let manifest = self.manifest.content_digest()?;
+        Ok(Digest::of_parts("holdpoint.content.v1", &[manifest.bytes(), self.bundle.digest().bytes()]))
+    }
+
     /// Digest of the canonical manifest.
     #[must_use]
     pub const fn manifest_digest(&self) -> Digest {

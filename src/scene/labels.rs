@@ -35,6 +35,7 @@ pub const fn version_of(kind: &EventKind) -> Option<&CapabilityId> {
         | EventKind::Resumed { version, .. }
         | EventKind::ProfilesSet { version, .. }
         | EventKind::AnchorSet { version, .. }
+        | EventKind::TriesReviewed { version, .. }
         | EventKind::BreakGlass { version, .. }
         | EventKind::Reviewed { version, .. }
         | EventKind::AuditClosed { version, .. } => Some(version),

@@ -13,6 +13,7 @@ use holdpoint_protocol::snapshot::RequestKind;
 use holdpoint_text::Untrusted;
 
 use crate::coverage::{covered_starts, outside_response};
+use crate::counted_try;
 use crate::request::{drift_response, untested};
 
 /// Version of the words below and of those in [`crate::request`].
@@ -127,6 +128,9 @@ fn evidence(facts: &ApprovalFacts, lines: &mut Vec<String>) {
              {active_high:.3}]",
             pairs.n, pairs.candidate, pairs.active
         ));
+    }
+    if let Some(counted) = &facts.counted {
+        lines.push(format!("Evidence: {}", counted_try(&facts.version.family, counted)));
     }
     if let Some(shadow) = &facts.shadow {
         lines.push(format!(

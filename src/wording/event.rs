@@ -249,6 +249,9 @@ fn text(kind: &EventKind) -> String {
         EventKind::AnchorSet { version, by, reason } => {
             format!("anchor   {version}: anchor of its family; set by {by} ({reason})")
         }
+        EventKind::TriesReviewed { version, by, reason } => {
+            format!("tries    {version}: the tries of its family are reviewed by {by} ({reason})")
+        }
         EventKind::ProfilesSet { version, closed, by, reason } => {
             let closed: Vec<&str> = closed.iter().map(|profile| profile.name()).collect();
             let closed = if closed.is_empty() { "none".to_owned() } else { closed.join(", ") };

@@ -161,6 +161,9 @@ pub(crate) const fn remedy_action(action: RemedyAction) -> &'static str {
         A::CauseNoMoreHarm => "it may harm no more than the active version does, beyond the margin",
         A::ReduceSum => "the significant worsenings have to be smaller together; each is within its margin",
         A::MatchAnchor => "it has to be no worse than the anchor of its family",
+        A::ReviewTries => {
+            "a person reviews the tries (`holdpoint version review-tries`), then retries the sandbox"
+        }
         A::PreserveHandover => "it has to leave the arm and the object as the skills after it need them",
         A::DeclareRequests => {
             "its manifest has to declare every request of its code, or its code has to request no more"
@@ -322,6 +325,7 @@ pub fn consequence(of: &Consequence, record: u64) -> Vec<String> {
         C::ProfilesSet => vec!["it was blocked or unblocked under profiles".to_owned()],
         C::Resumed => vec!["an operator resumed it".to_owned()],
         C::AnchorSet => vec!["a person made it the anchor of its family".to_owned()],
+        C::TriesReviewed => vec!["a person reviewed the tries of its family".to_owned()],
         C::BreakGlassUsed => vec!["one person activated it by break-glass".to_owned()],
         C::BreakGlassReviewed => vec!["approvers reviewed its break-glass activation".to_owned()],
         C::ConcernFound(reasons) => {

@@ -25,7 +25,7 @@ use crate::explanation::{
 };
 use crate::finding::twin_signal;
 use crate::stage::early_end;
-use crate::{failure_cause, notice, reason};
+use crate::{counted_try, failure_cause, notice, reason};
 
 /// The lines of a short explanation, each one sentence without a full stop.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -304,7 +304,7 @@ fn details(of: &ExplanationSummary) -> Vec<String> {
         let passed: Vec<String> = of.passed.iter().map(passed_check).collect();
         details.push(format!("passed: {}", passed.join(", ")));
     }
-    details.extend(of.remarks.iter().map(|remark| summary_remark(remark, of.compared.as_ref())));
+    details.extend(of.remarks.iter().map(|remark| summary_remark(remark, of)));
     details
 }
 
@@ -346,8 +346,9 @@ fn passed_check(of: &PassedCheck) -> String {
     format!("{of}{value}{conditions}{sequences}")
 }
 
-fn summary_remark(of: &SummaryRemark, compared: Option<&CapabilityId>) -> String {
-    match of {
+fn summary_remark(remark: &SummaryRemark, of: &ExplanationSummary) -> String {
+    let compared = of.compared.as_ref();
+    match remark {
         SummaryRemark::BeyondDeclaration(excess) => {
             format!("beyond its declaration: {}", permission_excess(excess))
         }
@@ -357,6 +358,7 @@ fn summary_remark(of: &SummaryRemark, compared: Option<&CapabilityId>) -> String
             format!("failed tasks in {} of its twins: {}", of.tasks, failed_by_cause(&of.own))
         }
         SummaryRemark::Covered(domain) => format!("covered: {}", covered_starts(domain)),
+        SummaryRemark::Counted(counted) => counted_try(&of.version.family, counted),
         SummaryRemark::OpenConcern(found) => format!("open concern: {}", reason(found)),
         SummaryRemark::ReviewUntil(until) => {
             format!(

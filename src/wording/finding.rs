@@ -13,6 +13,8 @@ use holdpoint_governance::finding::{
 };
 use holdpoint_governance::harm::HarmKind;
 
+use crate::counted_try::{author_name, level_number};
+
 /// What was found, as one sentence without a full stop.
 #[must_use]
 pub fn finding(found: &Finding) -> String {
@@ -147,6 +149,21 @@ pub fn finding(found: &Finding) -> String {
         F::AnchorMissing => "the comparison with the anchor of the family is missing".into(),
         F::AnchorGap { anchor, gap } => {
             format!("the anchor {anchor}: {}", evidence_gap(*gap, "episodes"))
+        }
+
+        F::TryOpen { number, level } => format!(
+            "at the level {} of try {number}, a loss of success beyond the margin is not excluded",
+            level_number(*level)
+        ),
+        F::TriesSpent { author, family, by_author, in_family } => format!(
+            "the tries are spent: {by_author} by {} and {in_family} of all authors in {family} since the last review",
+            author_name(author)
+        ),
+        F::TriedBefore { version } => {
+            format!("the same content was rejected as {version}, in the same circumstances")
+        }
+        F::HeldBefore { version } => {
+            format!("the same content is on hold as {version}, in the same circumstances")
         }
 
         F::RecoveryCompatible => "recovery is as good as that of the active version".into(),

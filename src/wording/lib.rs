@@ -5,6 +5,7 @@
 
 pub mod approval;
 pub mod check;
+mod counted_try;
 pub mod coverage;
 pub mod event;
 pub mod explanation;
@@ -22,6 +23,7 @@ pub mod seeds;
 pub mod stage;
 mod task_failure;
 
+pub use counted_try::counted_try;
 pub use finding::{finding, hard_stop};
 pub use harm::{harm_comparison, harm_decider, sequence_measure};
 pub use notice::{admission_refusal, came_up_stopped, coded, notice, notice_sentence, operator_act};

@@ -73,6 +73,7 @@ pub fn facts(tier: u8, who: Option<&str>) -> ApprovalFacts {
             active: pairs.active.success,
             active_interval: pairs.active_success,
         }),
+        counted: None,
         shadow: None,
         covers: None,
         reasons: Vec::new(),

@@ -131,6 +131,7 @@ fn candidate(version: &str, state: State, flags: VersionFlags) -> CandidateView 
         held: false,
         closed: Vec::new(),
         stale: Vec::new(),
+        counted: None,
     }
 }
 

@@ -48,6 +48,7 @@ fn every_argument_with_a_stored_name_is_known() {
         "version answer versions",
         "version reactivate versions",
         "version anchor versions",
+        "version review-tries versions",
         "version break-glass versions",
         "explain subjects",
         "replay versions",

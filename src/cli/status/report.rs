@@ -23,11 +23,13 @@ use holdpoint_governance::lifecycle::{Stage, State, VersionFlags};
 use holdpoint_governance::notice::{Notice, NoticeOrText};
 use holdpoint_governance::profile::{ProfileName, SiteName, titled};
 use holdpoint_governance::record::{AuditRecord, VersionSummary};
+use holdpoint_governance::tries::CountedTry;
 use holdpoint_governance::wall_time::WallTime;
 use holdpoint_protocol::clock::clock_time;
 use holdpoint_protocol::snapshot::{EscalationView, RequestKind, Snapshot, StartupProgressView, StoppedView};
 use holdpoint_registry::{AuditFilter, FIRST_ADMINISTRATOR, Layout, VersionFilter, Views, lock_owner};
 use holdpoint_text::{Untrusted, signing_options};
+use holdpoint_wording::counted_try;
 
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub(super) struct StatusReport {
@@ -115,6 +117,9 @@ pub(super) struct VersionRow {
     pub(super) kappas: [Option<f64>; 4],
     /// The progress of the running stage: done and total.
     pub(super) progress: Option<ProgressRow>,
+    /// The try that its sandbox counts as, if an engine runs.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(super) counted: Option<CountedTry>,
     /// The first reason of the last decision, if an engine runs.
     pub(super) reason: Option<String>,
 }
@@ -401,6 +406,7 @@ impl VersionRow {
                 done: progress.done,
                 budget: progress.budget,
             }),
+            counted: view.and_then(|view| view.counted.clone()),
             reason: view.and_then(|view| lead_reason(&view.reasons)).map(holdpoint_wording::line),
         }
     }
@@ -442,6 +448,9 @@ impl VersionRow {
         }
         if let Some(reason) = &self.reason {
             line.push_str(&format!("  ({reason})"));
+        }
+        if let Some(counted) = &self.counted {
+            line.push_str(&format!("  [{}]", counted_try(&self.version.family, counted)));
         }
         line
     }

@@ -96,6 +96,7 @@ pub fn of(kind: &EventKind) -> Option<TimeMark> {
         | EventKind::Resumed { .. }
         | EventKind::ProfilesSet { .. }
         | EventKind::AnchorSet { .. }
+        | EventKind::TriesReviewed { .. }
         | EventKind::Pace { .. }
         | EventKind::Alarm { .. }
         | EventKind::Voided { .. }

@@ -22,6 +22,7 @@ use crate::widgets::row::{Row, wrap};
 use holdpoint_governance::lifecycle::State;
 use holdpoint_protocol::detail::Detail;
 use holdpoint_protocol::snapshot::CandidateView;
+use holdpoint_wording::counted_try;
 
 const DIFFERENCE: usize = 1;
 
@@ -109,6 +110,9 @@ fn heading(model: &ConsoleModel, detail: &Detail, look: &Look, width: usize, fit
         ));
     }
     rows.extend(candidate.and_then(CandidateView::stale_line).map(|line| Row::of(ThemeRole::Warning, &line)));
+    let counted = candidate.and_then(|candidate| candidate.counted.as_ref());
+    let counted = counted.map(|counted| counted_try(&detail.version.family, counted));
+    rows.extend(counted.map(|line| Row::of(ThemeRole::Muted, &short(&line, width))));
     let mut outcome = Row::new();
     if let Some(deployment) = candidate.and_then(|candidate| candidate.deployment) {
         outcome.push(ThemeRole::Text, &format!("deployment {deployment}"));

@@ -21,6 +21,7 @@ use holdpoint_governance::monitor::MonitorOutcome;
 use holdpoint_governance::notice::NoticeOrText;
 use holdpoint_governance::permission::PermissionUse;
 use holdpoint_governance::start_domain::StartDomain;
+use holdpoint_governance::tries::CountedTry;
 use holdpoint_governance::wall_time::WallTime;
 use holdpoint_registry::store_terms::RequestState;
 
@@ -183,6 +184,8 @@ pub(super) struct EvidenceFileRecord {
     pub(super) kept: Option<CachedResultUse>,
     #[serde(deserialize_with = "readable")]
     pub(super) bindings: Option<Vec<EvidenceBinding>>,
+    #[serde(deserialize_with = "readable")]
+    pub(super) counted: Option<CountedTry>,
 }
 
 /// The parts of a confirmation's evidence that are explained.

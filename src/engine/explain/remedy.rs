@@ -115,6 +115,7 @@ pub(super) fn remedy(reason: &ReasonRecord, evidence_file: &EvidenceFileRecord) 
         Code::BehaviorInconclusive => act_on(Action::RunMoreEpisodes),
         Code::BehaviorTickTooSlow => Remedy::Act(Action::TakeLessTickTime),
         Code::BehaviorTimeSpent => Remedy::Act(Action::TakeLessEvaluationTime),
+        Code::BehaviorTriesSpent => Remedy::Act(Action::ReviewTries),
         Code::BehaviorHardStop => Remedy::Act(Action::AvoidHardStop),
         Code::RecoveryRollbackBelowFloor => rollback_drills(reason, evidence_file),
         Code::RecoveryBelowThreshold
@@ -186,6 +187,8 @@ pub(super) fn remedy(reason: &ReasonRecord, evidence_file: &EvidenceFileRecord) 
         Code::PolicyResourcesExceeded
         | Code::PolicyTighterEnvelope
         | Code::BehaviorEstimated
+        | Code::BehaviorTryOpen
+        | Code::BehaviorTriedBefore
         | Code::GateDimensionFailed
         | Code::GateNotMeasured
         | Code::GateSkipped

@@ -377,7 +377,8 @@ impl<'a> SummaryReader<'a> {
         file: &EvidenceFileRecord,
     ) -> Result<Vec<SummaryRemark>, StoreError> {
         let flags = &self.detail.summary.flags;
-        let mut remarks = Vec::new();
+        let mut remarks: Vec<SummaryRemark> =
+            file.counted.clone().map(SummaryRemark::Counted).into_iter().collect();
         if flags.rollback_pending {
             remarks.push(SummaryRemark::RollbackRunning);
         }

@@ -345,6 +345,7 @@ fn facts(
             active: pairs.active.success,
             active_interval: pairs.active_success,
         }),
+        counted: evidence_file.counted.clone(),
         shadow: evidence::shadow(evidence_file, &profile.evaluation).map(|shadow| ShadowFacts {
             n: shadow.n,
             output: shadow.output,

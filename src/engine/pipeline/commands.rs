@@ -183,6 +183,7 @@ impl Pipeline {
                 Ok(reply)
             }
             Command::Anchor(operation) => operations::set_anchor(record, &operation),
+            Command::ReviewTries(operation) => operations::review_tries(context, record, &operation),
             Command::Restrict(operation) => {
                 let id = checked(record, &operation)?;
                 let Operation { by, reason, .. } = operation;

@@ -71,6 +71,7 @@ impl Pipeline {
             | Command::Restrict(_)
             | Command::Rearm(_)
             | Command::Anchor(_)
+            | Command::ReviewTries(_)
             | Command::Shutdown
             | Command::Continue(_)
             | Command::Register { .. }

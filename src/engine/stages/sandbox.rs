@@ -19,6 +19,7 @@ use holdpoint_governance::notice::Notice;
 use holdpoint_governance::outcome::{BehaviorOutcome, Recommendation, RecoveryOutcome};
 use holdpoint_governance::shared_event::SceneKind;
 use holdpoint_governance::start_domain::StartDomain;
+use holdpoint_governance::tries::CountedTry;
 use holdpoint_protocol::work_unit::WorkUnit;
 use holdpoint_registry::store_terms::EvidenceKind;
 use holdpoint_runtime::capability::Capability;
@@ -29,6 +30,7 @@ use super::cache_mismatch::invalidate_cache;
 use super::closing::{
     abort_stage, close_rejected, first_reason, progress, put_on_hold, report_decision, stage_note,
 };
+use super::counted_try;
 use super::early_hold::end_on_hold;
 use super::shared_stops::keep_stops;
 use super::validation;
@@ -93,6 +95,7 @@ pub struct SandboxRun {
     id: CapabilityId,
     binding: EvidenceBinding,
     seeds: SeedSource,
+    plan: EvaluationPlan,
     /// Hard stops before the comparison.
     stops: SceneStops,
     phase: SandboxPhase,
@@ -149,14 +152,17 @@ pub fn begin(
 ) -> Result<Box<SandboxRun>, EngineFault> {
     let candidate = record.capability(id)?;
     let binding = binding(context, record.version_table(), &candidate);
-    record.start_stage(id, Stage::Sandbox, budget(context, &binding))?;
     let seeds = record.evaluation_seeds(KeyUse::Sandbox, id, &binding)?;
+    let counted = counted_try::admission(context, record, evidence_files, (&candidate, &seeds))?;
+    let plan = plan(context, &binding, counted.as_ref().ok());
+    record.start_stage(id, Stage::Sandbox, budget(&plan))?;
     let evidence_file = evidence_files.edit(id);
     // The result of stage 2 counts only for the version that was active then, so it is computed again.
     evidence_file.take_static(validation::assess_and_time(context, record.version_table(), &candidate));
     evidence_file.worked_ms = 0;
     evidence_file.tried_under.clone_from(&evidence_file.conditions);
     evidence_file.domain = Some(StartDomain::clone(context.cell.start_domain(candidate.bundle.task())));
+    (evidence_file.counted, evidence_file.refused_try) = (None, None);
     evidence_file.pairs.clear();
     evidence_file.anchor = None;
     evidence_file.hard_stops.clear();
@@ -178,16 +184,17 @@ pub fn begin(
     evidence_file.alone.clear();
     evidence_file.bindings = vec![binding];
     let phase = SandboxPhase::Alone(SoloMode::Canonical, Vec::new());
-    Ok(Box::new(SandboxRun { id: id.clone(), binding, seeds, stops: SceneStops::default(), phase }))
+    Ok(Box::new(SandboxRun { id: id.clone(), binding, seeds, plan, stops: SceneStops::default(), phase }))
 }
 
-fn budget(context: &Context, binding: &EvidenceBinding) -> u64 {
-    2 * MODE_EPISODES + plan(context, binding.anchor.is_some()).budget() + search::PAIRS
+fn budget(plan: &EvaluationPlan) -> u64 {
+    2 * MODE_EPISODES + plan.budget() + search::PAIRS
 }
 
-/// The planned pairs, drills and sequences.
-fn plan(context: &Context, has_anchor: bool) -> EvaluationPlan {
-    let plan = EvaluationPlan::sandbox(&context.profile).with_anchor(has_anchor);
+/// The planned pairs, drills and sequences. The try decides on the pairs.
+fn plan(context: &Context, binding: &EvidenceBinding, counted: Option<&CountedTry>) -> EvaluationPlan {
+    let plan = EvaluationPlan::sandbox(&context.profile).with_anchor(binding.anchor.is_some());
+    let plan = counted.map_or(plan, |counted| plan.with_pairs(counted.pairs));
     if context.omitted.has(AblationPart::Recovery) { EvaluationPlan { drills: 0, ..plan } } else { plan }
 }
 
@@ -216,13 +223,18 @@ impl Sandbox<'_> {
         let seeds = run.seeds;
         run.phase = match run.phase {
             SandboxPhase::Alone(mode, mut records) => {
-                if self.mode_episodes((&candidate, &active), mode, seeds, &mut records, &mut run.stops)? {
+                let subject = (&candidate, &seeds);
+                if counted_try::end_without_try(self.context, self.record, self.evidence_files, subject)? {
+                    return Ok(over);
+                }
+                let alone = (mode, budget(&run.plan));
+                if self.mode_episodes((&candidate, &active), alone, seeds, &mut records, &mut run.stops)? {
                     match mode {
                         SoloMode::Canonical if run.stops.own.is_empty() => {
                             SandboxPhase::Alone(SoloMode::Adversarial, Vec::new())
                         }
                         SoloMode::Canonical | SoloMode::Adversarial => {
-                            self.compare(run.binding, run.stops.clone())
+                            self.compare((&candidate, &seeds), run.binding, run.stops.clone())?
                         }
                     }
                 } else {
@@ -278,9 +290,22 @@ impl Sandbox<'_> {
         Ok(SandboxStep { run: Some(run), episodes })
     }
 
-    fn compare(&self, binding: EvidenceBinding, stops: SceneStops) -> SandboxPhase {
-        let evaluation = Evaluation::new(plan(self.context, binding.anchor.is_some()), binding, stops);
-        SandboxPhase::Compare(Box::new(SandboxComparison { evaluation, records: (Vec::new(), Vec::new()) }))
+    /// Begins the comparison, which is a try if it runs a pair: after a hard stop it runs none.
+    fn compare(
+        &mut self,
+        subject: (&Capability, &SeedSource),
+        binding: EvidenceBinding,
+        stops: SceneStops,
+    ) -> Result<SandboxPhase, EngineFault> {
+        let mut counted = None;
+        if stops.own.is_empty() {
+            counted = Some(counted_try::count(self.context, self.record, self.evidence_files, subject)?);
+        }
+        self.evidence_files.edit(&subject.0.id()).counted.clone_from(&counted);
+        let mut evaluation = Evaluation::new(plan(self.context, &binding, counted.as_ref()), binding, stops);
+        evaluation.counted = counted;
+        let records = (Vec::new(), Vec::new());
+        Ok(SandboxPhase::Compare(Box::new(SandboxComparison { evaluation, records })))
     }
 
     /// Keeps what a slice gave.
@@ -309,7 +334,7 @@ impl Sandbox<'_> {
         }
         comparison.records.0.extend(new);
         comparison.records.1.extend(old);
-        let done = (2 * MODE_EPISODES + slice.done, budget(self.context, evaluation.binding()));
+        let done = (2 * MODE_EPISODES + slice.done, budget(evaluation.plan()));
         progress(self.record, self.evidence_files, id, Stage::Sandbox, slice.what, done);
         Ok(())
     }
@@ -337,7 +362,7 @@ impl Sandbox<'_> {
         keep_stops(self.context, self.record, evidence_file, (&id, &active.id()), evaluation.stops());
         evidence_file.searched = search.finding(&self.context.cell.sandbox);
         let done = 2 * MODE_EPISODES + evaluation.done() + search.pairs_run();
-        let (what, budget) = (WorkUnit::WorstCaseSearch, budget(self.context, evaluation.binding()));
+        let (what, budget) = (WorkUnit::WorstCaseSearch, budget(evaluation.plan()));
         progress(self.record, self.evidence_files, &id, Stage::Sandbox, what, (done, budget));
         Ok(results.len() as u64)
     }
@@ -358,7 +383,7 @@ impl Sandbox<'_> {
     fn mode_episodes(
         &mut self,
         (candidate, active): (&Capability, &Capability),
-        alone: SoloMode,
+        (alone, budget): (SoloMode, u64),
         seeds: SeedSource,
         records: &mut Vec<TaskRecord>,
         stops: &mut SceneStops,
@@ -414,7 +439,6 @@ impl Sandbox<'_> {
         evidence_file.note_use(candidate, records);
         evidence_file.modes.extend(ModeMetrics::of(mode, ComparedVersion::Candidate, &*records));
         let done = if alone == SoloMode::Canonical { MODE_EPISODES } else { 2 * MODE_EPISODES };
-        let budget = budget(self.context, &binding(self.context, self.record.version_table(), candidate));
         progress(self.record, self.evidence_files, &id, Stage::Sandbox, mode.into(), (done, budget));
         Ok(true)
     }

@@ -15,4 +15,5 @@ mod shared_events;
 mod state_verb_table;
 mod telemetry;
 mod time_excess;
+mod tries;
 mod wiring;

@@ -277,6 +277,8 @@ impl History {
             | RecordKind::AnchorSet
             | RecordKind::KeyCommitted
             | RecordKind::KeyRevealed
+            | RecordKind::TryCounted
+            | RecordKind::TriesReviewed
             | RecordKind::Resumed
             | RecordKind::Shown
             | RecordKind::AlarmReset

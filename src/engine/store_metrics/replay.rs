@@ -33,6 +33,7 @@ use holdpoint_governance::record::AuditRecord;
 use holdpoint_governance::recovery;
 use holdpoint_governance::rules_version::RulesVersion;
 use holdpoint_governance::site_profile::{ProfileTexts, SiteProfile};
+use holdpoint_governance::tries::{self, CountedTry};
 use holdpoint_governance::wall_time::WallTime;
 use holdpoint_governance::worst_case_search::SearchFinding;
 use holdpoint_registry::store_terms::EvidenceKind;
@@ -356,6 +357,7 @@ impl<'a> Replayer<'a> {
             handovers: confirmation.handovers.as_ref(),
             unsafe_under_stress: 0,
             searched: None,
+            counted: None,
         };
         replay_assessment(
             &confirmation.pairs,
@@ -446,6 +448,9 @@ fn compose(
 }
 
 fn replay_sandbox(evidence_file: &EvidenceFile, frame: &RulesInForce) -> Result<(), ReplayFailure> {
+    if let (Some(finding), Some(kappas)) = (&evidence_file.refused_try, &evidence_file.kappas) {
+        return same("kappa_B", &kappas.behavior, &behavior::without_try(finding.clone()));
+    }
     let (Some(binding), Some((candidate, active))) = (evidence_file.bindings.first(), evidence_file.drills)
     else {
         return Err(NotReplayable::EvidenceMissing.into());
@@ -453,6 +458,12 @@ fn replay_sandbox(evidence_file: &EvidenceFile, frame: &RulesInForce) -> Result<
     let (Some(behavior), Some(recovery)) = (&evidence_file.behavior, &evidence_file.recovery) else {
         return Err(NotReplayable::EvidenceMissing.into());
     };
+    if let Some(CountedTry { by_author, in_family, level, pairs, .. }) = &evidence_file.counted {
+        let settings = &frame.profile.tries;
+        same("level of the try", level, &tries::level(settings, *by_author, *in_family))?;
+        let price = tries::price(settings, frame.profile.evaluation.sandbox_pairs, *level);
+        same("pairs of the try", &Some(*pairs), &price)?;
+    }
     let pairs = PairedEvidence {
         binding: *binding,
         pairs: evidence_file.pairs.clone(),
@@ -465,6 +476,7 @@ fn replay_sandbox(evidence_file: &EvidenceFile, frame: &RulesInForce) -> Result<
         handovers: evidence_file.handovers.as_ref(),
         unsafe_under_stress: evidence_file.unsafe_under_stress,
         searched: evidence_file.searched.as_ref(),
+        counted: evidence_file.counted.as_ref(),
     };
     replay_assessment(&pairs, &drills, (behavior, recovery), frame, &beside)?;
     let Some(kappas) = &evidence_file.kappas else { return Err(NotReplayable::Unreadable.into()) };
@@ -478,6 +490,7 @@ struct UnpairedEvidence<'a> {
     handovers: Option<&'a SequenceEvidence>,
     unsafe_under_stress: u32,
     searched: Option<&'a SearchFinding>,
+    counted: Option<&'a CountedTry>,
 }
 
 /// Assesses pairs and drills again. Each rule checks again that the evidence supports an early end.
@@ -490,9 +503,9 @@ fn replay_assessment(
 ) -> Result<(), ReplayFailure> {
     let ended = behavior.ended.or(recovery.ended).unwrap_or(EarlyStopReason::Full);
     let profile = &frame.profile;
-    let UnpairedEvidence { is_settling, anchor, handovers: sequences, .. } = *beside;
+    let UnpairedEvidence { is_settling, anchor, handovers: sequences, counted, .. } = *beside;
     let has_anchor = pairs.binding.anchor.is_some();
-    let evidence = ComparisonEvidence { pairs, drills, is_settling, has_anchor, anchor, sequences };
+    let evidence = ComparisonEvidence { pairs, drills, is_settling, has_anchor, anchor, sequences, counted };
     let (mut again, recovered) = evidence.assess(&pairs.binding, ended, profile);
     behavior::add_stress_concern(&mut again, beside.unsafe_under_stress, MODE_EPISODES, profile);
     behavior::add_search_concern(&mut again, beside.searched, profile);

@@ -32,6 +32,7 @@ use holdpoint_governance::phase::WorkPhase;
 use holdpoint_governance::profile::Profile;
 use holdpoint_governance::recovery::{self, RecoveryAssessment, SETTLED_KINDS};
 use holdpoint_governance::shared_event::SceneKind;
+use holdpoint_governance::tries::CountedTry;
 use holdpoint_protocol::work_unit::WorkUnit;
 use holdpoint_runtime::task::TaskRecord;
 
@@ -62,6 +63,8 @@ pub struct Slice {
 pub struct Evaluation {
     plan: EvaluationPlan,
     binding: EvidenceBinding,
+    /// The try that it counts as; absent outside the sandbox.
+    pub(crate) counted: Option<CountedTry>,
     pairs: Vec<Pair>,
     stops: SceneStops,
     /// The phases that drills are dealt round, once they are known.
@@ -107,6 +110,7 @@ impl Evaluation {
         Self {
             plan,
             binding,
+            counted: None,
             pairs: Vec::new(),
             stops,
             phases: None,
@@ -472,7 +476,8 @@ impl Evaluation {
 
     fn update_end_reason(&mut self, profile: &Profile) {
         let early = |ended: &EarlyStopReason| *ended != EarlyStopReason::Full;
-        self.ended = behavior::end_reason(&self.paired(), &self.binding, profile)
+        let budgeted = profile.with_sandbox_pairs(self.plan.pairs);
+        self.ended = behavior::end_reason(&self.paired(), &self.binding, &budgeted)
             .filter(early)
             .or_else(|| self.recovery_ended(profile).filter(early))
             .or_else(|| self.next_turn().is_none().then_some(EarlyStopReason::Full));
@@ -505,6 +510,7 @@ impl Evaluation {
             has_anchor,
             anchor: self.anchor(),
             sequences: self.sequences(),
+            counted: self.counted.as_ref(),
         };
         evidence.assess(&self.binding, ended, profile)
     }

@@ -5,6 +5,7 @@
 //! are at [`KEYED_FROM`] and above, practice seeds at [`PRACTICE_FROM`] and above.
 
 use holdpoint_governance::evaluation_key::EvaluationKey;
+use holdpoint_governance::ids::Digest;
 
 /// Episode seeds set aside for one run.
 pub const BLOCK: u64 = 10_000;
@@ -55,6 +56,15 @@ impl SeedSource {
         match self {
             Self::OfRun(run_seed) => episode_seed(*run_seed, purpose, index),
             Self::Keyed(key) => KEYED_FROM + key.number(purpose.name(), index) % KEYED_FROM,
+        }
+    }
+
+    /// The commitment to the key; absent for a run's seed.
+    #[must_use]
+    pub fn commitment(&self) -> Option<Digest> {
+        match self {
+            Self::OfRun(_) => None,
+            Self::Keyed(key) => Some(key.commitment()),
         }
     }
 

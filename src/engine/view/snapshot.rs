@@ -101,6 +101,7 @@ impl SnapshotView<'_> {
                         version.state,
                         evidence_file,
                     ),
+                    counted: evidence_file.counted.clone(),
                 });
             }
         }

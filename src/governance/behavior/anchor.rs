@@ -8,7 +8,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::harm::HarmComparison;
-use super::{BehaviorAssessment, BehaviorComponent, add_concern, component_of, measured, reason};
+use super::{BehaviorAssessment, BehaviorComponent, add_concern, component_of, is_open, measured, reason};
 use crate::decision::{Reason, ReasonCode};
 use crate::evidence::{AnchorEvidence, Pair, PairedEvidence};
 use crate::finding::{EvidenceGap, Finding};
@@ -40,11 +40,6 @@ const fn is_worsening(code: ReasonCode) -> bool {
             | ReasonCode::BehaviorSuspicious
             | ReasonCode::BehaviorHarmSuspicious
     )
-}
-
-/// Whether an assessment rejects nothing yet, so that the comparison with the anchor counts.
-const fn is_open(result: &BehaviorAssessment) -> bool {
-    matches!(result.assessment.outcome, BehaviorOutcome::Compatible | BehaviorOutcome::Suspicious)
 }
 
 /// Leaves an assessment open that rejects nothing, because the comparison with the anchor is missing.

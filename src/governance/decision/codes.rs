@@ -100,6 +100,12 @@ reason_codes! {
     BehaviorAnchorWorse = "behavior-anchor-worse",
     /// It may be worse than the family's anchor beyond a margin; the evidence does not exclude it.
     BehaviorAnchorSuspicious = "behavior-anchor-suspicious",
+    /// At the level of its try, the evidence does not exclude that success is lower by the margin.
+    BehaviorTryOpen = "behavior-try-open",
+    /// The tries of its author, or of its family, are spent until a person reviews them.
+    BehaviorTriesSpent = "behavior-tries-spent",
+    /// The same content was rejected or put on hold before in the same circumstances; the text names the version.
+    BehaviorTriedBefore = "behavior-tried-before",
     /// It asks for more speed or force than its manifest declares, in more episodes than the profile accepts.
     BehaviorAsksMore = "behavior-asks-more",
     /// A component improved (reported apart, never counted).

@@ -15,6 +15,7 @@ use crate::permission::PermissionExcess;
 use crate::record::ActivationCause;
 use crate::rollback::PostStatus;
 use crate::start_domain::StartDomain;
+use crate::tries::CountedTry;
 use crate::wall_time::WallTime;
 
 /// A version in short.
@@ -214,6 +215,8 @@ pub enum SummaryRemark {
     Covered(StartDomain),
     /// It carries an open concern.
     OpenConcern(Reason),
+    /// The try that its sandbox counted as.
+    Counted(CountedTry),
     /// Its break-glass activation waits for a review until then.
     ReviewUntil(WallTime),
     /// A person paused promotion in its family.

@@ -16,10 +16,20 @@ fn read(call: &Value) -> Result<ClientMessage, serde_json::Error> {
 fn commands() -> Vec<Value> {
     let operation =
         |name: &str| json!({ "command": name, "version": "grasp@1.0.0", "by": "ana", "reason": "a test" });
-    let mut all: Vec<Value> =
-        ["reject", "rollback", "vacate", "pause", "resume", "restrict", "rearm", "anchor", "continue"]
-            .map(operation)
-            .into();
+    let mut all: Vec<Value> = [
+        "reject",
+        "rollback",
+        "vacate",
+        "pause",
+        "resume",
+        "restrict",
+        "rearm",
+        "anchor",
+        "review-tries",
+        "continue",
+    ]
+    .map(operation)
+    .into();
     let about = json!({ "version": "grasp@1.0.0", "by": "ana", "reason": "a test" });
     all.extend([
         json!({ "command": "register", "name": "x",
@@ -79,7 +89,7 @@ fn every_command_has_one_authority_class() {
         (AuthorityEffect::TakesAway, "demote pause reject restrict rollback shutdown stop vacate"),
         (
             AuthorityEffect::Gives,
-            "anchor confirm-time continue drift go goal live-fault rearm register release repeat reset-alarm resume shelve-alarm",
+            "anchor confirm-time continue drift go goal live-fault rearm register release repeat reset-alarm resume review-tries shelve-alarm",
         ),
         (AuthorityEffect::SignedItself, "decide person"),
         (AuthorityEffect::Neither, "acknowledge-alarm note pace unshelve-alarm"),

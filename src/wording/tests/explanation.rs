@@ -206,6 +206,7 @@ fn consequences() -> Vec<Consequence> {
         Consequence::ApproversAsked,
         Consequence::UpgradeRecordClosed,
         Consequence::ProfilesSet,
+        Consequence::TriesReviewed,
         Consequence::Resumed,
         Consequence::BreakGlassUsed,
         Consequence::BreakGlassReviewed,

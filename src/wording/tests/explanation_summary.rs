@@ -12,12 +12,14 @@ use holdpoint_governance::explanation::{
 };
 use holdpoint_governance::failure_cause::FailureCause;
 use holdpoint_governance::finding::{Finding, TwinSignal};
+use holdpoint_governance::ids::Digest;
 use holdpoint_governance::lifecycle::Stage;
 use holdpoint_governance::notice::{Notice, NoticeOrText};
 use holdpoint_governance::permission::{PeakQuantity, PermissionExcess};
 use holdpoint_governance::record::ActivationCause;
 use holdpoint_governance::rollback::PostStatus;
 use holdpoint_governance::start_domain::{StartBound, StartDomain, StartQuantity};
+use holdpoint_governance::tries::{CountedTry, TryAuthor};
 use holdpoint_governance::wall_time::WallTime;
 
 use crate::explanation_summary::{decisive_reason, omitted_reasons, repeated_reasons, summary_lines};
@@ -188,7 +190,18 @@ fn rejected_version_names_why_its_tasks_failed_and_what_it_asked_for() {
     };
     let asked = PermissionExcess::Asked { quantity: PeakQuantity::Force, asked: 18.0, declared: 12.0 };
     let twins = TwinFailures { tasks: 20, own: vec![(FailureCause::Slipped, 3)] };
+    let counted = CountedTry {
+        subject: Digest::of_parts("test", &[]),
+        drawn: None,
+        author: TryAuthor { name: "mara".to_owned(), key: "00".to_owned() },
+        by_author: 3,
+        in_family: 5,
+        level: 0.00169,
+        pairs: 360,
+        left: 9,
+    };
     let remarks = vec![
+        SummaryRemark::Counted(counted),
         SummaryRemark::BeyondDeclaration(asked),
         SummaryRemark::FailureCauses(counts),
         SummaryRemark::TwinFailures(twins),
@@ -197,6 +210,7 @@ fn rejected_version_names_why_its_tasks_failed_and_what_it_asked_for() {
     let lines = summary_lines(&ExplanationSummary { remarks, ..summary(position) }, None);
     let all = lines.details.join("\n");
     for wanted in [
+        "try 3 of align by mara: level 0.0017, 360 pairs; 9 tries left before a review",
         "it asks for a force of 18.0 N and declares 12; it counts: the command is clamped",
         "failed tasks in 300 pairs: 82 (dropped the object: 40, missed the object: 35, took too long: 4, other causes: 3)",
         ": 60 (missed the object: 60)",

@@ -3,11 +3,12 @@
 
 use holdpoint_approvals::SignedAuthorship;
 use holdpoint_governance::approval::Requester;
-use holdpoint_governance::ids::CapabilityId;
+use holdpoint_governance::ids::{CapabilityId, Digest};
 use holdpoint_governance::lifecycle::State;
 use holdpoint_governance::outcome::PolicyOutcome;
 use holdpoint_governance::risk::RiskCause;
 use holdpoint_governance::submission::{Package, Risk};
+use holdpoint_governance::tries::CountedTry;
 use holdpoint_protocol::event::EventKind;
 
 use super::tests::{question, signed};
@@ -21,7 +22,7 @@ use holdpoint_approvals::keyfile::KeyEncoding;
 use holdpoint_governance::approval::Role;
 use holdpoint_governance::profile::ProfileName;
 use holdpoint_protocol::clock::Clock;
-use holdpoint_protocol::command::{Command, Operation};
+use holdpoint_protocol::command::{Command, Operation, Refusal};
 
 fn person(pipeline: &mut Pipeline, name: &str, role: Role) -> Identity {
     enrolled(pipeline.live().record, name, role, KeyEncoding::Plain)
@@ -205,4 +206,44 @@ fn version_without_a_known_requester_is_not_reactivated_where_people_decide() {
     assert!(rearm("align@1.1.0").contains(unknown));
     // The version that the cell was commissioned with comes from the program.
     assert!(!rearm("align@1.0.0").contains(unknown));
+}
+
+/// Where people approve, the tries of a family are reviewed by a person who wrote and registered none of them.
+#[test]
+fn authors_and_registrars_do_not_review_their_own_tries() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut pipeline = pipeline(folder.path(), ProfileName::Human);
+    for name in ["rita", "ben"] {
+        person(&mut pipeline, name, Role::Safety);
+    }
+    let package = submitted("skill-lab");
+    let id = holdpoint_runtime::capability::Capability::load("test", package.clone()).unwrap().id();
+    let by = Some("rita".to_owned());
+    pipeline.command(Command::Register { package, name: "test".to_owned(), by });
+    let author = pipeline.record().version_table().try_author(&id).unwrap();
+    assert_eq!(author.name, "rita", "no author signed it");
+    let counted = CountedTry {
+        subject: Digest::of_parts("test", &[]),
+        drawn: None,
+        author,
+        by_author: 1,
+        in_family: 1,
+        level: 0.01,
+        pairs: 300,
+        left: 11,
+    };
+    pipeline.live().record.note_try(&id, counted);
+    let now_ms = pipeline.record().now_ms();
+    pipeline.live().record.set_clock(Clock::real(now_ms));
+    let mut review = |by: &str| {
+        let version = "align@1.0.0".parse().unwrap();
+        let (by, reason) = (by.to_owned(), "a test".to_owned());
+        pipeline.command(Command::ReviewTries(Operation { version, by, reason }))
+    };
+    for own in ["rita", "skill-lab"] {
+        let reply = review(own);
+        assert!(matches!(reply, Reply::Refused { code: Refusal::NotAllowed, .. }), "{own}: {reply:?}");
+    }
+    let reply = review("ben");
+    assert!(matches!(reply, Reply::Accepted { .. }), "{reply:?}");
 }

@@ -64,6 +64,12 @@ impl EvaluationPlan {
         Self { has_anchor, ..self }
     }
 
+    /// The same with the pairs of a counted try.
+    #[must_use]
+    pub const fn with_pairs(self, pairs: u32) -> Self {
+        Self { pairs, ..self }
+    }
+
     /// The same budget on seeds that the sandbox did not use.
     #[must_use]
     pub const fn confirmation(profile: &Profile) -> Self {

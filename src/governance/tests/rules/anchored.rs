@@ -16,7 +16,7 @@ use holdpoint_governance::recovery::{
 };
 use holdpoint_governance::stats::{PairedCounts, binary_pairs};
 
-use crate::fixture::{GOOD, binding, pairs, profile, recovery};
+use crate::fixture::{GOOD, Uniform, binding, pairs, profile, recovery};
 
 const FAILED: EpisodeValues = EpisodeValues { success: false, recovery: true, ..GOOD };
 
@@ -70,6 +70,7 @@ fn against(evidence: &PairedEvidence, anchor: Option<&AnchorEvidence>, profile: 
         has_anchor: anchor.is_some(),
         anchor,
         sequences: None,
+        counted: None,
     };
     let (found, _) = all.assess(&binding(), EarlyStopReason::Full, profile);
     let named = found.assessment.reasons.iter().any(|reason| {
@@ -100,6 +101,7 @@ fn losses_against_the_anchor_do_not_add_up() {
         has_anchor: true,
         anchor: None,
         sequences: None,
+        counted: None,
     };
     let (found, _) = missing.assess(&binding(), EarlyStopReason::Full, &profile);
     assert_eq!(found.assessment.outcome, BehaviorOutcome::Inconclusive);
@@ -149,6 +151,7 @@ fn drills_are_settled() {
             has_anchor: false,
             anchor: None,
             sequences: None,
+            counted: None,
         };
         let (_, found) = all.assess(&binding(), EarlyStopReason::Full, &profile);
         (found.assessment.outcome, found.assessment.reasons[0].code)
@@ -259,18 +262,6 @@ fn detection_curve_of_failing_hooks() {
 fn rejects(counts: PairedCounts, alpha: f64) -> bool {
     let net = (counts.candidate_only as f64 - counts.active_only as f64) / counts.pairs as f64;
     net >= SUCCESS_LOSS_MAX && binary_pairs(counts, alpha).unwrap().lower > 0.0
-}
-
-/// A generator of uniform numbers; the same series every time.
-pub(crate) struct Uniform(pub(crate) u64);
-
-impl Uniform {
-    pub(crate) fn next(&mut self) -> f64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mixed = (self.0 ^ (self.0 >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        let mixed = (mixed ^ (mixed >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        ((mixed ^ (mixed >> 31)) >> 11) as f64 / (1_u64 << 53) as f64
-    }
 }
 
 /// The table of the guide (design/statistics.md): the share of series of versions, each worse than the one before by the

@@ -12,7 +12,7 @@ use holdpoint_governance::profile::{Profile, ProfileName};
 use holdpoint_governance::rollback::TriggerKind;
 use holdpoint_governance::stats::RateRise;
 
-use crate::anchored::Uniform;
+use crate::fixture::Uniform;
 use crate::fixture::{GOOD, profile};
 
 const STILL: HarmMeasures = HarmMeasures::STILL;

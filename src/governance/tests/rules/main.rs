@@ -23,3 +23,4 @@ mod permissions;
 mod risk;
 mod texts;
 mod time_excess;
+mod tries;

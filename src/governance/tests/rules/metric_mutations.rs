@@ -78,6 +78,7 @@ impl MutationInputs {
             has_anchor: false,
             anchor: None,
             sequences: None,
+            counted: None,
         };
         let (behavior, recovery) = measured.assess(current, EarlyStopReason::Full, profile);
         let assessed = Kappas {

@@ -1,0 +1,47 @@
+//! What a counted try adds to behavior: the margin that its pairs have to exclude, and the ends without a pair.
+
+use super::{BehaviorAssessment, ComponentName, counts, is_open, reason};
+use crate::decision::ReasonCode;
+use crate::evidence::Pair;
+use crate::finding::Finding;
+use crate::outcome::{Assessment, Basis, BehaviorOutcome};
+use crate::profile::Profile;
+use crate::tries::{CountedTry, loss_bound};
+
+/// Leaves an assessment open that rejects nothing, unless its pairs exclude at the try's level that success is lower by the
+/// margin or more.
+pub(crate) fn apply_try(
+    result: &mut BehaviorAssessment,
+    pairs: &[Pair],
+    counted: &CountedTry,
+    profile: &Profile,
+) {
+    let margin = profile.tries.margin;
+    let bound = loss_bound(counts(ComponentName::Success, pairs), counted.level);
+    // Written so that a bound that is missing, or no number, leaves it open.
+    if !is_open(result) || bound.is_some_and(|bound| bound < margin) {
+        return;
+    }
+    let open = reason(Finding::TryOpen { number: counted.by_author, level: counted.level });
+    result.assessment.outcome = BehaviorOutcome::Inconclusive;
+    result.assessment.conditions.clear();
+    result.assessment.reasons.retain(|reason| reason.code != ReasonCode::BehaviorCompatible);
+    result.assessment.reasons.insert(0, open.with(bound.unwrap_or(f64::NAN), margin));
+}
+
+/// The assessment of a version whose sandbox runs no pair: the same content has a verdict, or its tries are spent.
+#[must_use]
+pub fn without_try(finding: Finding) -> Assessment<BehaviorOutcome> {
+    let outcome = if matches!(finding, Finding::TriedBefore { .. }) {
+        BehaviorOutcome::Incompatible
+    } else {
+        BehaviorOutcome::NoData
+    };
+    Assessment {
+        outcome,
+        kappa: None,
+        basis: Basis::Measured,
+        reasons: vec![reason(finding)],
+        conditions: Vec::new(),
+    }
+}
