@@ -2,8 +2,8 @@
 
     python recompute_store.py [--profile NAME] STORE_FOLDER...
 
-Behavior: the six components, every measure of harm, the comparison with the anchor, whole sequences, stress, and the
-search for the worst place. Recovery: rates, intervals and phases of the drills, and how those of rollback and abort are
+Behavior: the six components, every measure of harm, the comparison with the anchor, whole sequences, the level of the
+try, stress, and the search for the worst place. Recovery: rates, intervals and phases of the drills, and how those of rollback and abort are
 settled. Early ends: whether the rule that is named holds. The rules are those of src/guide/design/statistics.md.
 
 Prints a line for each piece of evidence, says what differs by more than LIMIT or in a verdict, and ends with 1 if
@@ -26,7 +26,7 @@ from scipy import optimize, stats
 
 PROFILES = Path(__file__).resolve().parents[2] / "profiles"
 # The version of the rules that this file knows. Decisions of others cannot be computed again here.
-RULES = 2
+RULES = 3
 # Relative difference beyond which two numbers differ; of numbers below SMALL, that share of SMALL.
 LIMIT, SMALL = 1e-9, 1e-3
 
@@ -478,6 +478,28 @@ def apply_sequences(profile, found, evidence, harm_kinds):
         found["assessment"]["outcome"] = "suspicious"
 
 
+def terms_of_try(profile, counted_try):
+    """The level of a try, the author's or the family's, and the pairs with which 3 losses and 2 wins of 100 pass it."""
+    tries = profile["tries"]
+    level = min(
+        tries[alpha] * 6 / (math.pi * counted_try[number]) ** 2
+        for alpha, number in (("author_alpha", "by_author"), ("family_alpha", "in_family"))
+    )
+    pairs = profile["evaluation"]["sandbox_pairs"]
+    while not pairs_upper(pairs, -(-3 * pairs // 100), 2 * pairs // 100, level) < tries["margin"]:
+        pairs += 20
+    return {"level": level, "pairs": pairs}
+
+
+def apply_try(profile, found, evidence):
+    """At the level of its try the pairs have to exclude a loss of success of the margin."""
+    if not evidence.get("counted") or found["assessment"]["outcome"] not in ("compatible", "suspicious"):
+        return
+    lost = counted(bad_sides("success", evidence["pairs"]))
+    if not pairs_upper(*lost, evidence["counted"]["level"]) < profile["tries"]["margin"]:
+        found["assessment"]["outcome"] = "inconclusive"
+
+
 def apply_concerns(found, evidence):
     """More than one unsafe episode in five under stress, and a limit passed more often at the worst place."""
     is_concern = evidence["unsafe_under_stress"] / STRESSED > STRESS_SHARE_MAX
@@ -714,6 +736,8 @@ def settle(found, new, old, more):
 def again(profile, evidence):
     """Behavior and recovery of a piece of evidence, from its raw values and the rule that it names as its end."""
     recorded, drills = evidence["behavior"], evidence["drills"]
+    if evidence.get("counted"):
+        profile = profile | {"evaluation": profile["evaluation"] | {"sandbox_pairs": evidence["counted"]["pairs"]}}
     rule = recorded.get("ended") or evidence["recovery"].get("ended") or "full"
     measured = any("harm" in pair["candidate"] for pair in evidence["pairs"])
     kinds = [kind.replace("_", "-") for kind in map(without_unit, harm_keys(profile))] if measured else []
@@ -727,6 +751,7 @@ def again(profile, evidence):
     if behavior["assessment"]["outcome"] in ("compatible", "suspicious"):
         settle(recovery, *drills, evidence.get("settling"))
     apply_sequences(profile, behavior, evidence.get("handovers"), kinds)
+    apply_try(profile, behavior, evidence)
     apply_concerns(behavior, evidence)
     return behavior, recovery, is_anchor_missing
 
@@ -796,16 +821,22 @@ def check_store(folder, stand_in):
         if rules.get(digest, RULES) != RULES:
             wrong.append(f"{what}: decided by version {rules[digest]} of the rules, and this file knows {RULES}")
             continue
+        if evidence.get("refused_try"):
+            # Nothing was measured.
+            continue
         if not evidence.get("behavior") or not evidence.get("recovery") or not evidence.get("drills"):
             wrong.append(f"{what}: there is nothing to compute again")
             continue
-        behavior, recovery, is_anchor_missing = again(profile_of(name, folder, stand_in), evidence)
+        profile = profile_of(name, folder, stand_in)
+        behavior, recovery, is_anchor_missing = again(profile, evidence)
         recorded = evidence["behavior"]
         for ours, theirs in ((behavior, recorded), (behavior["anchor"] or {}, recorded.get("anchor") or {})):
             kinds = [row["kind"] for row in theirs.get("harm", [])]
             if ours.get("harm"):
                 ours["harm"] = by_kind(ours["harm"], kinds)
         check = Check()
+        if evidence.get("counted"):
+            check.same("counted", terms_of_try(profile, evidence["counted"]), evidence["counted"])
         check.same("behavior", behavior, recorded)
         check.same("recovery", recovery, evidence["recovery"])
         if is_anchor_missing:
