@@ -326,11 +326,8 @@ fn sentence_of_kind(kind: RecordKind, fields: &RecordFields<'_>) -> Option<Strin
             }
         }
         RecordKind::Monitor => {
-            format!(
-                "the monitor: {}{}",
-                fields.text("decision").or_else(|| fields.text("outcome"))?,
-                fields.why()
-            )
+            let found = fields.text("decision").or_else(|| fields.text("outcome"))?;
+            format!("the monitor: {found}{}", fields.why())
         }
         RecordKind::MonitorAnswer => {
             format!("{} answered the monitor{}", actor(), fields.with(": ", "reason"))
