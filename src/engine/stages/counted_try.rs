@@ -73,28 +73,23 @@ fn verdict(
     (subject, binding): (&Digest, &EvidenceBinding),
 ) -> Option<Finding> {
     let (_, version, member) = record.version_table().version(id).ok()?;
-    let (behavior, recovery, finding) = match version.state {
-        State::Rejected => (
-            BehaviorOutcome::Incompatible,
-            RecoveryOutcome::Incompatible,
-            Finding::TriedBefore { version: id.clone() },
-        ),
-        State::Demoted => (
-            BehaviorOutcome::Inconclusive,
-            RecoveryOutcome::Inconclusive,
-            Finding::HeldBefore { version: id.clone() },
-        ),
-        _ => return None,
-    };
     let is_same = |file: &&EvidenceFile| {
         member.course.ran == Some(Stage::Sandbox)
             && file.counted.as_ref().is_some_and(|counted| counted.subject == *subject)
             && file.bindings.first().is_some_and(|before| before.neighbours == binding.neighbours)
     };
     let kappas = evidence_files.of(id).filter(is_same)?.kappas.as_ref()?;
-    let is_it = (kappas.behavior.outcome == behavior && kappas.behavior.basis == Basis::Measured)
-        || (kappas.recovery.outcome == recovery && kappas.recovery.basis == Basis::Measured);
-    is_it.then_some(finding)
+    let behavior = (kappas.behavior.basis == Basis::Measured).then_some(kappas.behavior.outcome);
+    let recovery = (kappas.recovery.basis == Basis::Measured).then_some(kappas.recovery.outcome);
+    let is_worse =
+        behavior == Some(BehaviorOutcome::Incompatible) || recovery == Some(RecoveryOutcome::Incompatible);
+    match version.state {
+        State::Rejected if is_worse => Some(Finding::TriedBefore { version: id.clone() }),
+        State::Demoted if is_worse || behavior == Some(BehaviorOutcome::Inconclusive) => {
+            Some(Finding::HeldBefore { version: id.clone() })
+        }
+        _ => None,
+    }
 }
 
 /// Ends a sandbox that runs no pair. Returns whether it ended.
