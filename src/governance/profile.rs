@@ -22,6 +22,7 @@ mod harm;
 mod live_harm;
 pub mod name;
 mod reasons;
+mod try_settings;
 
 use fields::Weights;
 pub use harm::{HarmSettings, HarmTolerance};
@@ -29,6 +30,7 @@ pub use live_harm::LiveHarmSettings;
 pub use name::{ProfileName, ProfileNameError, SiteName, SiteNameError, titled};
 pub use reasons::ReasonedNumber;
 use reasons::Reasons;
+pub use try_settings::TrySettings;
 
 /// The largest profile text, bytes; checked before it is parsed.
 pub const PROFILE_BYTES_MAX: usize = 64 * 1024;
@@ -236,22 +238,6 @@ pub struct EvaluationSettings {
     pub tick_time_factor_max: f64,
     /// Longest wall time that the evaluation of one candidate may take, minutes; then the candidate is put on hold.
     pub wall_minutes_max: u32,
-}
-
-/// Error rates and number of tries (see [`tries`](crate::tries)).
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
-pub struct TrySettings {
-    /// The loss of success that every accepted version has to exclude at the level of its try.
-    pub margin: f64,
-    /// Most probability that an author ever gets a version accepted that loses the margin or more, between two reviews.
-    pub author_alpha: f64,
-    /// The same for all authors of a family together.
-    pub family_alpha: f64,
-    /// Tries of an author in a family; then a person has to review them.
-    pub per_author: u32,
-    /// Tries of all authors in a family, likewise.
-    pub per_family: u32,
 }
 
 /// Costs of `kappa_B` per unit of worsening.

@@ -535,13 +535,7 @@ impl Snapshot {
 }
 
 fn foremost<'a>(alarms: impl Iterator<Item = &'a AlarmView>) -> Option<&'a AlarmView> {
-    let visible = alarms.filter(|alarm| match alarm.state {
-        AlarmState::Unacknowledged
-        | AlarmState::ReturnedUnacknowledged
-        | AlarmState::Acknowledged
-        | AlarmState::Latched => true,
-        AlarmState::Normal | AlarmState::Shelved => false,
-    });
+    let visible = alarms.filter(|alarm| !matches!(alarm.state, AlarmState::Normal | AlarmState::Shelved));
     visible.min_by_key(|alarm| alarm.attention_rank())
 }
 

@@ -12,8 +12,8 @@ use holdpoint_protocol::event::DimensionResult;
 use holdpoint_protocol::snapshot::RequestKind;
 use holdpoint_text::Untrusted;
 
-use crate::coverage::{covered_starts, outside_response};
 use crate::counted_try;
+use crate::coverage::{covered_starts, outside_response};
 use crate::request::{drift_response, untested};
 
 /// Version of the words below and of those in [`crate::request`].

@@ -102,7 +102,9 @@ pub(crate) fn end_without_try(
     evidence_files: &mut EvidenceFiles,
     (candidate, seeds): (&Capability, &SeedSource),
 ) -> Result<bool, EngineFault> {
-    let Err(finding) = admission(context, record, evidence_files, (candidate, seeds))? else { return Ok(false) };
+    let Err(finding) = admission(context, record, evidence_files, (candidate, seeds))? else {
+        return Ok(false);
+    };
     let id = candidate.id();
     let evidence_file = evidence_files.edit(&id);
     let Some(before) = evidence_file.kappas.take() else {
@@ -144,8 +146,7 @@ pub(crate) fn count(
     let Ok(counted) = admission(context, record, evidence_files, (candidate, seeds))? else {
         return Err(EngineFault::Impossible(format!("{id} has no try left, and its pairs begin")));
     };
-    let is_counted =
-        record.version_table().tries(&id.family).is_some_and(|ledger| ledger.has(&id, &counted));
+    let is_counted = record.version_table().tries(&id.family).is_some_and(|ledger| ledger.has(&id, &counted));
     if !is_counted {
         let body = serde_json::to_string(&counted)?;
         record.note(RecordKind::TryCounted, id.to_string(), body)?;
