@@ -15,7 +15,7 @@ use holdpoint_governance::composition::{Kappas, composite};
 use holdpoint_governance::condition::Condition;
 use holdpoint_governance::decision::{Decision, Dimension, Kappa, Reason};
 use holdpoint_governance::evidence::{
-    AnchorEvidence, DrillTallies, EpisodeValues, EvidenceBinding, FailedDrill, HardStop, Pair,
+    AnchorEvidence, DrillKind, DrillTallies, EpisodeValues, EvidenceBinding, FailedDrill, HardStop, Pair,
     SettlingTallies, ShadowSequence, SoloEpisode,
 };
 use holdpoint_governance::finding::Finding;
@@ -24,7 +24,7 @@ use holdpoint_governance::ids::{CapabilityId, Digest};
 use holdpoint_governance::outcome::{Assessment, Basis, DimensionOutcome};
 use holdpoint_governance::permission::PermissionUse;
 use holdpoint_governance::profile::{Profile, ProfileName};
-use holdpoint_governance::recovery::RecoveryAssessment;
+use holdpoint_governance::recovery::{DrillContrast, RecoveryAssessment};
 use holdpoint_governance::risk::RiskClass;
 use holdpoint_governance::shared_event::SharedEvent;
 use holdpoint_governance::start_domain::StartDomain;
@@ -188,6 +188,18 @@ impl EvidenceFile {
             ..self.clone()
         };
         Digest::of_json("holdpoint.evidence.v1", &evidence)
+    }
+
+    /// Whether the version passed its rollback drills in the sandbox, and failed none alone in those before its confirmation:
+    /// only then is its rollback hook the first rung of a planned rollback.
+    #[must_use]
+    pub fn has_passed_rollback_drills(&self) -> bool {
+        let has_passed = self.drills.as_ref().is_some_and(|(own, _)| own.rollback.passed > 0);
+        let is_clean = self.recovery.as_ref().is_some_and(RecoveryAssessment::is_rollback_clean);
+        let failed_again = self.confirmation.as_ref().is_some_and(|confirmation| {
+            DrillContrast::of(DrillKind::Rollback, &confirmation.drills).failed() > 0
+        });
+        has_passed && is_clean && !failed_again
     }
 
     /// Adds the static assessment.

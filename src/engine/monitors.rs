@@ -30,6 +30,8 @@ pub struct ActivationMonitor {
     pub restricted: bool,
     /// Whether it was confirmed.
     pub confirmed: bool,
+    /// Whether it passed its rollback drills.
+    pub(crate) rollback_rehearsed: bool,
     /// The most severe published action of its monitor.
     pub announced: MonitorAction,
     /// The reason of its first escalation.
@@ -74,6 +76,7 @@ impl ActivationMonitor {
             lived: Vec::new(),
             restricted: false,
             confirmed: false,
+            rollback_rehearsed: evidence_file.is_some_and(EvidenceFile::has_passed_rollback_drills),
             announced: MonitorAction::Continue,
             escalation_reason: None,
             question: Vec::new(),

@@ -214,6 +214,8 @@ pub enum Notice {
     HookStopped,
     /// The hook of the version did not stop the arm.
     HookDidNotStop,
+    /// The rollback hook of the version did not stop the arm: too late, by its code, by a limit or by a contact.
+    RollbackHookDidNotStop,
     /// Every joint is at standstill.
     AtStandstill,
     /// A joint still moves after the interrupt.

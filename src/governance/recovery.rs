@@ -62,6 +62,18 @@ pub struct RecoveryAssessment {
     pub ended: Option<EarlyStopReason>,
 }
 
+impl RecoveryAssessment {
+    /// Whether the version passed its rollback drills: none failed that the active version passed, in as many as are wanted.
+    /// Records of older builds do not show it.
+    #[must_use]
+    pub fn is_rollback_clean(&self) -> bool {
+        let is_clean = |found: &DrillContrast| {
+            found.kind == DrillKind::Rollback && found.settlement() == Settlement::Clean
+        };
+        self.settled.iter().any(is_clean)
+    }
+}
+
 /// Pass rate of one kind; `None` with fewer feasible drills than `drills_min`.
 #[must_use]
 pub fn pass_rate(tally: &DrillTally, drills_min: u32) -> Option<f64> {

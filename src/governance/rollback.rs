@@ -55,7 +55,7 @@ impl TriggerKind {
         }
     }
 
-    /// Whether the version's own safe-abort hook may stop the arm first. Otherwise the interrupt does, and no code of the
+    /// Whether the version's own hooks may stop the arm first. Otherwise the interrupt does, and no code of the
     /// version commands the arm any more: after a safety event its code or its guard has failed, at a restart the state of
     /// the arm is unknown, and a version that is not admitted may not move it.
     #[must_use]
@@ -77,7 +77,11 @@ crate::closed_set! {
     Rung, "rung of the ladder", {
         /// The version gives no command any more.
         RevokeAuthority = "revoke-authority",
-        /// The version's own hook brings the arm to standstill; left out where no code of it may command the arm.
+        /// The version's own rollback hook brings the arm to standstill; left out unless the version passed its rollback drills,
+        /// and where no code of it may command the arm.
+        RollbackHook = "rollback-hook",
+        /// The version's own hook brings the arm to standstill; left out where no code of it may command the arm,
+        /// and where the rollback hook did.
         SafeAbort = "safe-abort",
         /// The interrupt that no version can refuse; every joint comes to rest.
         Hold = "hold",
@@ -99,7 +103,7 @@ crate::closed_set! {
 crate::closed_set! {
     /// Why a rung failed.
     RungFailure, "failure of a rung", {
-        /// The version's hook did not bring the arm to standstill; the interrupt does.
+        /// The version's hook did not bring the arm to standstill; the next rung does.
         HookFailed = "hook-failed",
         /// A joint still moves, or no telemetry shows that it does not.
         NoStandstill = "no-standstill",
@@ -210,7 +214,7 @@ pub struct RollbackRecord {
     pub time_to_restored_ticks: Option<u64>,
     /// [`RollbackRecord::time_to_restored_ticks`] in simulated ms, rounded down.
     pub time_to_restored_ms: Option<u64>,
-    /// Motion that went on after the trigger, without what braking takes, ms.
+    /// Motion that went on after the trigger, without what braking takes and without the rollback hook's, ms.
     pub unsafe_continuation_ms: u64,
     /// The rungs that were tried, in order.
     pub rungs: Vec<RungRecord>,

@@ -301,6 +301,8 @@ pub enum Supervision {
     Abort,
     /// As [`Supervision::Abort`], by the interrupt at once: after a safety event the version's code is not called any more.
     Interrupt,
+    /// As [`Supervision::Abort`], by the rollback hook first: in a planned rollback of a version that passed its drills.
+    RollBack,
     /// As [`Supervision::Abort`], and a person asks for it: an intervention.
     StepIn,
 }
@@ -309,7 +311,7 @@ impl Supervision {
     /// Whether the arm is to be brought to a standstill.
     #[must_use]
     pub const fn stops(self) -> bool {
-        matches!(self, Self::Abort | Self::Interrupt | Self::StepIn)
+        matches!(self, Self::Abort | Self::Interrupt | Self::RollBack | Self::StepIn)
     }
 }
 

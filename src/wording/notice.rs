@@ -124,6 +124,9 @@ pub fn notice_sentence(of: &Notice) -> String {
         N::NoMoreCommands => "the version gives no command any more".into(),
         N::HookStopped => "the hook brought the arm to a standstill".into(),
         N::HookDidNotStop => "the hook did not stop the arm; the interrupt takes over".into(),
+        N::RollbackHookDidNotStop => {
+            "the rollback hook did not stop the arm; the next rung takes over".into()
+        }
         N::AtStandstill => "every joint is at standstill".into(),
         N::StillMoving => "a joint still moves after the interrupt".into(),
         N::RetreatSkipped { during: false } => "the cell is stopped; the arm stays where it is".into(),

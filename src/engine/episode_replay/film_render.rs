@@ -232,7 +232,7 @@ fn marks(record: &TaskRecord) -> Vec<EventMark> {
     let end = (record.time_secs / TICK_SECS).round() as u64;
     all.extend(record.declared.map(|signal| EventMark::new(end, MarkedEvent::Declared(signal), false)));
     all.extend(record.recovered.as_ref().map(|report| match report.stopped_by {
-        StoppedBy::Hook => EventMark::new(end, MarkedEvent::StoppedByHook, false),
+        StoppedBy::RollbackHook | StoppedBy::Hook => EventMark::new(end, MarkedEvent::StoppedByHook, false),
         StoppedBy::Interrupt => EventMark::new(end, MarkedEvent::StoppedByInterrupt, true),
         StoppedBy::Nothing => EventMark::new(end, MarkedEvent::NotStopped, true),
     }));

@@ -25,7 +25,7 @@ use super::resume::Resumption;
 use super::shared_stops;
 use crate::context::Context;
 use crate::evidence_binding::{not_admitted, terms_of};
-use crate::evidence_file::EvidenceFiles;
+use crate::evidence_file::{EvidenceFile, EvidenceFiles};
 use crate::fault::EngineFault;
 use crate::monitors::ActivationMonitor;
 use crate::monitors::Monitors;
@@ -208,10 +208,12 @@ impl Rollback<'_> {
         let leaving = self.record.capability(id)?;
         let terms = self.terms(&leaving);
         let sketch = self.sketch(&leaving, &terms);
+        let is_rehearsed = self.evidence_files.of(id).is_some_and(EvidenceFile::has_passed_rollback_drills);
+        let cause = (record.trigger.kind, is_rehearsed);
         let outcome = match self.world.cell.rig_mut() {
             Some(rig) => {
                 rig.arm_mut().body_mut().draw(sketch);
-                let motion = rig.run_motion_rungs(&leaving, &terms, trip, record.trigger.kind);
+                let motion = rig.run_motion_rungs(&leaving, &terms, trip, cause);
                 rig.arm_mut().body_mut().draw(None);
                 motion.map_err(|error| Notice::BodyFailed { problem: error.to_string() })
             }

@@ -27,7 +27,7 @@ use holdpoint_runtime::arm::Arm;
 use holdpoint_runtime::capability::Capability;
 use holdpoint_runtime::guard::Guard;
 use holdpoint_runtime::handover;
-use holdpoint_runtime::recovery::{AbortRun, Standstill, StoppedBy};
+use holdpoint_runtime::recovery::{AbortRun, ROLLBACK_HOOK_TICKS, Standstill, StoppedBy};
 use holdpoint_runtime::skill::{Hook, Skill, next_command};
 use holdpoint_runtime::task::{Supervision, TaskRun, TaskStage};
 use holdpoint_runtime::terms::SkillTerms;
@@ -54,9 +54,6 @@ pub struct DrillVersions<'a> {
     /// What its manifest binds as a fallback, if that is in the registry.
     pub fallback: Option<&'a Capability>,
 }
-
-/// Longest time a rollback hook may take, ticks.
-const HANDOVER_TICKS: u64 = 3 * RATE_HZ as u64;
 
 /// Time for which the drill watches an arm after its hook reports done, before it stops the arm, ticks: 100 ms.
 const DONE_TICKS: u64 = RATE_HZ as u64 / 10;
@@ -236,7 +233,8 @@ impl StartedDrill<'_, '_> {
                 return Ok(match report.stopped_by {
                     StoppedBy::Hook => true,
                     StoppedBy::Interrupt => rule == StopRule::HookOrInterrupt,
-                    StoppedBy::Nothing => false,
+                    // An abort calls no rollback hook.
+                    StoppedBy::RollbackHook | StoppedBy::Nothing => false,
                 });
             }
             if rule == StopRule::HookAlone && abort.is_past_hook() {
@@ -328,7 +326,7 @@ impl StartedDrill<'_, '_> {
         skill.enter(Hook::Rollback);
         let mut verdict = GuardVerdict::Allowed;
         let mut seen = self.arm.body().telemetry();
-        for _ in 0..HANDOVER_TICKS {
+        for _ in 0..ROLLBACK_HOOK_TICKS {
             let mut handle = self.arm.handle();
             let observation = handle.observe(verdict);
             let command = next_command(skill, &observation)?;

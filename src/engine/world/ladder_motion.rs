@@ -1,7 +1,7 @@
 //! The rungs of the ladder that move the arm, and the one that checks whether the rollback target is ready.
 //!
-//! No rung calls the rollback hook: the task is given up, and after a standstill the runtime's own retreat clears the arm
-//! (the guide's page on statistics compares the orders).
+//! The rollback hook comes first where the version passed its rollback drills; the guide's page on statistics compares the
+//! orders. After a standstill the runtime's own retreat clears the arm.
 //! Joints, contacts and pose show whether a rung passed; the result of a hook does not count. Decides nothing about the
 //! versions; the first rung that fails ends the ladder, and the arm stays stopped.
 
@@ -17,7 +17,7 @@ use holdpoint_runtime::arm::ActuatorHandle;
 use holdpoint_runtime::capability::Capability;
 use holdpoint_runtime::guard::Guard;
 use holdpoint_runtime::handover;
-use holdpoint_runtime::recovery::{self, RecoveryReport, Standstill, StoppedBy};
+use holdpoint_runtime::recovery::{AbortRun, RecoveryReport, Standstill, StoppedBy};
 use holdpoint_runtime::terms::SkillTerms;
 use holdpoint_runtime::watcher::Watcher;
 
@@ -59,19 +59,21 @@ impl LadderMotion {
 }
 
 impl Rig {
-    /// Runs the rungs that move the arm: the version's own safe-abort hook if the cause permits it, the interrupt that no
-    /// version can refuse, and the retreat. If the supervisor stopped a task in flight, hook or interrupt have stopped the
+    /// Runs the rungs that move the arm: the version's own hooks if the cause permits it, the interrupt that no version can
+    /// refuse, and the retreat. `is_rehearsed`: the version passed its rollback drills. If the supervisor stopped a task in flight, hook or interrupt have stopped the
     /// arm already: the ladder continues from there, and time counts from the tick of that stop.
     pub(crate) fn run_motion_rungs(
         &mut self,
         leaving: &Capability,
         terms: &SkillTerms,
         trip: Option<&Trip>,
-        cause: TriggerKind,
+        (cause, is_rehearsed): (TriggerKind, bool),
     ) -> Result<LadderMotion, SimError> {
         let now = self.world().tick();
         let trigger_tick = trip.map_or(now, |trip| trip.world_tick.min(now));
         self.arm_mut().body_mut().verdict();
+        // The body of a stopped cell takes no command: a hook could hand nothing over.
+        let is_rollback_hook_first = is_rehearsed && !self.arm_mut().body().is_halted();
         let mut handle = self.arm_mut().handle();
         let mut guard = terms.guard(&leaving.manifest.permissions);
         let stopped = trip.and_then(|trip| Some((trip, trip.stopped?)));
@@ -81,12 +83,17 @@ impl Rig {
                 let mut skill = leaving.start(terms.bundle_seed(now));
                 let mut watcher = Watcher::new(leaving.bundle.task(), *terms.watch());
                 let secs = leaving.abort_secs();
-                (Some(recovery::abort(&mut handle, skill.as_mut(), &mut guard, &mut watcher, secs)?), true)
+                let abort = if is_rollback_hook_first {
+                    AbortRun::begin_with_rollback_hook(skill.as_mut(), secs)
+                } else {
+                    AbortRun::begin(skill.as_mut(), secs)
+                };
+                (Some(abort.finish(&mut handle, skill.as_mut(), &mut guard, &mut watcher)?), true)
             }
             None => (None, false),
         };
         let mut motion = LadderMotion {
-            rungs: report.iter().filter(|_| by_hook).map(safe_abort).collect(),
+            rungs: report.iter().filter(|_| by_hook).flat_map(hook_rungs).collect(),
             ticks_to_safe: None,
             ticks_since_trigger: 0,
             rung_ticks: 0,
@@ -136,12 +143,23 @@ impl Rig {
     }
 }
 
-fn safe_abort(report: &RecoveryReport) -> RungRecord {
-    let (failure, notice) = match report.stopped_by {
-        StoppedBy::Hook => (None, Notice::HookStopped),
-        StoppedBy::Interrupt | StoppedBy::Nothing => (Some(RungFailure::HookFailed), Notice::HookDidNotStop),
+/// The rungs of the hooks that were called.
+fn hook_rungs(report: &RecoveryReport) -> Vec<RungRecord> {
+    let of = |rung, stopped: bool, ticks, otherwise| {
+        let failure = (!stopped).then_some(RungFailure::HookFailed);
+        RungRecord::new(rung, failure, ticks, if stopped { Notice::HookStopped } else { otherwise })
     };
-    RungRecord::new(Rung::SafeAbort, failure, report.ticks_to_standstill, notice)
+    let by = report.stopped_by;
+    let first = report.rollback_hook.map(|hook| {
+        let stopped = by == StoppedBy::RollbackHook;
+        of(Rung::RollbackHook, stopped, hook.ticks, Notice::RollbackHookDidNotStop)
+    });
+    let next = report.rollback_hook.is_none_or(|hook| hook.then_safe_abort).then(|| {
+        let before = report.rollback_hook.map_or(0, |hook| hook.ticks);
+        let ticks = report.ticks_to_standstill.saturating_sub(before);
+        of(Rung::SafeAbort, by == StoppedBy::Hook, ticks, Notice::HookDidNotStop)
+    });
+    first.into_iter().chain(next).collect()
 }
 
 /// Interrupts and waits for the standstill of every joint. Also returns the tick of this rung at which the standstill

@@ -95,11 +95,13 @@ impl SequenceSupervisor {
             return Supervision::Continue;
         }
         let stops = decision.action >= MonitorAction::Restrict;
+        let rolls_back = decision.action == MonitorAction::Rollback && watched.rollback_rehearsed;
         let trip = stops.then_some(Trip { event, world_tick, tick: now, stopped: None });
         self.raised.push(RaisedMonitor { id: id.clone(), decision, trip });
         match event {
             _ if !stops => Supervision::Continue,
             Some(_) => Supervision::Interrupt,
+            None if rolls_back => Supervision::RollBack,
             None => Supervision::Abort,
         }
     }

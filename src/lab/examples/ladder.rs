@@ -6,9 +6,7 @@
 
 use std::sync::Arc;
 
-use holdpoint_body::{
-    Body, BodyError, Command, GuardVerdict, Interrupt, Observation, RATE_HZ, TaskKind, Telemetry,
-};
+use holdpoint_body::{Body, BodyError, Command, GuardVerdict, Interrupt, Observation, TaskKind, Telemetry};
 use holdpoint_engine::cell::{Cell, Conditions};
 use holdpoint_engine::trial::drills::fate::{ObjectFate, ObjectWatch};
 use holdpoint_engine::trial::seeds::{SeedPurpose, episode_seed};
@@ -19,15 +17,12 @@ use holdpoint_governance::profile::{Profile, ProfileName};
 use holdpoint_governance::rollback::ticks_to_ms;
 use holdpoint_runtime::arm::{ActuatorHandle, Arm};
 use holdpoint_runtime::guard::Guard;
-use holdpoint_runtime::recovery::{self, Standstill, StoppedBy};
+use holdpoint_runtime::recovery::{self, ROLLBACK_HOOK_TICKS, Standstill, StoppedBy};
 use holdpoint_runtime::skill::{Hook, Skill, next_command};
 use holdpoint_runtime::task::{TaskRun, TaskStage, Tick};
 use holdpoint_runtime::terms::SkillTerms;
 use holdpoint_sim::rng::{Stream, StreamPurpose};
 use holdpoint_sim::world::{World, WorldCopy};
-
-/// Longest time of a rollback hook, ticks: as in a drill.
-const HAND_OVER_TICKS: u32 = 3 * RATE_HZ;
 
 /// What stops the arm first.
 #[derive(Clone, Copy, Debug)]
@@ -140,7 +135,7 @@ fn hand_over(
 ) -> Result<bool, BodyError> {
     skill.enter(Hook::Rollback);
     let mut verdict = GuardVerdict::Allowed;
-    for _ in 0..HAND_OVER_TICKS {
+    for _ in 0..ROLLBACK_HOOK_TICKS {
         let (observation, seen) = (handle.observe(verdict), handle.telemetry());
         let command = next_command(skill, &observation)?;
         let checked = guard.check(&command, &seen);

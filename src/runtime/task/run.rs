@@ -18,7 +18,7 @@ use crate::harm::HarmMeter;
 use crate::recovery::{AbortRun, RecoveryReport, StoppedBy};
 use crate::skill::{Hook, Skill, next_command};
 use crate::start_check::StartCheck;
-use crate::watcher::Watcher;
+use crate::watcher::{Watcher, WatcherSignal};
 
 /// What a task is at.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -39,9 +39,9 @@ enum StageState {
     Working,
     /// For how many ticks.
     Settling(u64),
-    /// The hook is entered in its first tick, so that a copy made before has a skill that still works. An interrupt needs
-    /// no hook and begins here.
-    Recovering(Option<AbortRun>),
+    /// By this hook first. It is entered in its first tick, so that a copy made before has a skill that still works. An
+    /// interrupt needs no hook and begins here.
+    Recovering(Hook, Option<AbortRun>),
     Over,
 }
 
@@ -157,7 +157,7 @@ impl TaskRun {
         match self.progress.stage {
             StageState::Working => TaskStage::Working,
             StageState::Settling(_) => TaskStage::Settling,
-            StageState::Recovering(_) => TaskStage::Recovering,
+            StageState::Recovering(..) => TaskStage::Recovering,
             StageState::Over => TaskStage::Over,
         }
     }
@@ -259,9 +259,12 @@ impl TaskRun {
         if let Some(command) = self.next_command(handle)? {
             handle.step(&command)?;
             self.take_in(handle, supervise);
-        } else if let StageState::Recovering(abort) = &mut self.progress.stage {
-            let skill = self.skill.as_mut();
-            let abort = abort.get_or_insert_with(|| AbortRun::begin(skill, self.terms.abort_secs));
+        } else if let StageState::Recovering(first, abort) = &mut self.progress.stage {
+            let (skill, first, secs) = (self.skill.as_mut(), *first, self.terms.abort_secs);
+            let abort = abort.get_or_insert_with(|| match first {
+                Hook::Rollback => AbortRun::begin_with_rollback_hook(skill, secs),
+                Hook::SafeAbort => AbortRun::begin(skill, secs),
+            });
             let watcher = &mut self.progress.watcher;
             let report = abort.step(handle, self.skill.as_mut(), &mut self.guard, watcher)?;
             let seen = handle.telemetry();
@@ -296,7 +299,7 @@ impl TaskRun {
                 self.progress.settling_from.get_or_insert_with(|| handle.observe(verdict));
                 Some(Command::Hold)
             }
-            StageState::Recovering(_) | StageState::Over => None,
+            StageState::Recovering(..) | StageState::Over => None,
         })
     }
 
@@ -314,7 +317,7 @@ impl TaskRun {
                     self.progress.settling_from = Some(observation);
                 }
             }
-            StageState::Recovering(_) | StageState::Over => {}
+            StageState::Recovering(..) | StageState::Over => {}
         }
     }
 
@@ -425,9 +428,14 @@ impl TaskRun {
     }
 
     fn recover(&mut self, called: Supervision) {
-        self.progress.record.recovery = true;
+        let p = &mut self.progress;
+        p.record.recovery = true;
         let at_once = (called == Supervision::Interrupt).then(AbortRun::without_hook);
-        self.progress.stage = StageState::Recovering(at_once);
+        // Where the link is down, the supervisor does not know of a limit passed or a contact.
+        let is_safe = !p.record.violation && !p.watcher.has(WatcherSignal::UnexpectedContact);
+        let by_rollback_hook = called == Supervision::RollBack && is_safe;
+        let first = if by_rollback_hook { Hook::Rollback } else { Hook::SafeAbort };
+        p.stage = StageState::Recovering(first, at_once);
     }
 
     /// A tick between a skill's report that it is done and the inspection: no command is sent, and everything is

@@ -1,7 +1,7 @@
 //! What a task does after its skill says that it is done, and that one that was left or copied goes on as it was.
 
 use std::path::Path;
-use std::sync::Arc;
+use std::sync::{Arc, Mutex};
 
 use holdpoint_body::{Body, GuardVerdict, Interrupt, RATE_HZ};
 use holdpoint_governance::policy::PolicyTable;
@@ -15,7 +15,7 @@ use holdpoint_sim::world::World;
 use super::*;
 use crate::arm::Arm;
 use crate::capability::Capability;
-use crate::recovery::StoppedBy;
+use crate::recovery::{ROLLBACK_HOOK_TICKS, RollbackHookReport, StoppedBy};
 use crate::skill::Hook;
 use crate::terms::SkillTerms;
 
@@ -60,6 +60,11 @@ impl Body for Struck {
 
 /// Runs a skill that is done at once on a body that is struck from a tick on.
 fn work(from: u64, supervise: &mut Supervisor<'_, Struck>) -> TaskRecord {
+    work_with(Box::new(Done), from, supervise)
+}
+
+/// Runs a skill on a body that is struck from a tick on.
+fn work_with(skill: Box<dyn Skill>, from: u64, supervise: &mut Supervisor<'_, Struck>) -> TaskRecord {
     let profile = Profile::builtin(ProfileName::Sim).unwrap();
     let table = Arc::new(PolicyTable::builtin(&profile).unwrap());
     let (model, scene) = (RobotModel::builtin("arm7").unwrap(), Scene::cell().unwrap());
@@ -69,7 +74,7 @@ fn work(from: u64, supervise: &mut Supervisor<'_, Struck>) -> TaskRecord {
     let guard = terms.own_guard(authority);
     let mut arm = Arm::new(Struck { world, ticks: 0, from });
     let task = terms.task(TaskKind::Grasp, 1, 0.5);
-    run(&mut arm.handle(), Box::new(Done), guard, &task, supervise).unwrap()
+    run(&mut arm.handle(), skill, guard, &task, supervise).unwrap()
 }
 
 #[test]
@@ -353,4 +358,70 @@ fn earliest_event_is_the_cause_of_a_failed_task() {
     assert_eq!(dropped.failure_cause(), Some(Cause::Dropped), "the watcher goes before the skill's own word");
     let pressed = TaskRecord { hits: vec![(200, PolicyHit::ForceMeasured)], ..dropped };
     assert_eq!(pressed.failure_cause(), Some(Cause::Pressed), "the earlier event decides");
+}
+
+/// Stands still, and in its rollback hook is done at once or never.
+struct Standing {
+    entered: Arc<Mutex<Vec<Hook>>>,
+    hands_over: bool,
+}
+
+impl Skill for Standing {
+    fn tick(&mut self, _: &Observation) -> Command {
+        match self.entered.lock().unwrap().last() {
+            Some(Hook::Rollback) if self.hands_over => Command::Done,
+            Some(Hook::SafeAbort) => Command::Stop,
+            _ => Command::Hold,
+        }
+    }
+    fn enter(&mut self, hook: Hook) {
+        self.entered.lock().unwrap().push(hook);
+    }
+}
+
+/// Stops a standing skill in its tenth tick so, on a body that is struck from a tick on. Also returns the hooks entered.
+fn stopped(hands_over: bool, from: u64, called: Supervision) -> (TaskRecord, Vec<Hook>) {
+    let entered = Arc::new(Mutex::new(Vec::new()));
+    let skill = Standing { entered: Arc::clone(&entered), hands_over };
+    let record = work_with(Box::new(skill), from, &mut |_, passed| {
+        if passed.tick == 10 { called } else { Supervision::Continue }
+    });
+    let hooks = entered.lock().unwrap().clone();
+    (record, hooks)
+}
+
+#[test]
+fn a_planned_rollback_calls_the_rollback_hook_first() {
+    let (record, hooks) = stopped(true, u64::MAX, Supervision::RollBack);
+    let report = record.recovered.unwrap();
+    assert_eq!((report.stopped_by, hooks), (StoppedBy::RollbackHook, vec![Hook::Rollback]));
+    assert!(report.ticks_to_standstill < u64::from(RATE_HZ) / 2 && !record.violation, "{report:?}");
+    assert_eq!(stopped(true, u64::MAX, Supervision::Abort).1, [Hook::SafeAbort]);
+}
+
+#[test]
+fn a_rollback_hook_that_never_ends_falls_to_the_safe_abort_hook() {
+    let (record, hooks) = stopped(false, u64::MAX, Supervision::RollBack);
+    let report = record.recovered.unwrap();
+    assert_eq!((report.stopped_by, hooks), (StoppedBy::Hook, vec![Hook::Rollback, Hook::SafeAbort]));
+    let given_up = RollbackHookReport { ticks: ROLLBACK_HOOK_TICKS, then_safe_abort: true };
+    assert_eq!(report.rollback_hook, Some(given_up));
+    let after = report.ticks_to_standstill - ROLLBACK_HOOK_TICKS;
+    assert!(after < u64::from(RATE_HZ) / 2 && !record.violation, "{report:?}");
+}
+
+#[test]
+fn a_limit_passed_in_the_rollback_hook_ends_the_control_of_the_code() {
+    let (record, hooks) = stopped(false, 30, Supervision::RollBack);
+    let report = record.recovered.unwrap();
+    assert_eq!((report.stopped_by, hooks), (StoppedBy::Interrupt, vec![Hook::Rollback]));
+    assert_eq!(report.violation, Some(PolicyHit::ForceMeasured));
+    assert!(report.ticks_to_standstill < u64::from(RATE_HZ) / 2, "{report:?}");
+    assert!(report.rollback_hook.is_some_and(|hook| !hook.then_safe_abort && hook.ticks < 30), "{report:?}");
+}
+
+#[test]
+fn no_hook_is_entered_after_an_interrupt() {
+    let (record, hooks) = stopped(true, u64::MAX, Supervision::Interrupt);
+    assert_eq!((record.recovered.unwrap().stopped_by, hooks), (StoppedBy::Interrupt, Vec::new()));
 }

@@ -1,5 +1,7 @@
 //! The ladder, rung by rung: what a test can break is broken, and each class of failure is reached.
 
+mod rollback_hook;
+
 use std::path::Path;
 
 use holdpoint_body::{Command as Motion, RATE_HZ, TaskKind};
@@ -272,8 +274,10 @@ impl Bench {
         let (safe, restored) = (record.time_to_safe_ticks.unwrap(), record.time_to_restored_ticks.unwrap());
         assert!(safe < restored, "{safe} {restored}");
         let rungs: Vec<Rung> = record.rungs.iter().map(|rung| rung.rung).collect();
-        let permitted = |rung: &Rung| *rung != Rung::SafeAbort || record.trigger.kind.permits_hook();
-        assert_eq!(rungs, Rung::ALL.into_iter().filter(permitted).collect::<Vec<_>>());
+        let is_hook = |rung: &Rung| matches!(rung, Rung::RollbackHook | Rung::SafeAbort);
+        assert_eq!(rungs.iter().any(is_hook), record.trigger.kind.permits_hook());
+        let tried = |rung: &Rung| !is_hook(rung) || rungs.contains(rung);
+        assert_eq!(rungs, Rung::ALL.into_iter().filter(tried).collect::<Vec<_>>());
     }
 
     /// Moves the tool without any version, and leaves it moving or standing.
@@ -378,6 +382,7 @@ fn hook_that_does_not_stop_the_arm_does_not_end_the_ladder() {
         ticks_to_standstill: 40,
         motion_ticks: 40,
         violation: None,
+        rollback_hook: None,
     };
     let trip = Trip { event: None, world_tick, tick: 0, stopped: Some(stopped) };
     let trigger = trigger(bench.pipeline.record(), TriggerKind::RateTrip, Notice::RollbackInterrupted);
