@@ -31,6 +31,7 @@ use holdpoint_governance::submission::Package;
 use holdpoint_protocol::command::{Command, Reply, Request};
 use holdpoint_protocol::event::{DimensionResult, Event, EventKind};
 use holdpoint_protocol::scenario_state::{Decider, ScenarioState};
+use holdpoint_protocol::snapshot::CandidateView;
 use holdpoint_registry::{Layout, ResultCache, TelemetryViews, Views};
 use holdpoint_runtime::capability::Capability;
 use holdpoint_text::{Hint, Problem};
@@ -277,15 +278,7 @@ pub fn run_candidate_timed(
         cache: EpisodeCache::Shared(setting.cache.clone()),
     };
     let engine = Engine::start_experiment(config, setting.experiment.clone())?;
-    let pump = Pump::new(engine, Vec::new());
-    let began = FigureClock::ProcessCpu.secs();
-    let mut drive = CandidateDriver {
-        pump,
-        requests: 0,
-        name,
-        version,
-        seen: EventSummary { mark: began, ..EventSummary::default() },
-    };
+    let mut drive = CandidateDriver::new(engine, name, version);
     drive.register(package)?;
     drive.run_until_settled()?;
     let times = drive.seen.times;
@@ -297,18 +290,36 @@ pub fn run_candidate_timed(
 
 /// The data of the events so far.
 #[derive(Default)]
-struct EventSummary {
-    stages: Vec<StageRecord>,
+pub(super) struct EventSummary {
+    pub(super) stages: Vec<StageRecord>,
     last_stage: Option<Stage>,
     activated: bool,
     confirmed: bool,
-    effort: EpisodeEffort,
+    pub(super) effort: EpisodeEffort,
     /// The CPU time at the last decision.
     mark: f64,
     times: StageTimes,
 }
 
 impl EventSummary {
+    /// Of a candidate that begins now.
+    fn beginning() -> Self {
+        Self { mark: FigureClock::ProcessCpu.secs(), ..Self::default() }
+    }
+
+    pub(super) fn fate(&self) -> Fate {
+        match (self.confirmed, self.activated) {
+            (true, _) => Fate::Kept,
+            (false, true) => Fate::Contained,
+            (false, false) => Fate::Blocked { stage: self.last_stage.unwrap_or(Stage::Validation) },
+        }
+    }
+
+    /// `confirmed`, or this lifecycle state.
+    pub(super) const fn state(&self, state: State) -> ScenarioState {
+        if self.confirmed { ScenarioState::Confirmed } else { ScenarioState::In(state) }
+    }
+
     /// The time since the last decision belongs to this one.
     fn record_stage_time(&mut self, of: fn(&mut StageTimes) -> &mut f64) {
         let now = FigureClock::ProcessCpu.secs();
@@ -317,7 +328,8 @@ impl EventSummary {
     }
 }
 
-struct CandidateDriver<'a> {
+/// Drives an engine with one candidate, and with others after it.
+pub(super) struct CandidateDriver<'a> {
     pump: Pump,
     requests: u64,
     name: &'a str,
@@ -325,8 +337,18 @@ struct CandidateDriver<'a> {
     seen: EventSummary,
 }
 
-impl CandidateDriver<'_> {
-    fn register(&mut self, package: Package) -> Result<(), ExperimentError> {
+impl<'a> CandidateDriver<'a> {
+    pub(super) fn new(engine: Engine, name: &'a str, version: CapabilityId) -> Self {
+        let pump = Pump::new(engine, Vec::new());
+        Self { pump, requests: 0, name, version, seen: EventSummary::beginning() }
+    }
+
+    /// Turns to another candidate, on the same store.
+    pub(super) fn turn_to(&mut self, name: &'a str, version: CapabilityId) {
+        (self.name, self.version, self.seen) = (name, version, EventSummary::beginning());
+    }
+
+    pub(super) fn register(&mut self, package: Package) -> Result<(), ExperimentError> {
         self.submit(Command::Register { package, name: self.name.to_owned(), by: None })
     }
 
@@ -354,7 +376,7 @@ impl CandidateDriver<'_> {
     }
 
     /// Runs until nothing more happens to the candidate by itself.
-    fn run_until_settled(&mut self) -> Result<(), ExperimentError> {
+    pub(super) fn run_until_settled(&mut self) -> Result<(), ExperimentError> {
         for _ in 0..SLICES_MAX {
             let (progress, events) = self.pump.turn();
             self.learn(events)?;
@@ -462,17 +484,17 @@ impl CandidateDriver<'_> {
         }
     }
 
-    fn end(self, setting: &CandidateSetting<'_>) -> Result<CandidateEnd, ExperimentError> {
+    /// Takes what was seen of the candidate, with its present view.
+    pub(super) fn take_outcome(&mut self) -> Result<(CandidateView, EventSummary), ExperimentError> {
         let snapshot = self.pump.engine().snapshot();
         let view = snapshot.candidates.into_iter().find(|view| view.version == self.version);
         let Some(view) = view else { return Err(self.unsettled("it is not in the registry")) };
-        let seen = self.seen;
-        let fate = match (seen.confirmed, seen.activated) {
-            (true, _) => Fate::Kept,
-            (false, true) => Fate::Contained,
-            (false, false) => Fate::Blocked { stage: seen.last_stage.unwrap_or(Stage::Validation) },
-        };
-        let state = if seen.confirmed { ScenarioState::Confirmed } else { ScenarioState::In(view.state) };
+        Ok((view, std::mem::take(&mut self.seen)))
+    }
+
+    fn end(mut self, setting: &CandidateSetting<'_>) -> Result<CandidateEnd, ExperimentError> {
+        let (view, seen) = self.take_outcome()?;
+        let (fate, state) = (seen.fate(), seen.state(view.state));
         Ok(CandidateEnd {
             name: self.name.to_owned(),
             version: self.version,
