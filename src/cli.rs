@@ -52,6 +52,7 @@ pub mod run;
 pub mod scenario;
 pub mod schema;
 pub mod sensors;
+pub mod series;
 pub mod serve;
 #[cfg(feature = "console")]
 mod settings;

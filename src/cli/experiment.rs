@@ -14,6 +14,7 @@ use super::per_candidate::{self, PerCandidateArgs};
 use super::result_cache::CacheKeyArgs;
 use super::run::JOBS_MAX;
 use super::sensors::{self, SensorsArgs};
+use super::series::{self, SeriesArgs};
 use super::truth::{self, TruthArgs};
 use crate::cli::output::CommandOutput;
 use crate::error::{CliError, Exit};
@@ -30,6 +31,7 @@ Examples:
   holdpoint lab experiment drift --runs 30 --out results/drift
   holdpoint lab experiment drift --runs 2 --seed 100 --horizon 40 --pairs 20 --out results/drift --json
   holdpoint lab experiment per-candidate --pool pool-7
+  holdpoint lab experiment series --out series
   holdpoint lab experiment truth --pool mutants --out truth
   holdpoint lab experiment sensors --out sensors
   holdpoint lab experiment distinguisher --out rows
@@ -47,6 +49,8 @@ pub enum ExperimentVerb {
     Drift(DriftArgs),
     /// Takes every candidate of a pool through the seven stages, then scores it against the truth file.
     PerCandidate(PerCandidateArgs),
+    /// Series of inferior versions by one author: in how many does any get in?
+    Series(SeriesArgs),
     /// The paper's screening: a pool's candidates through the stages, by class and dimension.
     E1(PaperArgs),
     /// The paper's rounds of upgrades, for each arm that decides about them.
@@ -115,6 +119,7 @@ pub fn run(args: &ExperimentArgs, out: &mut CommandOutput<'_>) -> Result<Exit, C
     match &args.which {
         ExperimentVerb::Drift(args) => run_drift(args, out),
         ExperimentVerb::PerCandidate(args) => per_candidate::run(args, out),
+        ExperimentVerb::Series(args) => series::run(args, out),
         ExperimentVerb::E1(args) => paper::run(args, ExperimentPart::E1, out),
         ExperimentVerb::E2(args) => paper::run(args, ExperimentPart::E2, out),
         ExperimentVerb::E3(args) => paper::run(args, ExperimentPart::E3, out),

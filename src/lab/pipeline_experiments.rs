@@ -10,6 +10,8 @@ mod drift_report;
 pub(crate) mod drift_run;
 pub mod layer_failure;
 pub mod per_candidate;
+pub mod series;
+mod series_tweaks;
 
 use holdpoint_governance::ids::Digest;
 use holdpoint_registry::{CacheLookup, ResultCache};

@@ -1,0 +1,367 @@
+//! Series of inferior versions by one author, through the pipeline on one store each: in how many does any get in?
+//!
+//! Each series registers one tweak after another, under `sim` and with secret seeds, until one is activated or all are stopped.
+//! The tweaks and what they lose: `series_tweaks.rs`. A finished series is cached; its seeds are secret, so a series that is
+//! run again has other episodes.
+
+use std::collections::BTreeMap;
+use std::time::Instant;
+
+use serde::{Deserialize, Serialize};
+
+use super::candidate_run::{CandidateDriver, EpisodeEffort, StageRecord};
+use super::series_tweaks::{Calibration, Tweak, calibrate, commissioned, tweak};
+use super::{ExperimentError, ProgressFn, cached_result, scratch};
+use crate::bench::FigureClock;
+use crate::ground_truth::side_by_side;
+use holdpoint_engine::cell::{Cell, DECIDED_BY};
+use holdpoint_engine::trial::cache::EpisodeCache;
+use holdpoint_engine::trial::seeds::EpisodeSeeds;
+use holdpoint_engine::{Config, Engine, Experiment};
+use holdpoint_governance::decision::ReasonCode;
+use holdpoint_governance::ids::{CapabilityId, Digest};
+use holdpoint_governance::metrics::Fate;
+use holdpoint_governance::profile::{Profile, ProfileName};
+use holdpoint_governance::stats::clopper_pearson_upper;
+use holdpoint_governance::tries::CountedTry;
+use holdpoint_protocol::scenario_state::ScenarioState;
+use holdpoint_registry::{CacheSecret, ResultCache};
+use holdpoint_text::Hint;
+
+/// One-sided level of the bound of the series in which a tweak gets in.
+const BOUND_ALPHA: f64 = 0.05;
+
+/// The plan of a run.
+#[derive(Clone, Debug)]
+pub struct SeriesPlan {
+    pub series: u64,
+    /// The most tweaks of a series.
+    pub tweaks: u32,
+    /// The first calibration seed, and the number of its episodes.
+    pub calibration: (u64, u64),
+    pub jobs: usize,
+    /// Finished series and the calibration are cached here and not run again; only for this run if absent.
+    pub cache: Option<ResultCache>,
+}
+
+/// The end of one tweak.
+// Unknown fields are accepted: serde cannot tell them from flattened fields.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct TryEnd {
+    pub version: CapabilityId,
+    /// The try that it was counted as; absent if it was stopped before its first pair.
+    pub counted: Option<CountedTry>,
+    /// Pairs that it ran.
+    pub pairs: u64,
+    /// Every decision, in order.
+    pub stages: Vec<StageRecord>,
+    /// The first reason of the last decision.
+    pub reason: Option<ReasonCode>,
+    /// `confirmed`, or the lifecycle state it stayed in.
+    pub state: ScenarioState,
+    /// Blocked, contained or kept.
+    #[serde(flatten)]
+    pub fate: Fate,
+    /// Episodes that ran for it.
+    pub effort: EpisodeEffort,
+    /// CPU time of the thread that ran it, s.
+    pub cpu_secs: f64,
+}
+
+impl TryEnd {
+    /// Whether it was activated.
+    const fn got_in(&self) -> bool {
+        !matches!(self.fate, Fate::Blocked { .. })
+    }
+}
+
+/// The end of one series: its tweaks in order. Only the last one can have got in.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SeriesEnd {
+    /// Its number, from 0.
+    pub series: u64,
+    pub tries: Vec<TryEnd>,
+}
+
+impl SeriesEnd {
+    /// The tweaks until one got in; `None` if none did.
+    #[must_use]
+    pub fn tries_until_in(&self) -> Option<usize> {
+        self.tries.iter().position(TryEnd::got_in).map(|place| place + 1)
+    }
+
+    /// Pairs of all tweaks.
+    #[must_use]
+    pub fn pairs(&self) -> u64 {
+        self.tries.iter().map(|one| one.pairs).sum()
+    }
+
+    /// CPU time of all tweaks, s.
+    #[must_use]
+    pub fn cpu_secs(&self) -> f64 {
+        self.tries.iter().map(|one| one.cpu_secs).sum()
+    }
+
+    /// The tweaks that were stopped, by reason.
+    #[must_use]
+    pub fn stopped_by(&self) -> BTreeMap<String, u64> {
+        let mut counts = BTreeMap::new();
+        for one in self.tries.iter().filter(|one| !one.got_in()) {
+            let reason = one.reason.map_or("none", ReasonCode::as_str);
+            *counts.entry(reason.to_owned()).or_default() += 1;
+        }
+        counts
+    }
+}
+
+/// All series together.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SeriesSummary {
+    pub series: u64,
+    /// Series in which a tweak got in.
+    pub got_in: u64,
+    /// Upper bound of their rate (Clopper and Pearson, one-sided 95 %).
+    pub at_most: f64,
+    pub tries: u64,
+    pub pairs: u64,
+    pub cpu_secs: f64,
+    /// The tweaks that were stopped, by reason.
+    pub stopped_by: BTreeMap<String, u64>,
+}
+
+/// The result of a run.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SeriesReport {
+    pub calibration: Calibration,
+    pub series: Vec<SeriesEnd>,
+    pub summary: SeriesSummary,
+}
+
+/// Runs the plan. `tell` gets one line a series.
+///
+/// # Errors
+/// If the calibration finds no tweak that is inferior, the engine cannot start or halts, or a tweak does not settle.
+pub fn run(plan: &SeriesPlan, tell: &ProgressFn<'_>) -> Result<SeriesReport, ExperimentError> {
+    let scratch = scratch()?;
+    let cache = match &plan.cache {
+        Some(cache) => cache.clone(),
+        None => ResultCache::in_folder(scratch.path().to_owned(), CacheSecret::fresh()?),
+    };
+    let cell = Cell::builtin()?;
+    let profile =
+        Profile::builtin(ProfileName::Sim).map_err(|error| ExperimentError::Unexpected(error.sentence()))?;
+    let calibration = calibrate_or_reuse(plan, &cell, &cache, profile.tries.margin)?;
+    tell(&format!(
+        "calibration: a tweak loses {:.3} [{:.3}, {:.3}] in {} episodes from seed {}",
+        calibration.loss.mean,
+        calibration.loss.lower,
+        calibration.loss.upper,
+        calibration.episodes,
+        calibration.seed
+    ));
+    let baseline = commissioned()?;
+    let items = usize::try_from(plan.series).unwrap_or(usize::MAX);
+    let began = Instant::now();
+    let series = side_by_side(
+        plan.jobs,
+        items,
+        |_, at| {
+            let number = at as u64;
+            let tweaks = (1..=plan.tweaks)
+                .map(|place| tweak(&baseline, number, place, calibration.share))
+                .collect::<Result<Vec<_>, _>>()?;
+            run_or_reuse(&cell, &cache, &profile, number, &tweaks)
+        },
+        &|end, finished| tell(&progress(end, finished, items, began)),
+    )?;
+    let summary = summarize(&series)?;
+    Ok(SeriesReport { calibration, series, summary })
+}
+
+fn calibrate_or_reuse(
+    plan: &SeriesPlan,
+    cell: &Cell,
+    cache: &ResultCache,
+    margin: f64,
+) -> Result<Calibration, ExperimentError> {
+    let (seed, episodes) = plan.calibration;
+    let environment = cell.digest();
+    let parts: [&[u8]; 5] = [
+        environment.bytes(),
+        DECIDED_BY.as_bytes(),
+        &seed.to_le_bytes(),
+        &episodes.to_le_bytes(),
+        &margin.to_le_bytes(),
+    ];
+    let key = Digest::of_parts("holdpoint.series-calibration.v1", &parts);
+    if let Some(known) = cached_result::<Calibration>(cache, &key) {
+        return Ok(known);
+    }
+    let calibration = calibrate(cell, plan.calibration, plan.jobs, margin)?;
+    cache.put(&key, &serde_json::to_vec(&calibration)?)?;
+    Ok(calibration)
+}
+
+/// Runs a series, or reads its cached result of an earlier run of the same build.
+fn run_or_reuse(
+    cell: &Cell,
+    cache: &ResultCache,
+    profile: &Profile,
+    series: u64,
+    tweaks: &[Tweak],
+) -> Result<SeriesEnd, ExperimentError> {
+    let mut parts = vec![
+        profile.digest()?.bytes().to_vec(),
+        cell.digest().bytes().to_vec(),
+        DECIDED_BY.as_bytes().to_vec(),
+        series.to_le_bytes().to_vec(),
+    ];
+    for Tweak { package, .. } in tweaks {
+        for text in [&package.manifest, &package.submission, &package.params] {
+            parts.push(text.as_bytes().to_vec());
+        }
+    }
+    let parts: Vec<&[u8]> = parts.iter().map(Vec::as_slice).collect();
+    let key = Digest::of_parts("holdpoint.series.v1", &parts);
+    if let Some(known) = cached_result::<SeriesEnd>(cache, &key).filter(|known| known.series == series) {
+        return Ok(known);
+    }
+    let end = SeriesEnd { series, tries: run_series(cell, tweaks)? };
+    cache.put(&key, &serde_json::to_vec(&end)?)?;
+    Ok(end)
+}
+
+/// Registers the tweaks one after another on one store, until one is activated.
+fn run_series(cell: &Cell, tweaks: &[Tweak]) -> Result<Vec<TryEnd>, ExperimentError> {
+    let Some(first) = tweaks.first() else { return Ok(Vec::new()) };
+    let store = scratch()?;
+    let config = Config {
+        data: store.path(),
+        profile: ProfileName::Sim.into(),
+        seeds: EpisodeSeeds::Secret,
+        // The thread that drives the engine runs the episodes as well, so its CPU time is that of the series.
+        jobs: 1,
+        scripted: true,
+        cell: cell.clone(),
+        cache: EpisodeCache::InStore,
+    };
+    let engine = Engine::start_experiment(config, Experiment::default())?;
+    let mut drive = CandidateDriver::new(engine, &first.name, first.version.clone());
+    let mut ends = Vec::new();
+    for tweak in tweaks {
+        let began = FigureClock::ThreadCpu.secs();
+        drive.turn_to(&tweak.name, tweak.version.clone());
+        drive.register(tweak.package.clone())?;
+        drive.run_until_settled()?;
+        let (view, seen) = drive.take_outcome()?;
+        let end = TryEnd {
+            version: tweak.version.clone(),
+            pairs: view.pairs.as_ref().map_or(0, |pairs| pairs.n),
+            reason: seen.stages.last().and_then(|last| last.reasons.first()).map(|reason| reason.code),
+            state: seen.state(view.state),
+            fate: seen.fate(),
+            counted: view.counted,
+            stages: seen.stages,
+            effort: seen.effort,
+            cpu_secs: FigureClock::ThreadCpu.secs() - began,
+        };
+        let got_in = end.got_in();
+        ends.push(end);
+        if got_in {
+            break;
+        }
+    }
+    Ok(ends)
+}
+
+fn progress(end: &SeriesEnd, finished: usize, all: usize, began: Instant) -> String {
+    let left = began.elapsed().as_secs_f64() / finished as f64 * (all - finished) as f64;
+    let how = match end.tries_until_in() {
+        Some(number) => format!("the tweak {number} got in"),
+        None => format!("none of {} tweaks got in", end.tries.len()),
+    };
+    format!("[{finished}/{all}] series {}: {how}; about {:.0} min left", end.series, left / 60.0)
+}
+
+fn summarize(series: &[SeriesEnd]) -> Result<SeriesSummary, ExperimentError> {
+    let all = series.len() as u64;
+    let got_in = series.iter().filter(|end| end.tries_until_in().is_some()).count() as u64;
+    let mut stopped_by: BTreeMap<String, u64> = BTreeMap::new();
+    for (reason, count) in series.iter().flat_map(SeriesEnd::stopped_by) {
+        *stopped_by.entry(reason).or_default() += count;
+    }
+    Ok(SeriesSummary {
+        series: all,
+        got_in,
+        at_most: clopper_pearson_upper(got_in, all, BOUND_ALPHA)?,
+        tries: series.iter().map(|end| end.tries.len() as u64).sum(),
+        pairs: series.iter().map(SeriesEnd::pairs).sum(),
+        cpu_secs: series.iter().map(SeriesEnd::cpu_secs).sum(),
+        stopped_by,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use holdpoint_governance::lifecycle::{Stage, State};
+
+    /// Two tweaks that fail in half of their runs: each is another try and is stopped. The second run reads the result.
+    #[test]
+    fn a_series_of_hopeless_tweaks_is_stopped_try_by_try() {
+        let cell = Cell::builtin().unwrap();
+        let baseline = commissioned().unwrap();
+        let tweaks: Vec<Tweak> = (1..=2).map(|number| tweak(&baseline, 7, number, 0.5).unwrap()).collect();
+        let folder = tempfile::tempdir().unwrap();
+        let cache = ResultCache::in_folder(folder.path().to_owned(), CacheSecret::fresh().unwrap());
+        let profile = Profile::builtin(ProfileName::Sim).unwrap();
+        let run = || run_or_reuse(&cell, &cache, &profile, 7, &tweaks).unwrap();
+        let end = run();
+        assert_eq!((end.tries.len(), end.tries_until_in()), (2, None));
+        for (one, number) in end.tries.iter().zip(1..) {
+            assert_eq!(one.fate, Fate::Blocked { stage: Stage::Sandbox }, "{one:?}");
+            let counted = one.counted.as_ref().unwrap();
+            assert_eq!((counted.by_author, counted.in_family), (number, number));
+            assert!(one.reason.is_some() && one.pairs > 0 && one.cpu_secs > 0.0, "{one:?}");
+        }
+        assert_eq!(end.stopped_by().values().sum::<u64>(), 2);
+        // CPU times are never equal twice.
+        assert_eq!(run(), end);
+    }
+
+    fn end(fate: Fate, reason: ReasonCode) -> TryEnd {
+        TryEnd {
+            version: "grasp@1.1.1".parse().unwrap(),
+            counted: None,
+            pairs: 100,
+            stages: Vec::new(),
+            reason: Some(reason),
+            state: ScenarioState::In(State::Rejected),
+            fate,
+            effort: EpisodeEffort::default(),
+            cpu_secs: 0.5,
+        }
+    }
+
+    #[test]
+    fn series_with_a_tweak_that_got_in_are_counted_with_a_bound() {
+        let blocked = || end(Fate::Blocked { stage: Stage::Sandbox }, ReasonCode::BehaviorTryOpen);
+        let mut series: Vec<SeriesEnd> =
+            (0..40).map(|series| SeriesEnd { series, tries: vec![blocked(), blocked()] }).collect();
+        let summary = summarize(&series).unwrap();
+        assert_eq!((summary.series, summary.got_in, summary.tries, summary.pairs), (40, 0, 80, 8_000));
+        // 1 - .05^(1/40)
+        assert!((summary.at_most - 0.072_158).abs() < 1e-5, "{}", summary.at_most);
+        assert_eq!(summary.stopped_by, BTreeMap::from([("behavior-try-open".to_owned(), 80)]));
+        // A version that was activated counts also where it was rolled back later.
+        series[3].tries.push(end(Fate::Contained, ReasonCode::BehaviorCompatible));
+        assert_eq!(series[3].tries_until_in(), Some(3));
+        let summary = summarize(&series).unwrap();
+        assert_eq!((summary.got_in, summary.stopped_by["behavior-try-open"]), (1, 80));
+        let text = serde_json::to_string(&series[3]).unwrap();
+        assert_eq!(serde_json::from_str::<SeriesEnd>(&text).unwrap(), series[3]);
+    }
+}
