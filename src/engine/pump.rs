@@ -16,6 +16,7 @@ use crate::Engine;
 use crate::control_socket::{ControlSocket, ControlSocketError, SignalHandling};
 use crate::listeners::Listeners;
 use crate::pipeline::SliceOutcome;
+use crate::world::live::TaskTruth;
 
 /// The steps of a turn before its events are delivered.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -85,6 +86,16 @@ impl Pump {
     /// As [`Engine::work_one`].
     pub fn work_one(&mut self) {
         self.engine.work_one();
+    }
+
+    /// As [`Engine::call_referee`].
+    pub fn call_referee(&mut self) {
+        self.engine.call_referee();
+    }
+
+    /// As [`Engine::take_verdicts`].
+    pub fn take_verdicts(&mut self) -> Vec<TaskTruth> {
+        self.engine.take_verdicts()
     }
 
     /// As [`Engine::draw_live_world`].

@@ -1,8 +1,8 @@
 //! What an experiment may do with a pipeline that a deployment may not: let a drift set in without a record, blind the
 //! monitors, look at ground truth, and work the live world with or without the monitors.
 //!
-//! An experiment uses its pipeline up, so a running engine has none of this. The work itself is the pipeline's own;
-//! nothing here decides or shortens anything.
+//! An experiment uses its pipeline up, so a running engine has none of this but a look at ground truth. The work itself is
+//! the pipeline's own; nothing here decides or shortens anything.
 
 use holdpoint_body::TaskKind;
 use holdpoint_sim::SimError;
@@ -10,6 +10,7 @@ use holdpoint_sim::distribution::Drift;
 use holdpoint_sim::referee::RefereeLimits;
 
 use super::Pipeline;
+use crate::Engine;
 use crate::evidence_binding::terms_of;
 use crate::fault::EngineFault;
 use crate::trial::seeds::{SeedPurpose, episode_seed};
@@ -32,6 +33,18 @@ impl Pipeline {
         self.world.cell.call_referee(RefereeLimits::default());
         self.world.cell.skip_to(sequence);
         ExperimentPipeline(self)
+    }
+}
+
+impl Engine {
+    /// From now on a referee looks on in the live cell, for the report of an experiment.
+    pub fn call_referee(&mut self) {
+        self.pipeline.world.cell.call_referee(RefereeLimits::default());
+    }
+
+    /// Ground truth of live tasks since the last call; empty if no referee looks on.
+    pub fn take_verdicts(&mut self) -> Vec<TaskTruth> {
+        self.pipeline.world.cell.take_verdicts()
     }
 }
 

@@ -34,14 +34,22 @@ pub const fn is_harmless(kind: Kind) -> bool {
 /// [`PoolError::Generated`] if the component has no place for it.
 pub fn write(kind: Kind, draft: &mut Draft, stream: &mut Stream) -> Result<(), PoolError> {
     let numbers = numbers(kind, stream);
-    let patched = block::patched(FAULTS, kind, numbers).and_then(|bytes| ComponentBytes::new(bytes).ok());
-    let component = patched.ok_or_else(|| PoolError::Generated {
-        name: kind.name().to_owned(),
-        problem: "the component has no place for a fault".to_owned(),
-    })?;
+    let component = with_fault(kind, numbers)?;
     draft.code(component, format!("{} {numbers:?}", kind.name()));
     draft.field(&["deployment", "bundle"], FILE);
     Ok(())
+}
+
+/// The engine's controllers as a component, with this fault.
+///
+/// # Errors
+/// [`PoolError::Generated`] if the component has no place for it.
+pub(crate) fn with_fault(kind: Kind, numbers: [f64; 4]) -> Result<ComponentBytes, PoolError> {
+    let patched = block::patched(FAULTS, kind, numbers).and_then(|bytes| ComponentBytes::new(bytes).ok());
+    patched.ok_or_else(|| PoolError::Generated {
+        name: kind.name().to_owned(),
+        problem: "the component has no place for a fault".to_owned(),
+    })
 }
 
 /// The block's four numbers; what they mean stands beside each kind.

@@ -4,43 +4,31 @@
 //! findings are the engine's decisions. Approvers, if the profile asks them, always agree, so that only the engine's
 //! own judgment stops a candidate here.
 
+mod driver;
+
 use std::path::Path;
 
 use serde::{Deserialize, Serialize};
 
 use super::ExperimentError;
-use crate::bench::FigureClock;
-use crate::scripted_approver;
+pub(crate) use driver::{CandidateDriver, DrivenSlice};
+use holdpoint_engine::Experiment;
 use holdpoint_engine::cell::Cell;
-use holdpoint_engine::pipeline::SliceOutcome;
-use holdpoint_engine::pump::Pump;
 use holdpoint_engine::store_metrics::{self, Since};
 use holdpoint_engine::trial::cache::EpisodeCache;
 use holdpoint_engine::trial::seeds::EpisodeSeeds;
-use holdpoint_engine::{Config, Engine, Experiment};
-use holdpoint_governance::approval::{ApprovalDecision, Role};
 use holdpoint_governance::decision::Reason;
 use holdpoint_governance::ids::CapabilityId;
-use holdpoint_governance::lifecycle::{Stage, State};
+use holdpoint_governance::lifecycle::Stage;
 use holdpoint_governance::metrics::Fate;
 use holdpoint_governance::monitor::MonitorOutcome;
 use holdpoint_governance::outcome::StageOutcome;
 use holdpoint_governance::profile::{Profile, ProfileName, ThresholdPreset};
 use holdpoint_governance::site_profile::{ChosenProfile, ProfileTexts};
 use holdpoint_governance::submission::Package;
-use holdpoint_protocol::command::{Command, Reply, Request};
-use holdpoint_protocol::event::{DimensionResult, Event, EventKind};
+use holdpoint_protocol::event::DimensionResult;
 use holdpoint_protocol::scenario_state::{Decider, ScenarioState};
-use holdpoint_protocol::snapshot::CandidateView;
 use holdpoint_registry::{Layout, ResultCache, TelemetryViews, Views};
-use holdpoint_runtime::capability::Capability;
-use holdpoint_text::{Hint, Problem};
-
-/// Most slices of work; a candidate takes some hundred, in the human profile some thousand.
-const SLICES_MAX: u32 = 200_000;
-
-/// The approvers if the profile asks them: more than any quorum, each of a role that reaches every risk class.
-const APPROVERS: [&str; 3] = ["first-approver", "second-approver", "third-approver"];
 
 /// The settings of a candidate's run.
 #[derive(Clone)]
@@ -264,21 +252,9 @@ pub fn run_candidate_timed(
     name: &str,
     package: Package,
 ) -> Result<(CandidateEnd, StageTimes), ExperimentError> {
-    let version = Capability::load(name, package.clone())
-        .map_err(|error| ExperimentError::candidate(name, error.sentence()))?
-        .id();
     let store = super::scratch()?;
-    let config = Config {
-        data: store.path(),
-        profile: setting.thresholds.of(setting.profile)?,
-        seeds: EpisodeSeeds::OfRun(setting.seed),
-        jobs: setting.workers,
-        scripted: true,
-        cell: setting.cell.clone(),
-        cache: EpisodeCache::Shared(setting.cache.clone()),
-    };
-    let engine = Engine::start_experiment(config, setting.experiment.clone())?;
-    let mut drive = CandidateDriver::new(engine, name, version);
+    let (seeds, episodes) = (EpisodeSeeds::OfRun(setting.seed), EpisodeCache::Shared(setting.cache.clone()));
+    let mut drive = CandidateDriver::start(setting, (seeds, episodes), store.path(), (name, &package))?;
     drive.register(package)?;
     drive.run_until_settled()?;
     let times = drive.seen.times;
@@ -286,230 +262,6 @@ pub fn run_candidate_timed(
     let end = drive.end(setting)?;
     let afterwards = PostRunCheck::read(store.path(), setting.cell)?;
     Ok((CandidateEnd { afterwards, ..end }, times))
-}
-
-/// The data of the events so far.
-#[derive(Default)]
-pub(super) struct EventSummary {
-    pub(super) stages: Vec<StageRecord>,
-    last_stage: Option<Stage>,
-    activated: bool,
-    confirmed: bool,
-    pub(super) effort: EpisodeEffort,
-    /// The CPU time at the last decision.
-    mark: f64,
-    times: StageTimes,
-}
-
-impl EventSummary {
-    /// Of a candidate that begins now.
-    fn beginning() -> Self {
-        Self { mark: FigureClock::ProcessCpu.secs(), ..Self::default() }
-    }
-
-    pub(super) fn fate(&self) -> Fate {
-        match (self.confirmed, self.activated) {
-            (true, _) => Fate::Kept,
-            (false, true) => Fate::Contained,
-            (false, false) => Fate::Blocked { stage: self.last_stage.unwrap_or(Stage::Validation) },
-        }
-    }
-
-    /// `confirmed`, or this lifecycle state.
-    pub(super) const fn state(&self, state: State) -> ScenarioState {
-        if self.confirmed { ScenarioState::Confirmed } else { ScenarioState::In(state) }
-    }
-
-    /// The time since the last decision belongs to this one.
-    fn record_stage_time(&mut self, of: fn(&mut StageTimes) -> &mut f64) {
-        let now = FigureClock::ProcessCpu.secs();
-        *of(&mut self.times) += now - self.mark;
-        self.mark = now;
-    }
-}
-
-/// Drives an engine with one candidate, and with others after it.
-pub(super) struct CandidateDriver<'a> {
-    pump: Pump,
-    requests: u64,
-    name: &'a str,
-    version: CapabilityId,
-    seen: EventSummary,
-}
-
-impl<'a> CandidateDriver<'a> {
-    pub(super) fn new(engine: Engine, name: &'a str, version: CapabilityId) -> Self {
-        let pump = Pump::new(engine, Vec::new());
-        Self { pump, requests: 0, name, version, seen: EventSummary::beginning() }
-    }
-
-    /// Turns to another candidate, on the same store.
-    pub(super) fn turn_to(&mut self, name: &'a str, version: CapabilityId) {
-        (self.name, self.version, self.seen) = (name, version, EventSummary::beginning());
-    }
-
-    pub(super) fn register(&mut self, package: Package) -> Result<(), ExperimentError> {
-        self.submit(Command::Register { package, name: self.name.to_owned(), by: None })
-    }
-
-    fn submit(&mut self, command: Command) -> Result<(), ExperimentError> {
-        self.requests += 1;
-        let request = Request::unsigned(format!("experiment-{}", self.requests), command);
-        match self.pump.submit(request) {
-            Reply::Accepted { .. }
-            | Reply::Stopped { .. }
-            | Reply::Snapshot { .. }
-            | Reply::Question { .. }
-            | Reply::Detail { .. }
-            | Reply::Film { .. }
-            | Reply::Registry { .. }
-            | Reply::Audit { .. }
-            | Reply::Health { .. }
-            | Reply::Verified { .. } => {
-                let events = self.pump.deliver_events();
-                self.learn(events)
-            }
-            Reply::Refused { text, hint, .. } => {
-                Err(ExperimentError::candidate(self.name, Problem::from((text, hint)).sentence()))
-            }
-        }
-    }
-
-    /// Runs until nothing more happens to the candidate by itself.
-    pub(super) fn run_until_settled(&mut self) -> Result<(), ExperimentError> {
-        for _ in 0..SLICES_MAX {
-            let (progress, events) = self.pump.turn();
-            self.learn(events)?;
-            let snapshot = self.pump.engine().snapshot();
-            let view = snapshot.candidates.into_iter().find(|view| view.version == self.version);
-            let Some(view) = view else { return Err(self.unsettled("it is not in the registry")) };
-            if view.state.is_terminal() || self.seen.confirmed {
-                return Ok(());
-            }
-            if let Some(prompt) = snapshot.prompts.into_iter().find(|open| open.version == self.version) {
-                let who = APPROVERS.iter().find(|who| !prompt.approved_by.iter().any(|by| by == *who));
-                let Some(who) = who else {
-                    return Err(self.unsettled("more people are asked than there are"));
-                };
-                let failed = |error: scripted_approver::ApproverError| {
-                    ExperimentError::candidate(self.name, error.sentence())
-                };
-                let enrolment =
-                    scripted_approver::enrolment(self.pump.engine(), who, Role::Safety).map_err(failed)?;
-                if let Some(command) = enrolment {
-                    self.submit(command)?;
-                }
-                let decision = ApprovalDecision::Approve;
-                let command =
-                    scripted_approver::answer(&mut self.pump, &prompt, who, decision, "agrees to everything")
-                        .map_err(|error| ExperimentError::candidate(self.name, error.sentence()))?;
-                self.submit(command)?;
-                continue;
-            }
-            if let SliceOutcome::Idle { next_ms } = progress {
-                let moved = next_ms.is_some_and(|next_ms| self.pump.jump_to(next_ms));
-                if !moved {
-                    return if view.flags.provisional {
-                        Err(self.unsettled("it stays provisional"))
-                    } else {
-                        Ok(())
-                    };
-                }
-            }
-        }
-        Err(self.unsettled("it was not settled within the limit of slices"))
-    }
-
-    fn unsettled(&self, why: &str) -> ExperimentError {
-        ExperimentError::candidate(self.name, why.to_owned())
-    }
-
-    fn learn(&mut self, events: Vec<Event>) -> Result<(), ExperimentError> {
-        for event in events {
-            self.note(event.kind);
-        }
-        match self.pump.engine().holding() {
-            None => Ok(()),
-            Some(why) => {
-                Err(ExperimentError::candidate(self.name, format!("the engine holds: {}", why.sentence())))
-            }
-        }
-    }
-
-    fn note(&mut self, kind: EventKind) {
-        let seen = &mut self.seen;
-        let ours = |version: &CapabilityId| *version == self.version;
-        match kind {
-            EventKind::Decided { version, stage, outcome, reasons, .. } if ours(&version) => {
-                seen.last_stage = Some(stage);
-                seen.record_stage_time(match stage {
-                    Stage::Validation => |times| &mut times.validation,
-                    Stage::Sandbox => |times| &mut times.sandbox,
-                    Stage::Shadow => |times| &mut times.shadow,
-                    Stage::Activation => |times| &mut times.activation,
-                });
-                seen.stages.push(StageRecord {
-                    stage: stage.into(),
-                    decision: DecisionOutcome::Stage(outcome),
-                    reasons,
-                });
-            }
-            EventKind::Monitor { version, decision, reasons } if ours(&version) => {
-                seen.stages.push(StageRecord {
-                    stage: Decider::Monitor,
-                    decision: DecisionOutcome::Monitor(decision),
-                    reasons,
-                });
-            }
-            EventKind::StateChanged { version, to: State::Active, .. } if ours(&version) => {
-                seen.activated = true;
-            }
-            EventKind::Confirmed { version, .. } if ours(&version) => {
-                seen.confirmed = true;
-                seen.record_stage_time(|times| &mut times.monitoring);
-            }
-            EventKind::Progress { version, stage, done, budget, .. } if ours(&version) => match stage {
-                // Episodes that confirm an active version are no part of the decision to activate it.
-                Stage::Sandbox if !seen.activated => {
-                    seen.effort.sandbox = done;
-                    seen.effort.sandbox_budget = budget;
-                }
-                Stage::Shadow => seen.effort.shadow = done,
-                Stage::Validation | Stage::Sandbox | Stage::Activation => {}
-            },
-            EventKind::Sequence { tasks, .. } => {
-                seen.effort.live += tasks.iter().filter(|task| ours(&task.version)).count() as u64;
-            }
-            _ => {}
-        }
-    }
-
-    /// Takes what was seen of the candidate, with its present view.
-    pub(super) fn take_outcome(&mut self) -> Result<(CandidateView, EventSummary), ExperimentError> {
-        let snapshot = self.pump.engine().snapshot();
-        let view = snapshot.candidates.into_iter().find(|view| view.version == self.version);
-        let Some(view) = view else { return Err(self.unsettled("it is not in the registry")) };
-        Ok((view, std::mem::take(&mut self.seen)))
-    }
-
-    fn end(mut self, setting: &CandidateSetting<'_>) -> Result<CandidateEnd, ExperimentError> {
-        let (view, seen) = self.take_outcome()?;
-        let (fate, state) = (seen.fate(), seen.state(view.state));
-        Ok(CandidateEnd {
-            name: self.name.to_owned(),
-            version: self.version,
-            profile: setting.profile,
-            seed: setting.seed,
-            dimensions: view.dimensions,
-            composite: view.composite,
-            stages: seen.stages,
-            state,
-            restricted: view.state == State::Active && view.flags.restricted,
-            fate,
-            effort: seen.effort,
-            afterwards: PostRunCheck::default(),
-        })
-    }
 }
 
 #[cfg(test)]
