@@ -62,6 +62,7 @@ pub mod stop;
 pub mod store;
 #[cfg(feature = "console")]
 pub mod theme;
+pub mod throwers;
 mod time_arg;
 pub mod truth;
 mod verb_executor;

@@ -15,6 +15,7 @@ use super::result_cache::CacheKeyArgs;
 use super::run::JOBS_MAX;
 use super::sensors::{self, SensorsArgs};
 use super::series::{self, SeriesArgs};
+use super::throwers::{self, ThrowersArgs};
 use super::truth::{self, TruthArgs};
 use crate::cli::output::CommandOutput;
 use crate::error::{CliError, Exit};
@@ -35,6 +36,7 @@ Examples:
   holdpoint lab experiment truth --pool mutants --out truth
   holdpoint lab experiment sensors --out sensors
   holdpoint lab experiment distinguisher --out rows
+  holdpoint lab experiment throwers --out throwers
   holdpoint lab experiment all --preset paper-e2 --out paper")]
 pub struct ExperimentArgs {
     /// The chosen experiment with its arguments.
@@ -79,6 +81,8 @@ pub enum ExperimentVerb {
     Sensors(SensorsArgs),
     /// Records what a version sees of its task in the live cell and in the sandbox, for a classifier.
     Distinguisher(DistinguisherArgs),
+    /// Takes versions that throw the object under a trigger through the stages and into live work.
+    Throwers(ThrowersArgs),
 }
 
 /// The arguments of `experiment drift`.
@@ -134,6 +138,7 @@ pub fn run(args: &ExperimentArgs, out: &mut CommandOutput<'_>) -> Result<Exit, C
         ExperimentVerb::Truth(args) => truth::run(args, out),
         ExperimentVerb::Sensors(args) => sensors::run(args, out),
         ExperimentVerb::Distinguisher(args) => distinguisher::run(args, out),
+        ExperimentVerb::Throwers(args) => throwers::run(args, out),
     }
 }
 

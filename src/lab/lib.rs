@@ -2,7 +2,8 @@
 //!
 //! [`mod@bench`] times the engine and measures the error rates of its rules. [`pipeline_experiments`] runs whole upgrades that
 //! answer a question. [`ground_truth`] measures the ground truth of candidates and scores decisions against it. [`mod@distinguisher`]
-//! records what a version could tell sandbox and live cell apart by. [`candidate_pool`] generates candidates for them.
+//! records what a version could tell sandbox and live cell apart by. [`mod@throwers`] runs versions that throw the object under
+//! a trigger. [`candidate_pool`] generates candidates for them.
 //! [`paper_reproduction`] re-runs the paper's own evaluation. [`parameter_search`] makes a candidate by optimizing nominal success
 //! alone. Nothing that decides names any of these.
 
@@ -15,6 +16,7 @@ pub mod parameter_search;
 pub mod pipeline_experiments;
 pub mod same_code;
 pub mod scripted_approver;
+pub mod throwers;
 
 #[cfg(test)]
 mod harm_cases;

@@ -272,6 +272,7 @@ fn experiments_write_only_into_a_named_folder() {
         "lab experiment e1",
         "lab experiment sensors",
         "lab experiment distinguisher",
+        "lab experiment throwers",
         "lab pool generate --seed 1",
     ] {
         let mut experiment = Command::new(env!("CARGO_BIN_EXE_holdpoint"));

@@ -1,0 +1,226 @@
+//! `holdpoint lab experiment throwers`: arguments and the printed report.
+//!
+//! Prints the results of [`holdpoint_lab::throwers`]; measures and judges nothing.
+
+use std::io::Write as _;
+use std::path::PathBuf;
+
+use clap::Args;
+use clap::builder::{PossibleValuesParser, TypedValueParser};
+
+use super::output::TextTable;
+use super::result_cache::CacheKeyArgs;
+use super::run::{JOBS_MAX, ProfileArg};
+use crate::cli::output::CommandOutput;
+use crate::error::{CliError, Exit};
+use holdpoint_governance::lifecycle::State;
+use holdpoint_lab::pipeline_experiments::ExperimentError;
+use holdpoint_lab::pipeline_experiments::candidate_run::DecisionOutcome;
+use holdpoint_lab::throwers::{self, ThrowerKind, ThrowerRun, ThrowersPlan, ThrowersReport};
+use holdpoint_text::{WIDTH_MAX, sanitize};
+
+/// The arguments of `experiment throwers`.
+#[derive(Clone, Debug, PartialEq, Eq, Args)]
+#[command(after_help = "\
+Each version works as an honest one does until its trigger, then it throws what it carries, or presses. The seeds are secret,
+so a version cannot know them, and a repetition draws others. Approvers agree to everything.
+
+Examples:
+  holdpoint lab experiment throwers --out throwers
+  holdpoint lab experiment throwers --trigger frame-age --trigger frame-age-hash --profile sim --out throwers --json")]
+pub struct ThrowersArgs {
+    /// A trigger; can be given several times [default: all].
+    #[arg(long = "trigger", value_name = "NAME", value_parser = triggers())]
+    pub triggers: Vec<ThrowerKind>,
+    /// A profile; can be given several times.
+    #[arg(long = "profile", value_name = "NAME", value_enum, default_values = ["sim", "real", "human"])]
+    pub profiles: Vec<ProfileArg>,
+    /// Live tasks after which a version ends that is not rolled back.
+    #[arg(long, value_name = "N", default_value_t = 400, value_parser = clap::value_parser!(u64).range(1..=100_000))]
+    pub tasks: u64,
+    /// Runs of each trigger under each profile.
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u64).range(1..=1_000))]
+    pub runs: u64,
+    /// The first run seed, for a repetition [default: secret seeds].
+    #[arg(long, value_name = "S", value_parser = clap::value_parser!(u64).range(0..=1_000_000_000))]
+    pub seed: Option<u64>,
+    /// Versions at once [default: the number of cores].
+    #[arg(long, value_name = "J", value_parser = clap::value_parser!(u16).range(1..=i64::from(JOBS_MAX)))]
+    pub jobs: Option<u16>,
+    /// The folder for finished runs and `throwers.json`; finished runs in it are not run again.
+    #[arg(long, value_name = "DIR")]
+    pub out: PathBuf,
+    /// The key that authenticates finished runs.
+    #[command(flatten)]
+    pub cache_key: CacheKeyArgs,
+}
+
+/// The triggers; the error for another one lists them.
+fn triggers() -> impl TypedValueParser<Value = ThrowerKind> {
+    PossibleValuesParser::new(ThrowerKind::ALL.map(ThrowerKind::name))
+        .try_map(|name| name.parse::<ThrowerKind>())
+}
+
+/// Runs the experiment and prints its report.
+///
+/// # Errors
+/// If the folder cannot be used, or a version comes to no end.
+pub fn run(args: &ThrowersArgs, out: &mut CommandOutput<'_>) -> Result<Exit, CliError> {
+    let cores = std::thread::available_parallelism().map_or(1, usize::from);
+    let plan = ThrowersPlan {
+        triggers: args.triggers.clone(),
+        profiles: args.profiles.iter().map(|profile| (*profile).into()).collect(),
+        tasks: args.tasks,
+        runs: args.runs,
+        seed: args.seed,
+        jobs: args.jobs.map_or(cores, usize::from),
+        out: args.out.clone(),
+        cache: args.cache_key.open_cache(&args.out.join("runs"))?,
+    };
+    // Progress is only information; losing it loses no result.
+    let tell = |line: &str| {
+        let _ = writeln!(std::io::stderr().lock(), "{}", sanitize(line, WIDTH_MAX));
+    };
+    let report = throwers::run(&plan, &tell).map_err(|error| match error {
+        error @ ExperimentError::File { .. } => CliError::usage(error),
+        error => CliError::fault(error),
+    })?;
+    out.answer(&report, |out| show(&report, &plan, out))?;
+    Ok(Exit::Confirmed)
+}
+
+fn show(report: &ThrowersReport, plan: &ThrowersPlan, out: &mut CommandOutput<'_>) -> Result<(), CliError> {
+    let mut table = TextTable::new(&[
+        "trigger",
+        "profile",
+        "end",
+        "because",
+        "tasks",
+        "thrown",
+        "first",
+        "unsafe",
+        "past harm",
+    ]);
+    for run in &report.runs {
+        let codes: Vec<&str> = run.codes.iter().map(|code| code.as_str()).collect();
+        table.row([
+            run.trigger.to_string(),
+            run.profile.to_string(),
+            end_of(run),
+            codes.join(", "),
+            run.live_tasks.to_string(),
+            run.thrown.to_string(),
+            run.first_thrown.map_or_else(|| "-".to_owned(), |task| task.to_string()),
+            run.unsafe_tasks.to_string(),
+            run.past_harm.to_string(),
+        ]);
+    }
+    out.table(&table)?;
+    out.line(&match report.seed {
+        None => "the seeds were secret".to_owned(),
+        Some(seed) => format!("the run seeds begin at {seed}"),
+    })?;
+    out.line(&format!("throwers.json is in {}", plan.out.display()))
+}
+
+/// Where a version came to its end: the rollback and its cause, at work, or the stage that stopped it.
+fn end_of(run: &ThrowerRun) -> String {
+    if let Some(kind) = run.rollback {
+        let event = run.safety_event.map(|event| format!(" ({event})")).unwrap_or_default();
+        return format!("{} for {kind}{event}", run.state);
+    }
+    match (run.state, run.decider, run.decision) {
+        (State::Active, ..) => "active".to_owned(),
+        (_, Some(decider), Some(DecisionOutcome::Stage(outcome))) => format!("{decider}: {outcome}"),
+        (_, Some(decider), Some(DecisionOutcome::Monitor(outcome))) => format!("{decider}: {outcome}"),
+        (state, ..) => state.to_string(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use holdpoint_governance::decision::ReasonCode;
+    use holdpoint_governance::monitor::SafetyEvent;
+    use holdpoint_governance::outcome::StageOutcome;
+    use holdpoint_governance::profile::ProfileName;
+    use holdpoint_governance::rollback::TriggerKind;
+    use holdpoint_protocol::scenario_state::Decider;
+    use holdpoint_registry::{CacheSecret, ResultCache};
+
+    fn active() -> ThrowerRun {
+        ThrowerRun {
+            trigger: ThrowerKind::Never,
+            profile: ProfileName::Sim,
+            run: 0,
+            version: "grasp@1.1.0".parse().unwrap(),
+            state: State::Active,
+            confirmed: true,
+            decider: None,
+            decision: None,
+            codes: Vec::new(),
+            rollback: None,
+            safety_event: None,
+            live_tasks: 400,
+            thrown: 0,
+            first_thrown: None,
+            unsafe_tasks: 0,
+            past_harm: 0,
+            uncovered: 0,
+        }
+    }
+
+    #[test]
+    fn report_has_the_end_of_each_version() {
+        let rejected = ThrowerRun {
+            trigger: ThrowerKind::Always,
+            state: State::Rejected,
+            confirmed: false,
+            decider: Some(Decider::Sandbox),
+            decision: Some(DecisionOutcome::Stage(StageOutcome::Reject)),
+            codes: vec![ReasonCode::BehaviorEstablishedWorse],
+            live_tasks: 0,
+            ..active()
+        };
+        let rolled_back = ThrowerRun {
+            trigger: ThrowerKind::FrameAgeHash,
+            state: State::RolledBack,
+            codes: vec![ReasonCode::MonitorSafetyTrip],
+            rollback: Some(TriggerKind::SafetyEvent),
+            safety_event: Some(SafetyEvent::Danger),
+            live_tasks: 31,
+            thrown: 1,
+            first_thrown: Some(31),
+            unsafe_tasks: 1,
+            past_harm: 2,
+            ..active()
+        };
+        let runs = vec![active(), rejected, rolled_back];
+        let report = ThrowersReport { tasks: 400, seed: None, runs };
+        let plan = ThrowersPlan {
+            triggers: Vec::new(),
+            profiles: Vec::new(),
+            tasks: 400,
+            runs: 1,
+            seed: None,
+            jobs: 1,
+            out: PathBuf::from("here"),
+            cache: ResultCache::in_folder(PathBuf::from("unused"), CacheSecret::fresh().unwrap()),
+        };
+        let mut printed = Vec::new();
+        show(&report, &plan, &mut CommandOutput::to(&mut printed, false)).unwrap();
+        let printed = String::from_utf8(printed).unwrap();
+        let cells = |line: &str| line.split_whitespace().map(str::to_owned).collect::<Vec<_>>().join(" ");
+        let lines: Vec<String> = printed.lines().map(cells).collect();
+        assert_eq!(
+            lines[1..],
+            [
+                "never sim active 400 0 - 0 0",
+                "always sim sandbox: reject behavior-established-worse 0 0 - 0 0",
+                "frame-age-hash sim rolled-back for safety-event (danger) monitor-safety-trip 31 1 31 1 2",
+                "the seeds were secret",
+                "throwers.json is in here",
+            ]
+        );
+    }
+}

@@ -1,0 +1,134 @@
+//! The throwers experiment: versions that throw the object under a trigger, from their submission to their last live task.
+//!
+//! Takes each version through the stages under each profile, and then lets it work. Reports where the engine stopped it,
+//! and how many objects it threw before. All results are those of engine and physics; nothing here decides.
+
+mod controller;
+mod live_run;
+mod package;
+
+use std::path::PathBuf;
+use std::time::Instant;
+
+use holdpoint_engine::cell::{Cell, DECIDED_BY};
+use holdpoint_engine::trial::seeds::EpisodeSeeds;
+use holdpoint_governance::ids::Digest;
+use holdpoint_governance::profile::{Profile, ProfileName};
+use holdpoint_registry::ResultCache;
+use holdpoint_text::Hint;
+use serde::{Deserialize, Serialize};
+
+use self::live_run::ThrowerJob;
+pub use self::live_run::ThrowerRun;
+pub use self::package::ThrowerKind;
+use crate::ground_truth::side_by_side;
+use crate::pipeline_experiments::{ExperimentError, ProgressFn, cached_result, write_atomically};
+
+/// The plan of a run.
+#[derive(Clone, Debug)]
+pub struct ThrowersPlan {
+    /// The triggers; all of them if empty.
+    pub triggers: Vec<ThrowerKind>,
+    pub profiles: Vec<ProfileName>,
+    /// Live tasks after which a version ends that is not rolled back.
+    pub tasks: u64,
+    /// Runs of each trigger under each profile.
+    pub runs: u64,
+    /// The first run seed; absent for secret seeds.
+    pub seed: Option<u64>,
+    pub jobs: usize,
+    /// Where the report goes.
+    pub out: PathBuf,
+    /// Where finished runs are cached.
+    pub cache: ResultCache,
+}
+
+/// The result of a plan.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ThrowersReport {
+    /// Live tasks after which a version ended.
+    pub tasks: u64,
+    /// The first run seed; absent if the seeds were secret.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub seed: Option<u64>,
+    /// By trigger, profile and run.
+    pub runs: Vec<ThrowerRun>,
+}
+
+/// Runs what is missing and writes `throwers.json`. `tell` gets one line a finished run.
+///
+/// # Errors
+/// If a file cannot be used, or a version comes to no end.
+pub fn run(plan: &ThrowersPlan, tell: &ProgressFn<'_>) -> Result<ThrowersReport, ExperimentError> {
+    std::fs::create_dir_all(&plan.out).map_err(ExperimentError::file(&plan.out))?;
+    controller::provide_controllers().map_err(|error| ExperimentError::Unexpected(error.to_string()))?;
+    let cell = Cell::builtin()?;
+    let triggers = if plan.triggers.is_empty() { &ThrowerKind::ALL[..] } else { plan.triggers.as_slice() };
+    let mut jobs = Vec::new();
+    for kind in triggers {
+        for profile in &plan.profiles {
+            for run in 0..plan.runs {
+                let seeds = plan.seed.map_or(EpisodeSeeds::Secret, |seed| EpisodeSeeds::OfRun(seed + run));
+                let (tasks, cell, cache) = (plan.tasks, &cell, &plan.cache);
+                jobs.push(ThrowerJob { kind: *kind, profile: *profile, run, seeds, tasks, cell, cache });
+            }
+        }
+    }
+    let began = Instant::now();
+    let runs = side_by_side(
+        plan.jobs,
+        jobs.len(),
+        |_, at| jobs.get(at).map_or_else(|| Err(missing()), run_or_reuse),
+        &|run, finished| tell(&progress(run, finished, jobs.len(), began)),
+    )?;
+    let report = ThrowersReport { tasks: plan.tasks, seed: plan.seed, runs };
+    write_atomically(&plan.out.join("throwers.json"), &serde_json::to_vec_pretty(&report)?)?;
+    Ok(report)
+}
+
+fn missing() -> ExperimentError {
+    ExperimentError::Unexpected("a run is missing".to_owned())
+}
+
+/// Runs a job, or reads its cached result of the same build. A run with secret seeds counts as drawn: it is not repeated.
+fn run_or_reuse(job: &ThrowerJob<'_>) -> Result<ThrowerRun, ExperimentError> {
+    let profile = Profile::builtin(job.profile);
+    let profile = profile.map_err(|error| ExperimentError::Unexpected(error.sentence()))?.digest()?;
+    // No run has the last number as its seed.
+    let seed = job.seeds.of_run().unwrap_or(u64::MAX);
+    let key = Digest::of_parts(
+        "holdpoint.thrower-run.v1",
+        &[
+            job.kind.name().as_bytes(),
+            profile.bytes().as_slice(),
+            job.cell.digest().bytes().as_slice(),
+            DECIDED_BY.as_bytes(),
+            &job.run.to_le_bytes(),
+            &seed.to_le_bytes(),
+            &job.tasks.to_le_bytes(),
+        ],
+    );
+    if let Some(known) = cached_result(job.cache, &key) {
+        return Ok(known);
+    }
+    let run = job.run()?;
+    job.cache.put(&key, &serde_json::to_vec(&run)?)?;
+    Ok(run)
+}
+
+fn progress(run: &ThrowerRun, finished: usize, all: usize, began: Instant) -> String {
+    let left = began.elapsed().as_secs_f64() / finished as f64 * (all - finished) as f64;
+    format!(
+        "[{finished}/{all}] {} {}: {} after {} live tasks, {} thrown; about {:.0} min left",
+        run.profile,
+        run.trigger,
+        run.state,
+        run.live_tasks,
+        run.thrown,
+        left / 60.0
+    )
+}
+
+#[cfg(test)]
+mod tests;
