@@ -250,6 +250,29 @@ impl Action {
         )
     }
 
+    /// Whether it opens a form, or a request, with text to type.
+    #[must_use]
+    pub const fn asks_for_reason(self) -> bool {
+        matches!(
+            self,
+            Self::Go
+                | Self::Pause
+                | Self::Resume
+                | Self::Refuse
+                | Self::Demote
+                | Self::Rollback
+                | Self::Restrict
+                | Self::Repeat
+                | Self::Release
+                | Self::BreakGlass
+                | Self::Continue
+                | Self::Rearm
+                | Self::Anchor
+                | Self::Shelve
+                | Self::ResetAlarm
+        )
+    }
+
     /// Whether it works while text is typed, given a key with a modifier.
     #[must_use]
     pub const fn works_while_typing(self) -> bool {

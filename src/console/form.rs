@@ -244,7 +244,7 @@ pub enum FormProblem {
     Unread,
     #[error("the text above has just changed: read it again")]
     Changed,
-    /// It opened a moment ago.
+    /// It opened, or got a burst of keys, a moment ago.
     #[error("that key did nothing: wait a moment, then press it again")]
     Guard,
     #[error("{NO_IDENTITY_TEXT}")]
@@ -271,7 +271,7 @@ pub struct Form {
     pub problem: Option<FormProblem>,
     /// The passphrase field, while one is typed.
     pub signing: Option<Signing<()>>,
-    /// Console time at which it was opened, ms.
+    /// Console time at which it was opened, or last got a burst of keys or a paste, ms.
     pub opened_ms: u64,
     /// Why the form is void: it confirms nothing, and typed text goes nowhere.
     pub void: Option<DismissedForm>,
@@ -414,10 +414,13 @@ impl Form {
         self
     }
 
-    /// Whether it opened a moment ago: the confirming key may have been typed for something else.
+    /// Whether it confirms nothing yet, because it opened, or got a burst of keys or a paste, a moment ago: the
+    /// confirming key may have been typed for something else. A form that only takes authority away, and has a reason
+    /// to type, is never guarded.
     #[must_use]
-    pub const fn is_guarded(&self, now_ms: u64) -> bool {
-        now_ms.saturating_sub(self.opened_ms) < GUARD_MS
+    pub fn is_guarded(&self, now_ms: u64) -> bool {
+        let guards = self.is_one_key() || !self.intent.allows_unverified_engine();
+        guards && now_ms.saturating_sub(self.opened_ms) < GUARD_MS
     }
 
     /// The parts that can have the keys, in the order of Tab.

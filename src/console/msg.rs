@@ -28,6 +28,8 @@ pub enum MsgKind {
     /// A key went down (or repeats).
     Key(KeyEvent),
     Paste(String),
+    /// The next key follows the one before it faster than a person types.
+    Burst,
     /// The mouse wheel turned: rows down.
     Wheel(i32),
     /// The mouse was clicked at this column and row, from 0.

@@ -24,6 +24,7 @@ pub(super) use text_entry::into_line;
 
 use super::action::Action;
 use super::effect::Effect;
+use super::form::DismissedForm;
 use super::model::{ConsoleModel, ConsoleNotice, FrozenView, NOTICE_BYTE_MS, NOTICE_MS, Overlay, View};
 use super::msg::{Msg, MsgKind};
 use super::palette::Palette;
@@ -43,6 +44,7 @@ pub fn update(model: &mut ConsoleModel, msg: Msg) -> Vec<Effect> {
     let by_itself = match &msg.what {
         // These change no list.
         MsgKind::Tick
+        | MsgKind::Burst
         | MsgKind::VideoFrame(_)
         | MsgKind::Resize(..)
         | MsgKind::Theme(_)
@@ -82,7 +84,14 @@ fn take_in(model: &mut ConsoleModel, msg: Msg) -> Vec<Effect> {
     match msg.what {
         MsgKind::Key(key) if key.kind == KeyEventKind::Release => Vec::new(),
         MsgKind::Key(key) => on_key(model, key),
-        MsgKind::Paste(text) => text_entry::paste(model, &text),
+        MsgKind::Paste(text) => {
+            overlays::guard_again(model);
+            text_entry::paste(model, &text)
+        }
+        MsgKind::Burst => {
+            overlays::guard_again(model);
+            Vec::new()
+        }
         MsgKind::Wheel(rows) => navigation::wheel(model, rows),
         MsgKind::Click(column, row) => mouse::click(model, column, row),
         MsgKind::Resize(columns, rows) => {
@@ -191,12 +200,33 @@ fn on_key(model: &mut ConsoleModel, key: KeyEvent) -> Vec<Effect> {
         Some(Overlay::Form(_)) => overlays::form_key(model, key, action),
         Some(Overlay::Why(_)) => why::why_key(model, key, action),
         Some(Overlay::Film(_)) => why::film_key(model, key, action),
+        None if belongs_to_refused_form(model, key, action) => Vec::new(),
         None => action.map_or_else(Vec::new, |action| act(model, action)),
     }
 }
 
-/// Carries out an action in this view.
+/// Whether a letter was typed for a form that did not open. It goes nowhere, unless it stops the arm. The first key
+/// after a pause is a key again.
+fn belongs_to_refused_form(model: &mut ConsoleModel, key: KeyEvent, action: Option<Action>) -> bool {
+    let Some(refused_form) = &mut model.input.refused_form else { return false };
+    if refused_form.key(model.now_ms) {
+        model.input.refused_form = None;
+        return false;
+    }
+    matches!(key.code, KeyCode::Char(_)) && action != Some(Action::Stop)
+}
+
+/// Carries out an action in this view. If the action asks for a reason and no form opened for it, letters go nowhere
+/// for a moment: they may be the reason.
 fn act(model: &mut ConsoleModel, action: Action) -> Vec<Effect> {
+    let effects = carry_out(model, action);
+    if action.asks_for_reason() && model.input.overlay.is_none() {
+        model.input.refused_form = Some(DismissedForm::new(String::new(), model.now_ms));
+    }
+    effects
+}
+
+fn carry_out(model: &mut ConsoleModel, action: Action) -> Vec<Effect> {
     if model.settings.read_only && action.changes_something() {
         show_message(model, format!("{:?} is not possible: this console is read-only", action.name()), true);
         return Vec::new();

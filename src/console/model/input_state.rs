@@ -1,7 +1,7 @@
 //! The input that has the keys instead of the view: a dialog over it, or a line at the foot of the screen.
 
 use crate::approval_screen::ApprovalScreen;
-use crate::form::Form;
+use crate::form::{DismissedForm, Form};
 use crate::line::EditLine;
 use crate::palette::Palette;
 use crate::player::Player;
@@ -80,4 +80,6 @@ pub struct InputState {
     pub menu: Option<CompletionMenu>,
     /// Command lines of this session, oldest first.
     pub history: Vec<String>,
+    /// A form that was asked for and did not open, while its reason may still be typed.
+    pub refused_form: Option<DismissedForm>,
 }

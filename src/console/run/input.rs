@@ -4,6 +4,7 @@
 //! Must not decide what a key means. Late answers to a question about the terminal's colors are no keys.
 
 use std::io;
+use std::time::{Duration, Instant};
 
 use ratatui::crossterm::event::{
     self, Event, KeyCode, KeyEvent, KeyEventKind, KeyModifiers, MouseButton, MouseEvent, MouseEventKind,
@@ -21,6 +22,9 @@ const WHEEL_ROWS: i32 = 3;
 /// The longest paste, bytes; a line holds far less.
 const PASTE_BYTES_MAX: usize = 64 * 1024;
 
+/// Keys that follow each other faster than this come from a paste or a program, or were held up on their way.
+const BURST: Duration = Duration::from_millis(25);
+
 /// The most keys of one late answer; further ones are typed.
 const ANSWER_KEYS_MAX: usize = 64;
 
@@ -32,15 +36,33 @@ pub fn start() -> io::Result<mpsc::Receiver<MsgKind>> {
     let (sender, receiver) = mpsc::channel(WAITING_MAX);
     std::thread::Builder::new().name("console-input".to_owned()).spawn(move || {
         let mut answers = LateColorReply::default();
+        let mut keys = KeyTimes::default();
         while let Ok(event) = event::read() {
-            if let Some(what) = what(event, &mut answers)
-                && sender.blocking_send(what).is_err()
-            {
+            let Some(what) = what(event, &mut answers) else { continue };
+            let is_key = matches!(what, MsgKind::Key(_));
+            if is_key && keys.is_burst(Instant::now()) && sender.blocking_send(MsgKind::Burst).is_err() {
+                return;
+            }
+            if sender.blocking_send(what).is_err() {
                 return;
             }
         }
     })?;
     Ok(receiver)
+}
+
+/// When the last key was read.
+#[derive(Debug, Default)]
+struct KeyTimes {
+    last: Option<Instant>,
+}
+
+impl KeyTimes {
+    /// Takes in a key and returns whether it follows the one before it faster than a person types.
+    fn is_burst(&mut self, now: Instant) -> bool {
+        let last = self.last.replace(now);
+        last.is_some_and(|last| now.saturating_duration_since(last) < BURST)
+    }
 }
 
 /// The message for a terminal event; absent if it has none.
@@ -161,6 +183,14 @@ mod tests {
         let mut endless = vec![(']', KeyModifiers::ALT)];
         endless.extend(plain(&"1".repeat(ANSWER_KEYS_MAX)));
         assert_eq!(typed(&endless), "1");
+    }
+
+    #[test]
+    fn keys_faster_than_typing_are_a_burst() {
+        let (mut keys, start) = (KeyTimes::default(), Instant::now());
+        let at = |ms| start + Duration::from_millis(ms);
+        let is_burst = [0, 24, 48, 73, 200].map(|ms| keys.is_burst(at(ms)));
+        assert_eq!(is_burst, [false, true, true, false, false]);
     }
 
     #[test]

@@ -305,6 +305,17 @@ pub(super) fn form_key(model: &mut ConsoleModel, key: KeyEvent, action: Option<A
     Vec::new()
 }
 
+/// Lets the open form or request accept nothing for a moment: its keys come in a burst, or its text was pasted. A
+/// passphrase may be pasted: its form was confirmed before.
+pub(super) fn guard_again(model: &mut ConsoleModel) {
+    let now_ms = model.now_ms;
+    match &mut model.input.overlay {
+        Some(Overlay::Approval(prompt)) if prompt.signing.is_none() => prompt.opened_ms = now_ms,
+        Some(Overlay::Form(form)) if form.signing.is_none() => form.opened_ms = now_ms,
+        Some(_) | None => {}
+    }
+}
+
 /// Closes a form without effect, and says so to an operator who may believe that it was confirmed.
 fn leave_undone(model: &mut ConsoleModel) {
     let Some(Overlay::Form(form)) = &model.input.overlay else { return };
@@ -319,7 +330,7 @@ fn confirm(model: &mut ConsoleModel) -> Vec<Effect> {
         return Vec::new();
     }
     // Keys typed for something else arrive in a burst.
-    if form.is_one_key() && form.signing.is_none() && form.is_guarded(model.now_ms) {
+    if form.signing.is_none() && form.is_guarded(model.now_ms) {
         form.problem = Some(FormProblem::Guard);
         return Vec::new();
     }

@@ -488,6 +488,7 @@ fn alarms_are_reached_acknowledged_shelved_and_reset() {
         console.keys("z").is_empty() && console.model.input.overlay.is_none(),
         "critical ones are not shelved"
     );
+    console.now_ms += GUARD_MS;
     console.keys("R");
     assert!(matches!(console.model.input.overlay, Some(Overlay::Form(_))));
     console.press(KeyCode::Esc);
@@ -497,6 +498,7 @@ fn alarms_are_reached_acknowledged_shelved_and_reset() {
     console.keys("a sensor is being replaced");
     console.press(KeyCode::Tab);
     console.press(KeyCode::Tab);
+    console.now_ms += GUARD_MS;
     let effects = console.press(KeyCode::Enter);
     let Some(Effect::Operate { confirmed, .. }) = effects.first() else { panic!("{effects:?}") };
     assert!(matches!(confirmed.as_ref().clone().into_command(),

@@ -42,6 +42,7 @@ fn confirm(console: &mut TestConsole) -> Vec<Effect> {
     console.keys("a test");
     console.press(KeyCode::Tab);
     console.press(KeyCode::Tab);
+    console.now_ms += GUARD_MS;
     console.press(KeyCode::Enter)
 }
 

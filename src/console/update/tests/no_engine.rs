@@ -117,6 +117,7 @@ fn stops_still_go_out_after_the_engine_ended() {
     );
     let plain = EngineAbsence::Ended.problem().to_string();
     assert!(console.notice_text().starts_with(&plain), "{}", console.notice_text());
+    console.now_ms += GUARD_MS;
     console.keys("x");
     assert!(matches!(&console.model.input.overlay, Some(Overlay::Form(_))), "{}", console.notice_text());
     assert!(matches!(&console.confirm()[..], [Effect::Operate { .. }]));

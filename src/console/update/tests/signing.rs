@@ -162,6 +162,7 @@ fn authority_is_signed_in_its_form() {
     for _ in 0..2 {
         console.press(KeyCode::Tab);
     }
+    console.now_ms += GUARD_MS;
     assert!(console.press(KeyCode::Enter).is_empty(), "nothing is asked for without a passphrase");
     console.keys("wrong words");
     assert!(!visible_text(&console).contains("wrong words"));

@@ -45,7 +45,9 @@ fn start_needs_a_name_and_a_reason() {
     let mut now = snapshot(0, 'e');
     now.stopped = Some(StoppedView::first("bo".to_owned(), Caller::Script, String::new(), 1_000));
     console.tell(MsgKind::Snapshot(Arc::new(now)));
+    console.now_ms += GUARD_MS;
     console.keys("W");
+    console.now_ms += GUARD_MS;
     console.press(KeyCode::Tab);
     console.press(KeyCode::Tab);
     assert!(console.press(KeyCode::Enter).is_empty(), "without a reason");
@@ -54,6 +56,7 @@ fn start_needs_a_name_and_a_reason() {
     console.keys("the cell is empty");
     console.press(KeyCode::Tab);
     console.press(KeyCode::Tab);
+    console.now_ms += GUARD_MS;
     let effects = console.press(KeyCode::Enter);
     let [Effect::Operate { confirmed, .. }] = &effects[..] else { panic!("{effects:?}") };
     let command = confirmed.as_ref().clone().into_command();
@@ -98,6 +101,7 @@ fn a_form_that_does_not_fit_is_read_to_its_end_first() {
         console.press(KeyCode::Enter)
     };
     console.keys("Wthe cell is empty");
+    console.now_ms += GUARD_MS;
     console.draw(size);
     let screen = shown(&console);
     assert!(screen.contains("make sure") && screen.contains("more below"), "{screen}");
@@ -128,6 +132,7 @@ fn goal_needs_a_reason() {
     console.keys("the tray is being cleaned");
     console.press(KeyCode::Tab);
     console.press(KeyCode::Tab);
+    console.now_ms += GUARD_MS;
     let effects = console.press(KeyCode::Enter);
     let [Effect::Operate { confirmed, .. }] = &effects[..] else { panic!("{effects:?}") };
     let command = Command::Goal {

@@ -106,3 +106,77 @@ fn a_confirmation_needs_its_own_key() {
         assert!(console.model.notice.as_ref().is_some_and(|notice| notice.text.contains("ignored")));
     }
 }
+
+/// A stopped console, and the row of a spreadsheet that was pasted where the terminal does not mark a paste: `W` opened
+/// the form, two tabs reached its button, and the line's end confirmed it.
+#[test]
+fn a_pasted_row_starts_no_stopped_cell() {
+    let mut console = TestConsole::new(0);
+    let mut now = snapshot(0, 'e');
+    now.stopped = Some(StoppedView::first("bo".to_owned(), Caller::Script, String::new(), 1_000));
+    console.tell(MsgKind::Snapshot(Arc::new(now)));
+    let type_row = |console: &mut TestConsole, row: &str| -> Vec<Effect> {
+        let code = |sign| match sign {
+            '\t' => KeyCode::Tab,
+            '\n' => KeyCode::Enter,
+            sign => KeyCode::Char(sign),
+        };
+        row.chars().flat_map(|sign| console.press(code(sign))).collect()
+    };
+    let mut at_once = console.clone();
+    assert!(gives_nothing(&type_row(&mut at_once, "Washer M8\t\t200 pcs\n")));
+    // The same into a form that has been open for a while: its keys come in a burst.
+    console.keys("W");
+    console.now_ms += 10 * GUARD_MS;
+    for sign in "asher M8\t\t200 pcs\n".chars() {
+        console.tell(MsgKind::Burst);
+        assert!(gives_nothing(&type_row(&mut console, &sign.to_string())));
+    }
+    let Some(Overlay::Form(form)) = &console.model.input.overlay else { panic!("it stays open") };
+    assert_eq!(form.problem, Some(FormProblem::Guard));
+    // A key of its own confirms it, unless a paste came just before.
+    console.tell(MsgKind::Paste(" and more".to_owned()));
+    console.now_ms += GUARD_MS - 1;
+    assert!(gives_nothing(&console.press(KeyCode::Enter)));
+    console.now_ms += 1;
+    assert!(matches!(console.press(KeyCode::Enter)[..], [Effect::Operate { .. }]));
+}
+
+/// Taking authority away from a version needs no pause: its form has a reason to type.
+#[test]
+fn a_form_that_takes_authority_away_confirms_at_once() {
+    for (key, is_guarded) in [("F", false), ("p", false), ("e", true)] {
+        let mut console = TestConsole::new(0);
+        let mut now = snapshot(0, 'e');
+        now.candidates[0].flags = serde_json::from_value(flags(false, false)).unwrap();
+        console.tell(MsgKind::Snapshot(Arc::new(now)));
+        console.keys(key);
+        console.keys("a reason");
+        console.press(KeyCode::Tab);
+        console.press(KeyCode::Tab);
+        assert_eq!(console.press(KeyCode::Enter).is_empty(), is_guarded, "{key}");
+    }
+}
+
+/// `u` on a version that is not held opened no form, and the reason that followed held, rejected and left as keys.
+#[test]
+fn a_reason_typed_for_a_refused_form_acts_as_no_key() {
+    let mut console = TestConsole::new(0);
+    console.keys("u");
+    assert!(console.model.notice.as_ref().is_some_and(|notice| notice.bad));
+    let before = console.model.view_state.clone();
+    for letter in "pump is new, Fixed by ana; exit".chars() {
+        console.now_ms += GUARD_MS - 1;
+        assert!(console.press(KeyCode::Char(letter)).is_empty(), "{letter:?}");
+        assert!(console.model.input.overlay.is_none() && console.model.input.typing.is_none(), "{letter:?}");
+    }
+    assert_eq!(console.model.view_state, before);
+    // The arm is stopped at once, and a key after a pause is a key.
+    assert!(matches!(
+        &console.clone().keys("X")[..],
+        [Effect::Ask { question: EngineQuery::Stop { .. }, .. }]
+    ));
+    console.now_ms += GUARD_MS;
+    console.keys("F");
+    assert!(matches!(&console.model.input.overlay, Some(Overlay::Form(_))));
+}
