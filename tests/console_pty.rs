@@ -21,6 +21,8 @@ mod pty;
 mod shell_approvals;
 #[path = "console_pty/stop_only_console.rs"]
 mod stop_only_console;
+#[path = "console_pty/suspended_console.rs"]
+mod suspended_console;
 
 use std::os::unix::fs::PermissionsExt;
 use std::path::Path;

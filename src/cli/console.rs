@@ -53,6 +53,11 @@ pub(super) fn run(
         ExistingEngine::Silent(why) => {
             EngineLocation::Begun(Box::new(EngineHandle::starting(layout)), Box::new(|_| Err(why)))
         }
+        ExistingEngine::NoEngine if options.read_only => {
+            let none = "no engine runs on this store, and a read-only console starts none";
+            let why = EngineEndError::orderly(none);
+            EngineLocation::Begun(Box::new(EngineHandle::starting(layout)), Box::new(|_| Err(why)))
+        }
         ExistingEngine::NoEngine => {
             let here = LaunchConfig {
                 data: context.data.clone(),

@@ -78,6 +78,8 @@ pub struct ConsoleModel {
     /// Console time, ms since the start; monotonic.
     pub now_ms: u64,
     pub size: (u16, u16),
+    /// Whether the terminal is in line mode: no key arrives alone, and none is offered.
+    pub line_mode: bool,
     pub engine_data: EngineData,
     pub view_state: ViewState,
     pub requests: EngineRequests,
@@ -99,6 +101,7 @@ impl ConsoleModel {
         Self {
             now_ms: 0,
             size: (80, 24),
+            line_mode: false,
             engine_data: EngineData::default(),
             view_state: ViewState::default(),
             requests: EngineRequests::default(),
@@ -179,6 +182,24 @@ impl ConsoleModel {
         let data = self.data.as_ref().map_or_else(String::new, |data| format!(" --data {data}"));
         let gap = if verb.is_empty() { "" } else { " " };
         format!("`holdpoint{gap}{verb}{data}`")
+    }
+
+    /// What to do while no key arrives; absent while keys do.
+    #[must_use]
+    pub fn dead_keys(&self) -> Option<String> {
+        let shell = self.in_shell("stop");
+        self.line_mode.then(|| {
+            format!(
+                "NO KEY WORKS: the terminal is in line mode; `fg` in its shell gives it back, {shell} in another \
+                 shell stops the arm"
+            )
+        })
+    }
+
+    /// Whether the engine ends when this console does. A read-only console ends none.
+    #[must_use]
+    pub fn ends_engine(&self) -> bool {
+        !self.settings.read_only && self.engine_data.ends_with_console()
     }
 
     /// What to do about an unconfirmed stop; absent while none is overdue.

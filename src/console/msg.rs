@@ -36,6 +36,8 @@ pub enum MsgKind {
     Click(u16, u16),
     /// The terminal has this many columns and rows now.
     Resize(u16, u16),
+    /// Whether the terminal is in line mode, so that no key arrives alone.
+    LineMode(bool),
     /// The engine is up.
     EngineStarted,
     Events(Vec<Event>),

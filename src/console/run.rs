@@ -126,7 +126,7 @@ fn on_screen(console: ConsoleSetup, look: Look, guard: RunningGuard) -> Result<E
     }
     // The first frame does not wait for the engine.
     screen.draw(|area, buffer| super::frame::draw(&model, &look, area, buffer))?;
-    let runtime = tokio::runtime::Builder::new_current_thread().enable_time().build()?;
+    let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
     let exports = state.map(|folder| folder.join("exports"));
     let parts = session::SessionParts {
         engine: console.engine,

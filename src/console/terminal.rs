@@ -12,6 +12,7 @@ pub mod panic;
 use std::io;
 
 use self::log::LogFile;
+use self::modes::TerminalCheck;
 
 /// The terminal under the console's control. Dropping it restores the terminal, as the panic hook and the guard do.
 #[derive(Debug)]
@@ -48,6 +49,14 @@ impl TerminalGuard {
     /// If the terminal cannot be written to.
     pub fn take_mouse(&self, take: bool) -> io::Result<()> {
         modes::mouse(take)
+    }
+}
+
+impl TerminalGuard {
+    /// Turns on again what another program turned off; see [`modes::regain`].
+    #[must_use]
+    pub fn check(&self, continued: bool) -> TerminalCheck {
+        modes::regain(continued)
     }
 }
 

@@ -45,6 +45,7 @@ pub fn update(model: &mut ConsoleModel, msg: Msg) -> Vec<Effect> {
         // These change no list.
         MsgKind::Tick
         | MsgKind::Burst
+        | MsgKind::LineMode(_)
         | MsgKind::VideoFrame(_)
         | MsgKind::Resize(..)
         | MsgKind::Theme(_)
@@ -96,6 +97,10 @@ fn take_in(model: &mut ConsoleModel, msg: Msg) -> Vec<Effect> {
         MsgKind::Click(column, row) => mouse::click(model, column, row),
         MsgKind::Resize(columns, rows) => {
             model.size = (columns, rows);
+            Vec::new()
+        }
+        MsgKind::LineMode(is_on) => {
+            model.line_mode = is_on;
             Vec::new()
         }
         MsgKind::EngineStarted => engine_updates::started(model),

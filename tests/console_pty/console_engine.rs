@@ -211,3 +211,28 @@ fn hung_engine_is_named_and_carries_out_the_stop_once_it_answers() {
     assert_eq!(quit(&mut console), 0);
     verify_audit(&home);
 }
+
+/// A read-only console started an engine, whose arm moved, and ended it.
+#[test]
+fn a_read_only_console_starts_and_ends_no_engine() {
+    let home = Home::new();
+    let mut alone = home.console(&["run", "--no-tour", "--read-only"], SIZE);
+    alone.wait_for_text("a read-only console starts none");
+    alone.keys("q");
+    assert_eq!(alone.end().exit_code(), 2);
+    assert!(!home.data().join("engine.lock").exists(), "no engine was started");
+    let mut first = start_with_linger(&home, "60");
+    let id = engine_process(&home);
+    let mut reader = home.console(&["run", "--no-tour", "--read-only"], SIZE);
+    reader.wait_for_text("q leave");
+    first.signal(Signal::KILL);
+    first.end();
+    reader.wait_for("it is the last console", |screen| {
+        screen.contents().lines().nth(1).is_some_and(|views| !views.contains("with "))
+    });
+    reader.keys("q");
+    assert_eq!(reader.end().exit_code(), 0);
+    assert!(!is_gone(id), "the engine keeps running");
+    send_signal(id, Signal::TERM);
+    wait_for_end(&home, id);
+}

@@ -293,6 +293,16 @@ impl Console {
         modes.contains(LocalModes::ICANON | LocalModes::ECHO | LocalModes::ISIG)
     }
 
+    /// Sets a shell's state, as a shell does while the program is suspended.
+    pub fn cook(&self) {
+        use rustix::termios::{LocalModes, OptionalActions, tcgetattr, tcsetattr};
+        let path = self.master.as_ref().unwrap().tty_name().unwrap();
+        let tty = std::fs::File::open(path).unwrap();
+        let mut settings = tcgetattr(&tty).unwrap();
+        settings.local_modes |= LocalModes::ICANON | LocalModes::ECHO | LocalModes::ISIG;
+        tcsetattr(&tty, OptionalActions::Now, &settings).unwrap();
+    }
+
     /// Waits for the end of the program and of its output.
     pub fn end(&mut self) -> ExitStatus {
         self.end_within(PATIENCE)

@@ -224,6 +224,7 @@ impl ReplaySession {
             // The mouse is off, and there is no engine to send the other messages.
             msg::MsgKind::Wheel(_)
             | msg::MsgKind::Burst
+            | msg::MsgKind::LineMode(_)
             | msg::MsgKind::Click(..)
             | msg::MsgKind::EngineStarted
             | msg::MsgKind::Events(_)

@@ -2,6 +2,9 @@
 //!
 //! Must not hang: it waits only for channels, and slow work runs on other threads.
 
+mod reconnect;
+mod terminal_check;
+
 use std::collections::VecDeque;
 use std::io;
 use std::net::SocketAddr;
@@ -11,6 +14,8 @@ use std::time::{Duration, Instant};
 use tokio::sync::mpsc;
 use tokio::time::MissedTickBehavior;
 
+use self::reconnect::ReconnectTimer;
+use self::terminal_check::{continued, watch_continue};
 use super::EngineLocation;
 use super::exit_message::{self, ExitCause, ExitReport};
 use super::frame_pace::{FramePace, FrameReason};
@@ -21,7 +26,7 @@ use crate::effect::Effect;
 use crate::effects::{BackgroundResult, EffectOutcome, EffectRunner, EffectTarget, Services, StartedEngine};
 use crate::frame;
 use crate::look::Look;
-use crate::model::{ConsoleModel, EngineLink, Overlay, ReconnectStatus, View};
+use crate::model::{ConsoleModel, EngineLink, Overlay, View};
 use crate::msg::{Msg, MsgKind};
 use crate::terminal::TerminalGuard;
 use crate::terminal::guard::{EndSignal, RunningGuard};
@@ -29,7 +34,6 @@ use crate::theme::Themes;
 use crate::update::update;
 use holdpoint_engine::engine_handle::{EngineEndError, EngineHandle, EngineUpdate, StopError};
 use holdpoint_protocol::command::{Command, Request};
-use holdpoint_text::Hint as _;
 
 /// The interval of ticks without other events.
 const TICK: Duration = Duration::from_millis(500);
@@ -45,15 +49,6 @@ const FREE_MAX: Duration = Duration::from_secs(2);
 
 /// Messages that are processed before a frame is drawn.
 const BATCH_MAX: usize = 256;
-
-/// The first pause between two searches for a running engine; each is twice as long as the one before.
-const SEEK_FIRST: Duration = Duration::from_millis(500);
-
-/// The longest of these pauses.
-const SEEK_PAUSE_MAX: Duration = Duration::from_secs(15);
-
-/// How often the console searches for an engine: 15 minutes, and then an operator has to act.
-const SEEK_MAX: u32 = 64;
 
 /// Background results that can wait in the channel.
 const JOBS_MAX: usize = 16;
@@ -103,13 +98,6 @@ pub(super) struct Session {
     job_sender: mpsc::Sender<BackgroundResult>,
 }
 
-/// A search for a running engine on the store.
-struct ReconnectTimer {
-    tries: u32,
-    /// When to search next; absent during a search.
-    due: Option<Instant>,
-}
-
 enum SessionInput {
     Input(Option<MsgKind>),
     JobResult(BackgroundResult),
@@ -117,6 +105,8 @@ enum SessionInput {
     Snapshot,
     VideoFrame,
     Ending(EndSignal),
+    /// The program continues after it was suspended.
+    Continued,
     Tick,
     Frame,
     Late,
@@ -185,9 +175,10 @@ impl Session {
     pub(super) async fn run(mut self) -> ExitReport {
         let mut ticks = tokio::time::interval(TICK);
         ticks.set_missed_tick_behavior(MissedTickBehavior::Delay);
+        let mut continues = watch_continue();
         self.set_operator(false);
         while !self.is_over() {
-            let input = self.wait(&mut ticks).await;
+            let input = self.wait(&mut ticks, &mut continues).await;
             self.fold(input);
             self.drain_backlog();
             self.draw_if_due();
@@ -200,13 +191,18 @@ impl Session {
         self.leaving.is_some_and(|until| self.ended.is_some() || Instant::now() >= until)
     }
 
-    async fn wait(&mut self, ticks: &mut tokio::time::Interval) -> SessionInput {
+    async fn wait(
+        &mut self,
+        ticks: &mut tokio::time::Interval,
+        continues: &mut Option<tokio::signal::unix::Signal>,
+    ) -> SessionInput {
         let frame = self.pace.due_ms().filter(|_| !self.screen_lost).map(|due_ms| self.instant_at(due_ms));
         let leaving = self.leaving;
         let host = &mut self.effects.host;
         tokio::select! {
             biased;
             ending = self.guard.ending(), if self.cause == ExitCause::Requested => SessionInput::Ending(ending),
+            () = continued(continues) => SessionInput::Continued,
             what = self.inputs.recv(), if !self.screen_lost => SessionInput::Input(what),
             Some(what) = self.job_results.recv() => SessionInput::JobResult(what),
             () = until(frame) => SessionInput::Frame,
@@ -248,7 +244,9 @@ impl Session {
             SessionInput::VideoFrame => self.take_frame(),
             SessionInput::Ending(ending) => self.end_signalled(ending == EndSignal::TerminalLost),
             SessionInput::Frame if self.model.plays() => self.fold_one(MsgKind::Tick),
+            SessionInput::Continued => self.check_terminal(true),
             SessionInput::Tick => {
+                self.check_terminal(false);
                 self.take(MsgKind::Tick, FrameReason::Text);
                 self.look_for_an_engine();
             }
@@ -294,7 +292,8 @@ impl Session {
                 self.ended = Some(how.clone());
                 // Another engine may start there soon, or has already.
                 let elsewhere = self.effects.host.is_attached() || how.as_ref().is_err_and(|why| why.in_use);
-                if elsewhere && self.leaving.is_none() {
+                // A console that may start no engine waits for one.
+                if (elsewhere || self.model.settings.read_only) && self.leaving.is_none() {
                     self.seek = Some(ReconnectTimer { tries: 0, due: Some(Instant::now()) });
                 }
                 MsgKind::EngineEnded(how)
@@ -325,50 +324,6 @@ impl Session {
         }
         for request in waiting {
             self.hand_over(request);
-        }
-    }
-
-    /// Searches for a running engine on the store when it is due, on a separate thread: it may answer slowly.
-    fn look_for_an_engine(&mut self) {
-        let Some(seek) = self.seek.as_mut().filter(|_| self.leaving.is_none()) else { return };
-        if seek.tries >= SEEK_MAX || seek.due.is_none_or(|due| due > Instant::now()) {
-            return;
-        }
-        seek.tries += 1;
-        seek.due = None;
-        let (sender, sitting) = (self.job_sender.clone(), self.model.attachment());
-        let layout = self.effects.host.layout().clone();
-        let look = move || {
-            let found = match EngineHandle::find(&layout, sitting) {
-                Ok(Some(host)) => Ok(Box::new(host)),
-                Ok(None) => Err("no engine runs on this store".to_owned()),
-                Err(error) => Err(error.sentence()),
-            };
-            // The console may have ended meanwhile.
-            drop(sender.blocking_send(BackgroundResult::Reconnected(found)));
-        };
-        if let Err(error) = std::thread::Builder::new().name("seeking".to_owned()).spawn(look) {
-            self.take_search_result(Err(format!("cannot start a thread: {error}")));
-        }
-    }
-
-    /// Handles the result of a search for an engine.
-    fn take_search_result(&mut self, found: Result<Box<EngineHandle>, String>) {
-        let Some(seek) = self.seek.as_mut().filter(|_| self.leaving.is_none()) else { return };
-        match found {
-            Ok(host) => {
-                self.seek = None;
-                self.ended = None;
-                let (process, unverified) = (host.process(), host.unverified_origin());
-                self.effects.host = *host;
-                self.take(MsgKind::Attached(process, unverified), FrameReason::Text);
-            }
-            Err(result) => {
-                let pause = SEEK_FIRST.saturating_mul(1 << seek.tries.min(8)).min(SEEK_PAUSE_MAX);
-                seek.due = Some(Instant::now() + pause);
-                let seeking = ReconnectStatus { tries: seek.tries, tries_max: SEEK_MAX, result };
-                self.take(MsgKind::ReconnectFailed(seeking), FrameReason::Text);
-            }
         }
     }
 
@@ -471,7 +426,7 @@ impl Session {
         // A user whose terminal is lost may attach again; otherwise the engine ends by itself.
         let is_lost =
             self.cause == ExitCause::TerminalLost && self.model.engine_data.link == EngineLink::Attached;
-        if is_lost || !self.model.engine_data.ends_with_console() {
+        if is_lost || !self.model.ends_engine() {
             return self.leave();
         }
         if self.leaving.is_none() {

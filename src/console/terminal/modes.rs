@@ -7,6 +7,9 @@ use std::io;
 use std::sync::atomic::{AtomicU8, Ordering};
 
 use ratatui::crossterm::terminal::{disable_raw_mode, enable_raw_mode};
+use rustix::process::getpgrp;
+use rustix::stdio::stdin;
+use rustix::termios::{LocalModes, OptionalActions, Termios, tcgetattr, tcgetpgrp, tcsetattr};
 
 use super::log;
 
@@ -24,10 +27,13 @@ struct Mode {
 const MODES: [Mode; 5] = [
     Mode { bit: 1 << 1, on: b"\x1b[?1049h", off: b"\x1b[?1049l" },
     Mode { bit: 1 << 2, on: b"\x1b[?25l", off: b"\x1b[?25h" },
-    Mode { bit: 1 << 3, on: b"\x1b[?2004h", off: b"\x1b[?2004l" },
+    PASTE,
     Mode { bit: 1 << 4, on: b"\x1b[?1004h", off: b"\x1b[?1004l" },
     MOUSE,
 ];
+
+/// Bracketed paste.
+const PASTE: Mode = Mode { bit: 1 << 3, on: b"\x1b[?2004h", off: b"\x1b[?2004l" };
 
 /// Buttons and the wheel, in coordinates without a limit; moves are unused and not reported.
 const MOUSE: Mode = Mode { bit: 1 << 5, on: b"\x1b[?1000h\x1b[?1006h", off: b"\x1b[?1006l\x1b[?1000l" };
@@ -61,6 +67,56 @@ pub fn mouse(take: bool) -> io::Result<()> {
     }
     let was = ON.fetch_and(!MOUSE.bit, Ordering::AcqRel);
     if was & MOUSE.bit == 0 { Ok(()) } else { write_all(MOUSE.off) }
+}
+
+/// What a check of the terminal found.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum TerminalCheck {
+    /// The modes are as they were set, or the terminal was given back.
+    Kept,
+    /// The modes were turned on again; the contents of the screen are unknown.
+    Regained,
+    /// The terminal is in line mode, and cannot be changed from here: no key arrives alone.
+    LineMode,
+}
+
+/// Turns on again what another program turned off, as a shell does while this one is suspended. `continued`: this
+/// program was suspended, so everything is turned on again. Only line mode can be seen; bracketed paste is sent again.
+#[must_use]
+pub fn regain(continued: bool) -> TerminalCheck {
+    let on = ON.load(Ordering::Acquire);
+    if on & RAW == 0 {
+        return TerminalCheck::Kept;
+    }
+    let is_raw = tcgetattr(stdin()).is_ok_and(|settings| reads_keys(&settings));
+    // A program in the background would be suspended again by a change of the settings.
+    let is_foreground = tcgetpgrp(stdin()).map_or(true, |group| group == getpgrp());
+    if !is_foreground {
+        return if is_raw { TerminalCheck::Kept } else { TerminalCheck::LineMode };
+    }
+    if is_raw && !continued {
+        drop(write_all(PASTE.on));
+        return TerminalCheck::Kept;
+    }
+    if !is_raw && make_raw().is_err() {
+        return TerminalCheck::LineMode;
+    }
+    for mode in MODES.iter().filter(|mode| on & mode.bit != 0) {
+        drop(write_all(mode.on));
+    }
+    TerminalCheck::Regained
+}
+
+/// Whether keys come one by one, and are not echoed.
+fn reads_keys(settings: &Termios) -> bool {
+    !settings.local_modes.intersects(LocalModes::ICANON | LocalModes::ECHO)
+}
+
+/// Sets raw mode. The library sets it once only, whatever the terminal's state is.
+fn make_raw() -> rustix::io::Result<()> {
+    let mut settings = tcgetattr(stdin())?;
+    settings.make_raw();
+    tcsetattr(stdin(), OptionalActions::Now, &settings)
 }
 
 /// Undoes what is on, in reverse, and restores fd 2. Does nothing the second time. Failures are ignored: the terminal
@@ -130,6 +186,14 @@ mod tests {
         let without = String::from_utf8(leaving(all & !MOUSE.bit)).unwrap();
         assert!(!without.contains("1000") && without.ends_with("\u{1b}[?1049l"), "{without:?}");
         assert_eq!(leaving(0), END_FRAME);
+    }
+
+    #[test]
+    fn a_terminal_that_was_given_back_is_left_alone() {
+        // Nothing is on in a test.
+        for continued in [false, true] {
+            assert_eq!(regain(continued), TerminalCheck::Kept);
+        }
     }
 
     #[test]

@@ -515,7 +515,7 @@ pub(super) fn quit(model: &mut ConsoleModel) -> Vec<Effect> {
         model.view_state.view = View::Overview;
         return Vec::new();
     }
-    if !model.engine_data.ends_with_console() {
+    if !model.ends_engine() {
         return vec![Effect::Leave];
     }
     let lines = quit_lines(model);

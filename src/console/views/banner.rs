@@ -84,6 +84,9 @@ fn warnings(model: &ConsoleModel, pen: &Pen<'_>, width: usize) -> Row {
                 &format!("NO ENGINE HERE: another one holds the store{}", seeking(model)),
             );
         }
+        EngineState::Ended(Err(why)) if why.orderly && model.engine_data.snapshot.is_none() => {
+            say(ThemeRole::Stale, &format!("NO ENGINE{}: {why}", seeking(model)));
+        }
         EngineState::Ended(Err(why)) if why.orderly => {
             say(ThemeRole::Stale, &format!("ENGINE ENDED{}: {why}", seeking(model)));
         }

@@ -32,15 +32,18 @@ pub fn height(model: &ConsoleModel, screen: Rect) -> u16 {
         let lines = notice_lines(model, notice, usize::from(screen.width), usize::from(rows_max));
         u16::try_from(lines.len()).unwrap_or(rows_max).max(1)
     });
-    // An unconfirmed stop comes before all other messages here.
-    let overdue = u16::try_from(overdue(model, screen.width).len()).unwrap_or(rows_max);
+    // Warnings come before all other messages here.
+    let overdue = u16::try_from(warnings(model, screen.width).len()).unwrap_or(rows_max);
     if overdue == 0 { rows } else { (rows + overdue).min((screen.height / 2).max(1)) }
 }
 
-/// The unconfirmed stop, in lines; empty if there is none.
-fn overdue(model: &ConsoleModel, width: u16) -> Vec<String> {
+/// The unconfirmed stop and the keys that do not arrive, in lines; and whether each begins a message.
+fn warnings(model: &ConsoleModel, width: u16) -> Vec<(bool, String)> {
     let room = usize::from(width).saturating_sub(2);
-    model.stop_overdue().map_or_else(Vec::new, |text| wrap(&text, room, OVERDUE_ROWS))
+    let texts = [model.stop_overdue(), model.dead_keys()];
+    let lines =
+        texts.iter().flatten().flat_map(|text| wrap(text, room, OVERDUE_ROWS).into_iter().enumerate());
+    lines.map(|(at, line)| (at == 0, line)).collect()
 }
 
 /// An answer in lines that leave room for the key that stops; if it is too long, the last line says so.
@@ -57,16 +60,15 @@ fn notice_lines(model: &ConsoleModel, notice: &ConsoleNotice, width: usize, rows
 }
 
 pub fn draw(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
-    let overdue = overdue(model, area.width);
-    let lead = |at: usize| if at == 0 { pen.look.glyph(Glyph::Warning) } else { " " };
-    let rows: Vec<Row> = overdue
+    let lead = |is_first: bool| if is_first { pen.look.glyph(Glyph::Warning) } else { " " };
+    let rows: Vec<Row> = warnings(model, area.width)
         .iter()
-        .enumerate()
-        .map(|(at, line)| Row::of(ThemeRole::Problem, &format!("{} {line}", lead(at))))
+        .map(|(is_first, line)| Row::of(ThemeRole::Problem, &format!("{} {line}", lead(*is_first))))
         .collect();
     let taken = pen.rows(area, 0, &rows);
     let area = below(area, taken);
-    if area.height == 0 {
+    // No line promises a key that does not arrive.
+    if area.height == 0 || model.line_mode {
         return;
     }
     let width = usize::from(area.width);
@@ -346,7 +348,7 @@ fn label(model: &ConsoleModel, action: Action) -> String {
         (Action::Pause, _, _) => "hold",
         (Action::Resume, _, _) => "resume",
         (Action::Quit, None, _) if model.absence().is_some() => "quit",
-        (Action::Quit, None, View::Overview) if !model.engine_data.ends_with_console() => "leave it on",
+        (Action::Quit, None, View::Overview) if !model.ends_engine() => "leave it on",
         (Action::Quit, None, View::Overview) if model.engine_data.link == EngineLink::Attached => {
             "end engine"
         }

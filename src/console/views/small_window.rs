@@ -71,7 +71,7 @@ fn summary(model: &ConsoleModel, pen: &Pen<'_>, width: usize) -> Row {
 }
 
 fn footer(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
-    let speaks = model.notice.is_some() || model.stop_overdue().is_some();
+    let speaks = model.notice.is_some() || model.stop_overdue().is_some() || model.line_mode;
     if model.input.typing.is_some() || speaks || model.input.overlay.is_some() {
         hints::draw(model, pen, area);
         return;

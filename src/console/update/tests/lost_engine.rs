@@ -305,3 +305,34 @@ fn demonstration_candidate_used_elsewhere_is_followed_by_the_next() {
     let reply = Box::new(refused(Refusal::Exists, "align@1.1.0 is registered already"));
     assert!(console.tell(MsgKind::Answer { id: request_id, reply }).is_empty());
 }
+
+/// The last console of an engine asked whether to end it, also where it may change nothing.
+#[test]
+fn a_read_only_console_leaves_its_engine() {
+    for read_only in [false, true] {
+        let mut console = TestConsole::new(0);
+        console.model.settings.read_only = read_only;
+        let effects = console.keys("q");
+        assert_eq!(effects == [Effect::Leave], read_only, "{effects:?}");
+        assert_eq!(console.model.input.overlay.is_none(), read_only);
+    }
+}
+
+/// While no key arrives, no line offers one, at any size.
+#[test]
+fn a_terminal_in_line_mode_is_named_and_no_key_is_offered() {
+    for size in [(120, 36), (80, 24), (60, 16), (40, 12)] {
+        let mut console = TestConsole::new(0);
+        console.model.data = Some("/srv/cell-2".to_owned());
+        assert!(screen_text(&console, size).contains("X stop"), "{size:?}");
+        console.tell(MsgKind::LineMode(true));
+        let screen = screen_text(&console, size);
+        assert!(screen.contains("NO KEY WORKS"), "{size:?}: {screen}");
+        assert!(screen.contains("`holdpoint stop --data /srv/cell-2`"), "{size:?}: {screen}");
+        for offer in ["X stop", "q quit", "? keys", "? help"] {
+            assert!(!screen.contains(offer), "{size:?}: {offer}: {screen}");
+        }
+        console.tell(MsgKind::LineMode(false));
+        assert!(screen_text(&console, size).contains("X stop"), "{size:?}");
+    }
+}
