@@ -33,13 +33,15 @@ pub enum Exit {
     NothingJudged,
     /// 6: the answer is missing, or not authenticated as the engine's; the effect of the request is unknown.
     NotConfirmed,
+    /// 7: an expectation of a scenario does not hold.
+    Unmet,
     /// 70: a fault of this program.
     Internal,
 }
 
 impl Exit {
     /// All exit codes.
-    pub const ALL: [Self; 8] = [
+    pub const ALL: [Self; 9] = [
         Self::Confirmed,
         Self::Rejected,
         Self::Usage,
@@ -47,6 +49,7 @@ impl Exit {
         Self::RolledBack,
         Self::NothingJudged,
         Self::NotConfirmed,
+        Self::Unmet,
         Self::Internal,
     ];
 
@@ -61,6 +64,7 @@ impl Exit {
             Self::RolledBack => "rolled back",
             Self::NothingJudged => "nothing was judged: no version was submitted",
             Self::NotConfirmed => "not confirmed by the engine; the effect of the request is unknown",
+            Self::Unmet => "not as expected: an expectation of the scenario does not hold",
             Self::Internal => "internal: a fault of this program",
         }
     }
@@ -76,6 +80,7 @@ impl Exit {
             Self::RolledBack => 4,
             Self::NothingJudged => 5,
             Self::NotConfirmed => 6,
+            Self::Unmet => 7,
             Self::Internal => 70,
         }
     }
@@ -91,6 +96,7 @@ impl Exit {
             Self::RolledBack => "rolled back",
             Self::NothingJudged => "nothing was judged",
             Self::NotConfirmed => "not confirmed",
+            Self::Unmet => "not as expected",
             Self::Internal => "internal error",
         }
     }
@@ -105,9 +111,9 @@ impl From<Exit> for ExitCode {
 /// Why a command failed.
 #[derive(Debug, thiserror::Error)]
 pub enum CliError {
-    /// A check failed, such as an expectation of a scenario.
+    /// An expectation of a scenario does not hold.
     #[error("{}", one_line(.message))]
-    CheckFailed { message: Untrusted, hint: Option<Untrusted>, details: ErrorDetails },
+    Unmet { message: Untrusted, hint: Option<Untrusted>, details: ErrorDetails },
     /// An error that the caller can correct.
     #[error("{}", one_line(.message))]
     Usage { message: Untrusted, hint: Option<Untrusted>, details: ErrorDetails },
@@ -136,11 +142,11 @@ impl CliError {
         Self::Usage { message, hint, details }
     }
 
-    /// A check failed. Its reason is `expectation` if its type states none.
+    /// An expectation does not hold. Its reason is `expectation` if its type states none.
     #[must_use]
-    pub fn check_failed(error: impl Hint) -> Self {
+    pub fn unmet(error: impl Hint) -> Self {
         let (message, hint, details) = parts(&error, ErrorReason::Expectation);
-        Self::CheckFailed { message, hint, details }
+        Self::Unmet { message, hint, details }
     }
 
     /// The engine put the version on hold, or the time limit passed; with the hint of the error. Its reason is `not-now`
@@ -177,7 +183,7 @@ impl CliError {
     pub fn with_hint(self, help: impl Into<Untrusted>) -> Self {
         let hint = Some(help.into());
         match self {
-            Self::CheckFailed { message, hint: _, details } => Self::CheckFailed { message, hint, details },
+            Self::Unmet { message, hint: _, details } => Self::Unmet { message, hint, details },
             Self::Usage { message, hint: _, details } => Self::Usage { message, hint, details },
             Self::Held { message, hint: _, details } => Self::Held { message, hint, details },
             Self::NotConfirmed { message, hint: _, details } => Self::NotConfirmed { message, hint, details },
@@ -209,7 +215,7 @@ impl CliError {
     pub fn with_details(self, new: impl Into<ErrorDetails>) -> Self {
         let details = new.into();
         match self {
-            Self::CheckFailed { message, hint, details: _ } => Self::CheckFailed { message, hint, details },
+            Self::Unmet { message, hint, details: _ } => Self::Unmet { message, hint, details },
             Self::Usage { message, hint, details: _ } => Self::Usage { message, hint, details },
             Self::Held { message, hint, details: _ } => Self::Held { message, hint, details },
             Self::NotConfirmed { message, hint, details: _ } => Self::NotConfirmed { message, hint, details },
@@ -236,7 +242,7 @@ impl CliError {
     #[must_use]
     pub fn details(&self) -> Option<ErrorDetails> {
         match self {
-            Self::CheckFailed { details, .. }
+            Self::Unmet { details, .. }
             | Self::Usage { details, .. }
             | Self::Held { details, .. }
             | Self::NotConfirmed { details, .. }
@@ -261,7 +267,7 @@ impl CliError {
     #[must_use]
     pub const fn exit(&self) -> Exit {
         match self {
-            Self::CheckFailed { .. } => Exit::Rejected,
+            Self::Unmet { .. } => Exit::Unmet,
             Self::Usage { .. } | Self::Output(_) => Exit::Usage,
             Self::Held { .. } => Exit::Held,
             Self::NotConfirmed { .. } => Exit::NotConfirmed,
@@ -273,7 +279,7 @@ impl CliError {
     #[must_use]
     pub const fn hint(&self) -> Option<&Untrusted> {
         match self {
-            Self::CheckFailed { hint, .. }
+            Self::Unmet { hint, .. }
             | Self::Usage { hint, .. }
             | Self::Held { hint, .. }
             | Self::NotConfirmed { hint, .. } => hint.as_ref(),
@@ -504,7 +510,7 @@ mod tests {
             ),
             (CliError::usage("bad \u{1b}[2J name"), "error: bad \\u{1b}[2J name\n", 2),
             (CliError::usage("first\n  second\n"), "error: first second\n", 2),
-            (CliError::check_failed("step 2: it is not so"), "error: step 2: it is not so\n", 1),
+            (CliError::unmet("step 2: it is not so"), "error: step 2: it is not so\n", 7),
             (CliError::from_engine_fault("no answer"), "error: no answer\n", 3),
             (CliError::not_confirmed("no reply"), "error: no reply\n", 6),
             (CliError::internal("lost"), "error: internal: lost\n", 70),
@@ -532,6 +538,6 @@ mod tests {
     #[test]
     fn exit_codes_are_distinct() {
         let codes: std::collections::BTreeSet<u8> = Exit::ALL.into_iter().map(Exit::code).collect();
-        assert_eq!(codes.into_iter().collect::<Vec<_>>(), [0, 1, 2, 3, 4, 5, 6, 70]);
+        assert_eq!(codes.into_iter().collect::<Vec<_>>(), [0, 1, 2, 3, 4, 5, 6, 7, 70]);
     }
 }

@@ -208,10 +208,15 @@ fn list(views: &Views, filter: &AuditFilter, out: &mut CommandOutput<'_>) -> Res
 }
 
 fn export_to(views: &Views, from_seq: u64, sink: &mut dyn std::io::Write) -> Result<u64, CliError> {
-    views.export(from_seq, sink).map_err(|error| match error {
+    views.export(from_seq, sink).map_err(export_error)
+}
+
+/// An export to the standard output failed: its reader may be gone.
+pub(super) fn export_error(error: ExportError) -> CliError {
+    match error {
         ExportError::Write(error) => CliError::from(error),
         error @ (ExportError::Read(_) | ExportError::Store(_) | ExportError::Json(_)) => {
             CliError::usage(error)
         }
-    })
+    }
 }

@@ -278,8 +278,7 @@ fn is_reached(until: AwaitedState, row: &VersionRow) -> bool {
         let height = match row.state {
             S::Validated => 1,
             S::Sandboxed => 2,
-            S::Shadowed => 3,
-            S::Active | S::Superseded => 4,
+            S::Shadowed | S::Active | S::Superseded => 3,
             S::Registered | S::Demoted | S::Rejected | S::RolledBack => 0,
         };
         height >= least
@@ -288,8 +287,11 @@ fn is_reached(until: AwaitedState, row: &VersionRow) -> bool {
         AwaitedState::Validated => up(1),
         AwaitedState::Sandboxed => up(2),
         AwaitedState::Shadowed => up(3),
-        AwaitedState::AwaitingApproval => row.awaiting_approval || up(4),
-        AwaitedState::Active => up(4),
+        AwaitedState::AwaitingApproval => {
+            row.awaiting_approval || matches!(row.state, S::Active | S::Superseded)
+        }
+        AwaitedState::Active => row.state == S::Active,
+        AwaitedState::Confirmed if row.state == S::Superseded => row.confirmed,
         AwaitedState::Confirmed => row.state == S::Active && !row.provisional && !row.rollback_pending,
         AwaitedState::Demoted => row.state == S::Demoted,
         AwaitedState::Rejected => row.state == S::Rejected,
@@ -402,6 +404,7 @@ mod tests {
             rollback_pending: false,
             unreviewed: false,
             held: false,
+            confirmed: false,
             closed: Vec::new(),
             stale: Vec::new(),
             kappas: [None; 4],
@@ -479,12 +482,17 @@ mod tests {
             (AwaitedState::Confirmed, S::Active, true, None),
             (AwaitedState::Confirmed, S::Active, false, Some(Exit::Confirmed)),
             (AwaitedState::Confirmed, S::Superseded, false, None),
+            (AwaitedState::Active, S::Superseded, false, None),
+            (AwaitedState::Shadowed, S::Superseded, false, Some(Exit::Confirmed)),
             (AwaitedState::Rejected, S::Rejected, false, Some(Exit::Confirmed)),
             (AwaitedState::RolledBack, S::RolledBack, false, Some(Exit::Confirmed)),
             (AwaitedState::RolledBack, S::Rejected, false, Some(Exit::Rejected)),
         ] {
             assert_eq!(end(until, &row(state, provisional)), expected, "{until:?} {state:?}");
         }
+        // Two good versions of one family wait: the second replaces the first, which was confirmed.
+        let replaced = VersionRow { confirmed: true, ..row(S::Superseded, false) };
+        assert_eq!(end(AwaitedState::Confirmed, &replaced), Some(Exit::Confirmed));
         let waiting = VersionRow { awaiting_approval: true, ..row(S::Shadowed, false) };
         assert_eq!(end(AwaitedState::AwaitingApproval, &waiting), Some(Exit::Confirmed));
         assert_eq!(end(AwaitedState::AwaitingApproval, &row(S::Shadowed, false)), None);

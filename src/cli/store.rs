@@ -7,6 +7,7 @@ use std::path::{Path, PathBuf};
 
 use clap::{Args, Subcommand};
 
+use super::audit::export_error;
 use super::data;
 use super::output::TextTable;
 use super::recordings::{counted, size};
@@ -103,7 +104,7 @@ Example:
         /// Writes records that fail verification, too, unchanged, to inspect a damaged store.
         #[arg(long)]
         unchecked: bool,
-        /// A new file.
+        /// A new file, or `-` for the standard output.
         #[arg(value_name = "FILE")]
         file: PathBuf,
     },
@@ -186,10 +187,16 @@ pub fn run(context: &CliContext, args: &StoreArgs, out: &mut CommandOutput<'_>) 
             let cannot = |error: std::io::Error| {
                 CliError::usage(format!("cannot write {file:?}: {error}")).with_unwritable(file, &error)
             };
+            let key = key.as_ref().map(|(key, _)| key);
+            if file.as_os_str() == "-" {
+                let mut writer = BufWriter::new(out.sink());
+                export_store(&database, exporting, key, &mut writer).map_err(export_error)?;
+                writer.flush()?;
+                return Ok(Exit::Confirmed);
+            }
             let output = OpenOptions::new().write(true).create_new(true).open(file).map_err(cannot)?;
             let mut writer = BufWriter::new(output);
-            let records = export_store(&database, exporting, key.as_ref().map(|(key, _)| key), &mut writer);
-            let records = records.map_err(CliError::usage)?;
+            let records = export_store(&database, exporting, key, &mut writer).map_err(CliError::usage)?;
             writer.flush().and_then(|()| writer.get_ref().sync_all()).map_err(cannot)?;
             out.answer(&json!({ "records": records, "file": file.display().to_string() }), |out| {
                 out.line(&format!("wrote {records} records with their signed heads to {}", file.display()))

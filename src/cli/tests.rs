@@ -386,6 +386,12 @@ fn proofs_copies_and_witnesses_of_a_store_verify() {
     assert!(output_of(&["audit", "check-proof", &key], Exit::Usage).contains(&key));
     assert!(output_of(&["audit", "witness", "list"], Exit::Confirmed).contains(&witness));
     assert!(output_of(&["audit", "witness", "add", "https://a/b"], Exit::Usage).contains("no network"));
+    // The standard output gets what a file would get.
+    let exported = path("store.jsonl");
+    output_of(&["store", "export", &exported], Exit::Confirmed);
+    let text = output_of(&["store", "export", "-"], Exit::Confirmed);
+    assert_eq!(text, std::fs::read_to_string(&exported).unwrap());
+    assert!(!std::path::Path::new("-").exists());
     assert!(output_of(&["doctor"], Exit::Confirmed).contains(&witness));
     let text = output_of(&["audit", "verify", "--all", "--against", &proof], Exit::Confirmed);
     assert!(text.contains("heads elsewhere") && text.contains("recordings         0"), "{text}");

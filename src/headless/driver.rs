@@ -413,7 +413,7 @@ impl<'a> Driver<'a> {
     /// Ends the run: something that the scenario expects does not hold. With `--json` a line of the output says so, too.
     fn unmet(&mut self, index: usize, text: String) -> Result<StepEnd, CliError> {
         self.printer.unmet(index + 1, &text)?;
-        Err(CliError::check_failed(text))
+        Err(CliError::unmet(text))
     }
 
     /// What of an expectation does not hold.

@@ -21,6 +21,8 @@ impl std::fmt::Display for FollowedVersion {
 pub(super) fn outcome_of(view: &CandidateView) -> Exit {
     match view.state {
         State::Active if view.confirmed && !view.flags.provisional => Exit::Confirmed,
+        // It was confirmed before a newer version replaced it.
+        State::Superseded if view.confirmed => Exit::Confirmed,
         State::Rejected => Exit::Rejected,
         State::RolledBack => Exit::RolledBack,
         State::Demoted if view.left == Some(State::Active) => Exit::RolledBack,
@@ -42,7 +44,7 @@ pub(super) fn worst_outcome(followed: &[FollowedVersion]) -> Exit {
         Exit::Rejected => 2,
         Exit::Held => 3,
         Exit::RolledBack => 4,
-        Exit::Usage => 5,
+        Exit::Usage | Exit::Unmet => 5,
         Exit::Internal => 6,
     };
     followed

@@ -57,7 +57,7 @@ const DEFAULT_SEED: u32 = 1;
 /// Runs a scenario to its end.
 ///
 /// # Errors
-/// [`CliError`] with exit code 2 for invalid input, 1 for an expectation that does not hold, 70 for a fault.
+/// [`CliError`] with exit code 2 for invalid input, 7 for an expectation that does not hold, 70 for a fault.
 pub fn run_script(run: RunScript<'_>, out: &mut dyn Write) -> Result<Exit, CliError> {
     let shown = holdpoint_text::Untrusted::new(run.script.display().to_string()).line().into_string();
     let text = holdpoint_text::file::read_text(run.script, SCRIPT_BYTES_MAX as u64).map_err(|error| {

@@ -307,7 +307,7 @@ fn the_exit_code_is_that_of_the_run_whatever_becomes_of_the_reader() {
 }
 
 #[test]
-fn an_unmet_expectation_is_a_failed_check() {
+fn an_unmet_expectation_has_its_own_code() {
     let root = tempfile::tempdir().unwrap();
     let script = root.path().join("script.toml");
     let steps = "profile = \"sim\"\n[[step]]\nregister = \"grasp-tool-frame\"\n\
@@ -316,7 +316,7 @@ fn an_unmet_expectation_is_a_failed_check() {
     fs::write(&script, steps).unwrap();
     let run = ["scenario", "run", script.to_str().unwrap()];
     let output = holdpoint(&root.path().join("store"), &[&run[..], &["--json"]].concat());
-    let error = assert_error(&output, 1, "expectation");
+    let error = assert_error(&output, 7, "expectation");
     assert!(error["error"].as_str().unwrap().contains("rejected, expected active"), "{error}");
     let stdout = String::from_utf8(output.stdout).unwrap();
     let last: Value = serde_json::from_str(stdout.lines().next_back().unwrap()).unwrap();

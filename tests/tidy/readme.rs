@@ -240,6 +240,7 @@ fn documented_exit_codes_are_those_of_the_program() {
             Exit::RolledBack => "rolled back",
             Exit::NothingJudged => "nothing was judged",
             Exit::NotConfirmed => "not confirmed",
+            Exit::Unmet => "not as expected",
             Exit::Internal => "internal",
         };
         if !documented.get(&exit.code().to_string()).is_some_and(|meaning| meaning.contains(label)) {

@@ -109,6 +109,9 @@ pub(super) struct VersionRow {
     pub(super) unreviewed: bool,
     /// Waits for an operator to resume it, if an engine runs.
     pub(super) held: bool,
+    /// Whether it was confirmed, if an engine runs.
+    #[serde(skip)]
+    pub(super) confirmed: bool,
     /// Profiles it is blocked under, if an engine runs.
     pub(super) closed: Vec<ProfileName>,
     /// Why its evidence is stale, if an engine runs.
@@ -398,6 +401,7 @@ impl VersionRow {
             rollback_pending: flags.rollback_pending,
             unreviewed: version.unreviewed,
             held: view.is_some_and(|view| view.held),
+            confirmed: view.is_some_and(|view| view.confirmed),
             closed: view.map_or_else(Vec::new, |view| view.closed.clone()),
             stale: view.map_or_else(Vec::new, |view| view.stale.clone()),
             kappas: version.kappas,
