@@ -54,7 +54,9 @@ fn paint(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
     views::banner::draw(model, pen, above(area, 1));
     let hints = views::hints::height(model, area);
     let foot = area.height - 1 - hints;
-    views::status::draw(model, pen, Rect { y: area.y + foot, height: 1, ..area });
+    let status = Rect { y: area.y + foot, height: 1, ..area };
+    views::status::draw(model, pen, status);
+    views::dim_if_old(model, pen, status);
     views::hints::draw(model, pen, Rect { y: area.y + foot + 1, height: hints, ..area });
     let body = below(Rect { height: foot, ..area }, 1);
     match &model.input.overlay {
@@ -142,6 +144,7 @@ fn under(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) -> Rect {
         View::Audit => views::audit::draw(model, pen, body),
         View::Health => views::health::draw(model, pen, body),
     }
+    views::dim_if_old(model, pen, body);
     body
 }
 

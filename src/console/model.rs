@@ -28,6 +28,7 @@ pub use view_state::{
 };
 
 use super::action::Action;
+use super::formatters::{seconds, time_of_day};
 use super::keymap::Keymap;
 use super::operator::Operator;
 use holdpoint_governance::ids::CapabilityId;
@@ -173,7 +174,16 @@ impl ConsoleModel {
     #[must_use]
     pub fn stale_ms(&self) -> Option<u64> {
         let age_ms = self.now_ms.saturating_sub(self.engine_data.snapshot_ms);
-        (self.engine_data.snapshot.is_some() && age_ms > STALE_AFTER_MS).then_some(age_ms)
+        (self.engine_data.snapshot.is_some() && age_ms >= STALE_AFTER_MS).then_some(age_ms)
+    }
+
+    /// When the shown data was last true, as a time of day, or as the engine's own time where it reports none. Absent
+    /// while the data is live.
+    #[must_use]
+    pub fn last_seen(&self) -> Option<String> {
+        let snapshot = self.engine_data.snapshot.as_ref()?;
+        let is_old = self.stale_ms().is_some() || self.absence().is_some();
+        is_old.then(|| snapshot.wall_ms.map_or_else(|| seconds(snapshot.at_ms), time_of_day))
     }
 
     /// A verb as a shell command, with the store of this console.

@@ -57,6 +57,13 @@ pub fn frozen(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) -> Rect {
     below(area, taken)
 }
 
+/// Lets an area look old while the engine is silent or gone: nothing old looks like a live value.
+pub fn dim_if_old(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
+    if model.last_seen().is_some() {
+        pen.dim(area);
+    }
+}
+
 /// The state of a version and the mark beside it; in a narrow area, the last word of each.
 #[must_use]
 pub fn state_row(state: State, flags: &VersionFlags, room: usize, look: &Look) -> Row {

@@ -21,7 +21,7 @@ use holdpoint_text::Problem;
 pub const LOG_MAX: usize = 500;
 
 /// A snapshot older than this is stale, ms: the engine publishes at least every half second.
-pub const STALE_AFTER_MS: u64 = 2_000;
+pub const STALE_AFTER_MS: u64 = 1_000;
 
 /// The state of the engine.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]

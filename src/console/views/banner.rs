@@ -6,7 +6,7 @@
 
 use ratatui::layout::Rect;
 
-use crate::formatters::{duration, seconds};
+use crate::formatters::{duration, seconds, time_of_day};
 use crate::look::{Glyph, ThemeRole};
 use crate::model::{ConsoleModel, EngineLink, EngineState};
 use crate::theme::StateMark;
@@ -22,10 +22,11 @@ pub fn draw(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
     let width = usize::from(area.width);
     let mut row = profile(model, pen).and(warnings(model, pen, width));
     let identity = identity(model);
-    // Without an engine, virtual time is not shown.
-    let clock = match model.absence() {
-        Some(_) => Row::new(),
-        None => Row::of(ThemeRole::Muted, &format!(" {}", seconds(model.engine_ms()))),
+    // A clock that nobody was heard to keep is not shown.
+    let clock = if model.last_seen().is_some() || model.absence().is_some() {
+        Row::new()
+    } else {
+        Row::of(ThemeRole::Muted, &format!(" {}", seconds(model.engine_ms())))
     };
     let clocks = clocks(model);
     for piece in identity {
@@ -109,6 +110,9 @@ fn warnings(model: &ConsoleModel, pen: &Pen<'_>, width: usize) -> Row {
     if let Some(age_ms) = model.stale_ms() {
         say(ThemeRole::Stale, &format!("{} STALE {}", pen.look.glyph(Glyph::Waiting), duration(age_ms)));
     }
+    if let Some(seen) = model.last_seen() {
+        say(ThemeRole::Stale, &format!("last seen {seen}"));
+    }
     if let Some(why) = model.engine_data.snapshot.as_ref().and_then(|snapshot| snapshot.holding.as_deref()) {
         let why = super::short(why, width / 4);
         say(ThemeRole::Held, &format!("{} HOLDING {why}", pen.look.glyph(Glyph::Paused)));
@@ -138,12 +142,11 @@ fn clocks(model: &ConsoleModel) -> Vec<Row> {
     let (Some(wall_ms), Some(snapshot)) = (model.wall_ms(), &model.engine_data.snapshot) else {
         return Vec::new();
     };
-    if model.absence().is_some() {
+    if model.last_seen().is_some() {
         return Vec::new();
     }
     let pace = snapshot.live.pace.map_or_else(|| "max".to_owned(), |times| format!("{times}x"));
-    let secs = wall_ms.div_euclid(1_000);
-    let time = format!("{:02}:{:02}:{:02}", secs / 3_600 % 24, secs / 60 % 60, secs % 60);
+    let time = time_of_day(wall_ms);
     let day = calendar::day(wall_ms);
     [format!("  {day} {time} UTC  pace {pace}  engine"), format!("  {time} UTC  pace {pace} ")]
         .map(|text| Row::of(ThemeRole::Muted, &text))

@@ -62,7 +62,7 @@ pub fn draw(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
     let reserved = if area.height >= CAPTIONS_FROM { CAPTION_ROWS } else { 2 };
     let mut framing = model.engine_data.framing;
     framing.see(frame);
-    let scene = RobotScene { frame, scenery, framing };
+    let scene = RobotScene { frame, scenery, framing, last_seen: model.last_seen() };
     draw_within(&scene, states.collect(), reserved, pen, area);
 }
 
@@ -78,7 +78,8 @@ fn unsettled(model: &ConsoleModel, frame: &VideoFrame, room: usize, pen: &Pen<'_
 /// Draws one moment with the scenery, and below it the action and the state of the version that moves the arm. Any
 /// area is large enough.
 pub fn draw_frame(frame: &VideoFrame, scenery: &Scenery, states: Vec<Row>, pen: &mut Pen<'_>, area: Rect) {
-    draw_within(&RobotScene { frame, scenery, framing: Framing::of(frame) }, states, 0, pen, area);
+    let scene = RobotScene { frame, scenery, framing: Framing::of(frame), last_seen: None };
+    draw_within(&scene, states, 0, pen, area);
 }
 
 /// A moment, its scenery, and the bounds to show.
@@ -86,11 +87,13 @@ struct RobotScene<'a> {
     frame: &'a VideoFrame,
     scenery: &'a Scenery,
     framing: Framing,
+    /// When the moment was, if it is no longer the present one.
+    last_seen: Option<String>,
 }
 
 /// `reserved`: lines kept for the description below, even if it is empty.
 fn draw_within(scene: &RobotScene<'_>, states: Vec<Row>, reserved: u16, pen: &mut Pen<'_>, area: Rect) {
-    let description = description_rows(scene.frame, states, reserved == 0, pen);
+    let description = description_rows(scene, states, reserved == 0, pen);
     let lines = u16::try_from(description.len()).unwrap_or(0).max(reserved).min(area.height);
     let (views, captions) = cut(area, area.height - lines);
     pen.rows(captions, 0, &description);
@@ -114,8 +117,8 @@ fn draw_within(scene: &RobotScene<'_>, states: Vec<Row>, reserved: u16, pen: &mu
 
 /// The description of the scene, the most serious part first: on separate lines (`apart`) or in one permanent line,
 /// so that no line comes and goes below a moving arm.
-fn description_rows(frame: &VideoFrame, states: Vec<Row>, apart: bool, pen: &Pen<'_>) -> Vec<Row> {
-    let look = pen.look;
+fn description_rows(scene: &RobotScene<'_>, states: Vec<Row>, apart: bool, pen: &Pen<'_>) -> Vec<Row> {
+    let (look, frame) = (pen.look, scene.frame);
     let mut rows = Vec::new();
     let mut alarming = Row::new();
     if frame.stopped {
@@ -133,6 +136,10 @@ fn description_rows(frame: &VideoFrame, states: Vec<Row>, apart: bool, pen: &Pen
     let task = frame.task.map_or("at rest", TaskKind::name);
     let version = frame.version.as_ref().map(ToString::to_string).unwrap_or_default();
     let held = if frame.body.held { "holding" } else { "empty" };
+    // The last speed of an engine that is silent is not the present one.
+    if let Some(seen) = &scene.last_seen {
+        alarming = Row::of(ThemeRole::Stale, &format!("last seen {seen}: ")).and(alarming);
+    }
     rows.push(
         // A version's name begins with its task.
         alarming

@@ -43,7 +43,12 @@ pub fn draw(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
             footer(model, pen, last);
             let status = Rect { y: last.y - 1, height: 1, ..area };
             pen.row(status, 0, &summary(model, pen, usize::from(area.width)));
-            body(model, pen, Rect { y: area.y + 1, height: area.height - 2 - foot_height, ..area });
+            let view = Rect { y: area.y + 1, height: area.height - 2 - foot_height, ..area };
+            body(model, pen, view);
+            if model.input.overlay.is_none() {
+                super::dim_if_old(model, pen, view);
+            }
+            super::dim_if_old(model, pen, status);
         }
     }
 }

@@ -137,6 +137,13 @@ impl Pen<'_> {
         self.buf.set_style(area.intersection(self.buf.area), style);
     }
 
+    /// Lets an area look old, text kept: muted, and dim where a theme has no color for that.
+    pub fn dim(&mut self, area: Rect) {
+        self.lay(area, ThemeRole::Muted);
+        let dim = ratatui::style::Style::default().add_modifier(ratatui::style::Modifier::DIM);
+        self.buf.set_style(area.intersection(self.buf.area), dim);
+    }
+
     pub fn clear(&mut self, area: Rect) {
         let style = self.look.style(ThemeRole::Text);
         let area = area.intersection(self.buf.area);

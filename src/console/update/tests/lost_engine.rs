@@ -336,3 +336,43 @@ fn a_terminal_in_line_mode_is_named_and_no_key_is_offered() {
         assert!(screen_text(&console, size).contains("X stop"), "{size:?}");
     }
 }
+
+/// The last speed of a silent engine stood on the screen as if it were the present one.
+#[test]
+fn values_of_a_silent_engine_are_dated_and_dimmed_in_every_view() {
+    let body = json!({ "links": [[0, 0, 0], [0, 0, 1]], "pads": [[0, 0, 1], [0, 0, 1]], "hand": [0, 0, 0, 1],
+        "object": [0, 0, 0], "object_turn": [0, 0, 0, 1], "object_half_m": 0.02, "held": false });
+    let frame = json!({ "sequence": 1, "at_ms": 59_000, "at_secs": 1.0, "task": null, "version": null, "body": body,
+        "speed_m_s": 0.25, "force_n": 0, "contact_n": 0, "envelope": null, "contacts": [], "blocks": [],
+        "unexpected_contact": false, "stopped": false, "twin": null });
+    let dims = |console: &TestConsole| {
+        let area = Rect::new(0, 0, 120, 36);
+        let mut buffer = ratatui::buffer::Buffer::empty(area);
+        let look = Look::new(Theme::builtin("mono").unwrap(), ColorDepth::Mono, Glyphs::Ascii);
+        crate::frame::draw(&console.model, &look, area, &mut buffer);
+        buffer.cell((4, 12)).unwrap().modifier.contains(ratatui::style::Modifier::DIM)
+    };
+    for view in View::ALL {
+        let mut console = TestConsole::new(0);
+        let mut now = snapshot(0, 'e');
+        now.wall_ms = Some(((18 * 60 + 31) * 60 + 56) * 1_000);
+        console.tell(MsgKind::Snapshot(Arc::new(now.clone())));
+        console.tell(MsgKind::VideoFrame(Arc::new(serde_json::from_value(frame.clone()).unwrap())));
+        console.model.view_state.view = view;
+        later(&mut console, 999);
+        assert!(!screen_text(&console, SIZES[0]).contains("last seen"), "{view:?}");
+        later(&mut console, 1);
+        for size in &SIZES[..2] {
+            let screen = screen_text(&console, *size);
+            assert!(screen.contains("last seen 18:31:56"), "{view:?}: {screen}");
+        }
+        assert!(dims(&console), "{view:?}");
+        if view == View::Overview {
+            let screen = screen_text(&console, SIZES[0]);
+            assert!(screen.contains("last seen 18:31:56: at rest 0.25 m/s"), "{screen}");
+        }
+        // The engine answers again.
+        console.tell(MsgKind::Snapshot(Arc::new(now)));
+        assert!(!screen_text(&console, SIZES[0]).contains("last seen"), "{view:?}");
+    }
+}
