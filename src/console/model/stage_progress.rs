@@ -1,4 +1,4 @@
-//! The speed of a stage: its recent progress, so that the estimated end neither jumps nor grows during one slow job.
+//! The speed of a stage: its recent progress, from which the rest of it is forecast, or not.
 
 use std::collections::VecDeque;
 
@@ -6,6 +6,9 @@ use holdpoint_protocol::snapshot::ProgressView;
 
 /// Moves of the count that are kept, so that the estimate follows a changing pace.
 const MARKS_MAX: usize = 9;
+
+/// The fewest measured moves that a forecast needs.
+const MOVES_MIN: usize = 3;
 
 /// A stage of one candidate.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -40,19 +43,30 @@ impl StageProgress {
         }
     }
 
-    /// The total time of the stage at its recent pace; absent before any progress.
+    /// The least and the most time that the rest of the stage takes, at the fastest and the slowest of its recent moves.
+    /// Absent before enough moves are measured, and once the current job takes much longer than any of them.
     #[must_use]
-    pub fn expected_ms(&self, progress: &ProgressView, now_ms: u64) -> Option<u64> {
-        let (first, last) = (self.marks.front()?, self.marks.back()?);
-        let moved = last.0.checked_sub(first.0).filter(|moved| *moved > 0)?;
+    pub fn remaining_ms(&self, progress: &ProgressView, now_ms: u64) -> Option<(u64, u64)> {
+        let moves: Vec<(u128, u128)> = self
+            .marks
+            .iter()
+            .zip(self.marks.iter().skip(1))
+            .map(|(from, to)| (u128::from(to.0.saturating_sub(from.0)), u128::from(to.1.saturating_sub(from.1))))
+            .filter(|(moved, _)| *moved > 0)
+            .collect();
+        if moves.len() < MOVES_MIN {
+            return None;
+        }
         let left = u128::from(progress.budget.checked_sub(progress.done)?);
-        let took_ms = u128::from(last.1.saturating_sub(first.1));
-        // The time since the last move belongs to the current job, at most one job.
-        let all_ms = took_ms * left / u128::from(moved);
-        let piece_ms = took_ms / u128::from(moved);
-        let passed_ms = u128::from(now_ms.saturating_sub(last.1)).min(piece_ms);
-        let elapsed_ms = u128::from(now_ms.saturating_sub(self.since_ms));
-        u64::try_from(elapsed_ms + all_ms.saturating_sub(passed_ms)).ok()
+        let passed_ms = u128::from(now_ms.saturating_sub(self.marks.back()?.1));
+        let longest_ms = moves.iter().map(|(_, took_ms)| *took_ms).max()?;
+        if passed_ms > longest_ms.saturating_mul(2) {
+            return None;
+        }
+        let rest_ms = |(moved, took_ms): &(u128, u128)| took_ms.saturating_mul(left) / (*moved).max(1);
+        let least_ms = moves.iter().map(rest_ms).min()?.saturating_sub(passed_ms);
+        let most_ms = moves.iter().map(rest_ms).max()?.saturating_sub(passed_ms);
+        Some((u64::try_from(least_ms).ok()?, u64::try_from(most_ms).ok()?))
     }
 }
 
@@ -68,24 +82,21 @@ mod tests {
     }
 
     #[test]
-    fn expected_end_is_stable_between_two_steps_and_follows_the_pace() {
-        let mut headway = StageProgress::of(&at(0, 1_000), 1_000);
-        assert_eq!(headway.expected_ms(&at(0, 1_000), 9_000), None, "nothing is done yet");
-        for done in 1..=4 {
-            headway.see(&at(done, 1_000), 1_000 + done * 10_000);
+    fn the_rest_is_a_range_of_measured_rates_or_unknown() {
+        let mut progress = StageProgress::of(&at(0, 1_000), 1_000);
+        for (done, seen_ms) in [(1, 11_000), (2, 19_000)] {
+            progress.see(&at(done, 1_000), seen_ms);
+            assert_eq!(progress.remaining_ms(&at(done, 1_000), seen_ms), None, "{done} moves are too few");
         }
-        // Four in 40 seconds: the other sixteen take 160 s more, whenever the fifth is under way.
-        for passed_ms in [0, 2_000, 9_999] {
-            assert_eq!(headway.expected_ms(&at(4, 1_000), 41_000 + passed_ms), Some(200_000));
-        }
-        // Beyond that it is late by the difference.
-        assert_eq!(headway.expected_ms(&at(4, 1_000), 41_000 + 15_000), Some(205_000));
-        // Ten times as fast from here on.
-        for done in 5..=14 {
-            headway.see(&at(done, 1_000), 41_000 + (done - 4) * 1_000);
-        }
-        assert_eq!(headway.expected_ms(&at(14, 1_000), 51_000), Some(50_000 + 6_000));
-        headway.see(&at(1, 80_000), 90_000);
-        assert_eq!(headway.expected_ms(&at(1, 80_000), 90_000), Some(200_000), "it began again");
+        progress.see(&at(3, 1_000), 31_000);
+        // The moves took 10, 8 and 12 s; 17 are left.
+        assert_eq!(progress.remaining_ms(&at(3, 1_000), 31_000), Some((136_000, 204_000)));
+        assert_eq!(progress.remaining_ms(&at(3, 1_000), 36_000), Some((131_000, 199_000)));
+        // A job twice as long as the longest has no measured rate.
+        assert!(progress.remaining_ms(&at(3, 1_000), 55_000).is_some());
+        assert_eq!(progress.remaining_ms(&at(3, 1_000), 55_001), None);
+        // A stage that began again is measured from there.
+        progress.see(&at(1, 80_000), 90_000);
+        assert_eq!(progress.remaining_ms(&at(1, 80_000), 90_000), None);
     }
 }

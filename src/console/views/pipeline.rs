@@ -4,7 +4,7 @@
 //! ```text
 //! ▸ grasp@1.1.0  ◌ running  ada, refined, risk low
 //!   ✔ register  ✔ validate  ◌ sandbox  · shadow  · gate  · monitor  · confirm
-//!   ██████░░░░░░░░░░ 137 of 480 paired episodes  2 min 5 s of about 7 min 18 s
+//!   ██████░░░░░░░░░░ 137 of 480 paired episodes  2 min 5 s, 4 min 5 s to 6 min 2 s left
 //!   ends early: when an established worsening passes the tolerance
 //! ```
 
@@ -250,13 +250,13 @@ fn running(
     chosen: bool,
 ) -> Vec<Row> {
     let elapsed_ms = now_ms.saturating_sub(view.since_ms);
-    let expected_ms = match headway {
-        Some(headway) => headway.expected_ms(view, now_ms),
-        None => expected_ms(view, elapsed_ms),
-    };
-    let time = match expected_ms {
-        Some(all_ms) => format!("{} of about {}", duration(elapsed_ms), duration(all_ms)),
-        None => duration(elapsed_ms),
+    let elapsed = duration(elapsed_ms);
+    let time = match headway.and_then(|headway| headway.remaining_ms(view, now_ms)) {
+        Some((least_ms, most_ms)) => match [least_ms, most_ms].map(duration) {
+            [least, most] if least == most => format!("{elapsed}, {most} left"),
+            [least, most] => format!("{elapsed}, {least} to {most} left"),
+        },
+        None => elapsed,
     };
     let count = format!(" {} of {} ", view.done, view.budget);
     let bar = (width / 4).clamp(6, 24);
@@ -273,13 +273,6 @@ fn running(
         rows.extend(early.iter().map(|line| Row::of(ThemeRole::Muted, line)));
     }
     rows
-}
-
-/// How long the stage takes in all at its pace so far; absent before anything is done.
-fn expected_ms(view: &ProgressView, elapsed_ms: u64) -> Option<u64> {
-    (view.done > 0 && view.budget >= view.done)
-        .then(|| u64::try_from(u128::from(elapsed_ms) * u128::from(view.budget) / u128::from(view.done)).ok())
-        .flatten()
 }
 
 #[cfg(test)]
