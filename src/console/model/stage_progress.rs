@@ -51,7 +51,9 @@ impl StageProgress {
             .marks
             .iter()
             .zip(self.marks.iter().skip(1))
-            .map(|(from, to)| (u128::from(to.0.saturating_sub(from.0)), u128::from(to.1.saturating_sub(from.1))))
+            .map(|(from, to)| {
+                (u128::from(to.0.saturating_sub(from.0)), u128::from(to.1.saturating_sub(from.1)))
+            })
             .filter(|(moved, _)| *moved > 0)
             .collect();
         if moves.len() < MOVES_MIN {
