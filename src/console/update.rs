@@ -205,8 +205,10 @@ fn on_key(model: &mut ConsoleModel, key: KeyEvent) -> Vec<Effect> {
         Some(Overlay::Form(_)) => overlays::form_key(model, key, action),
         Some(Overlay::Why(_)) => why::why_key(model, key, action),
         Some(Overlay::Film(_)) => why::film_key(model, key, action),
-        None if belongs_to_refused_form(model, key, action) => Vec::new(),
-        None => action.map_or_else(Vec::new, |action| act(model, action)),
+        None => {
+            let action = action.filter(|_| !belongs_to_refused_form(model, key, action));
+            action.map_or_else(Vec::new, |action| act(model, action))
+        }
     }
 }
 
