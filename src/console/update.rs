@@ -206,7 +206,9 @@ fn on_key(model: &mut ConsoleModel, key: KeyEvent) -> Vec<Effect> {
         Some(Overlay::Why(_)) => why::why_key(model, key, action),
         Some(Overlay::Film(_)) => why::film_key(model, key, action),
         None => {
-            let action = action.filter(|_| !belongs_to_refused_form(model, key, action));
+            if belongs_to_refused_form(model, key, action) {
+                return Vec::new();
+            }
             action.map_or_else(Vec::new, |action| act(model, action))
         }
     }
