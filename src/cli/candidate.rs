@@ -16,13 +16,14 @@ use crate::cli::engine_verbs::EngineVerbs;
 use crate::cli::output::CommandOutput;
 use crate::error::{CliError, Exit};
 use holdpoint_approvals::SignedAuthorship;
-use holdpoint_engine::check::{self, RegisteredVersions, StaticFindings, UnmetFallback};
+use holdpoint_engine::check::{self, ProfileFindings, RegisteredVersions, UnmetFallback};
 use holdpoint_engine::explain::difference::differences;
 use holdpoint_engine::tryout::Tryout;
 use holdpoint_governance::decision::Reason;
 use holdpoint_governance::ids::{CapabilityId, Digest};
 use holdpoint_governance::lifecycle::Stage;
 use holdpoint_governance::outcome::{InterfaceOutcome, PolicyOutcome};
+use holdpoint_governance::policy::PolicyProblem;
 use holdpoint_governance::profile::{Profile, ProfileName, titled};
 use holdpoint_governance::risk::RiskClass;
 use holdpoint_governance::site_profile::ChosenProfile;
@@ -174,6 +175,7 @@ pub struct DiffArgs {
 #[derive(Serialize)]
 struct CandidateReport {
     id: String,
+    /// The candidate's digest, as approvals and records name it.
     digest: Digest,
     bundle: String,
     author: String,
@@ -184,6 +186,9 @@ struct CandidateReport {
     summary: Untrusted,
     /// What it is compared with.
     against: String,
+    /// The active version, if the candidate has an earlier version number.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    older_than: Option<CapabilityId>,
     /// The result for each profile; a site profile by class and name.
     verdicts: Vec<CheckVerdict>,
     /// Declared recovery that is unavailable under every profile.
@@ -208,7 +213,12 @@ struct CheckVerdict {
     admitted: bool,
     interface: InterfaceOutcome,
     policy: PolicyOutcome,
+    /// The approvals that its activation needs at least.
+    approvals: u8,
     reasons: Vec<String>,
+    /// Policies of the profile that cannot be evaluated, or have no effect.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    policy_problems: Vec<PolicyProblem>,
 }
 
 /// Runs the verb; `register` goes to the engine.
@@ -283,13 +293,15 @@ fn show(parsed: &ParsedPackage, out: &mut CommandOutput<'_>) -> Result<(), CliEr
 }
 
 impl CheckVerdict {
-    fn new(profile: &Profile, found: &StaticFindings) -> Self {
+    fn new(of: &ProfileFindings, policy_problems: Vec<PolicyProblem>) -> Self {
         Self {
-            profile: titled(profile.name, profile.site.as_ref()),
-            admitted: found.admits(),
-            interface: found.interface.outcome,
-            policy: found.policy.outcome,
-            reasons: found.reasons().map(holdpoint_wording::line).collect(),
+            profile: titled(of.profile.name, of.profile.site.as_ref()),
+            admitted: of.admits(),
+            interface: of.found.interface.outcome,
+            policy: of.found.policy.outcome,
+            approvals: of.approvals,
+            reasons: of.reasons().map(holdpoint_wording::line).collect(),
+            policy_problems,
         }
     }
 }
@@ -387,11 +399,13 @@ fn check(
 ) -> Result<Exit, CliError> {
     let Capability { manifest, submission, .. } = candidate;
     let findings = versions.judge(candidate, profiles).map_err(CliError::internal)?;
+    let problems = profiles.iter().map(ChosenProfile::policy_problems).collect::<Result<Vec<_>, _>>();
+    let problems = problems.map_err(CliError::internal)?;
     let verdicts: Vec<CheckVerdict> =
-        findings.iter().map(|(profile, found)| CheckVerdict::new(profile, found)).collect();
+        findings.iter().zip(problems).map(|(found, problems)| CheckVerdict::new(found, problems)).collect();
     let report = CandidateReport {
         id: candidate.id().to_string(),
-        digest: candidate.manifest_digest(),
+        digest: candidate.digest(),
         bundle: manifest.deployment.bundle.clone().into(),
         author: submission.author.clone(),
         provenance: submission.provenance.name(),
@@ -399,6 +413,7 @@ fn check(
         risk: versions.risk(candidate),
         summary: submission.summary.as_str().into(),
         against: versions.described(&candidate.id().family),
+        older_than: versions.later_active(candidate),
         verdicts,
         recovery: versions.recovery(candidate).iter().map(holdpoint_wording::line).collect(),
         cell_faults: versions.cell_faults(candidate).iter().map(holdpoint_wording::line).collect(),
@@ -418,11 +433,23 @@ fn check(
             out.line(&format!("summary    {}", report.summary.line()))?;
         }
         out.line(&format!("against    {}", report.against))?;
+        if let Some(active) = &report.older_than {
+            out.line(&format!("version    {} is older than the active {active}", report.id))?;
+        }
         for verdict in &report.verdicts {
             let (interface, policy) = (verdict.interface, verdict.policy);
-            out.line(&format!("in {:<7} interface {interface}, policy {policy}", verdict.profile))?;
+            let approvals = match verdict.approvals {
+                0 => "no approval".to_owned(),
+                1 => "1 approval at least".to_owned(),
+                more => format!("{more} approvals at least"),
+            };
+            let profile = &verdict.profile;
+            out.line(&format!("in {profile:<7} interface {interface}, policy {policy}, {approvals}"))?;
             for reason in &verdict.reasons {
                 out.line(&format!("           {reason}"))?;
+            }
+            for problem in &verdict.policy_problems {
+                out.line(&super::profile::policy_problem_line(problem))?;
             }
         }
         for reason in &report.recovery {
@@ -456,10 +483,10 @@ fn check(
 /// The reason that validation would put a component on hold for, under the first profile that admits it and has one.
 fn slow_ticks(
     candidate: &Capability,
-    findings: &[(Profile, StaticFindings)],
+    findings: &[ProfileFindings],
 ) -> Result<Option<Reason>, CliError> {
     let admitting: Vec<&Profile> =
-        findings.iter().filter(|(_, found)| found.admits()).map(|(profile, _)| profile).collect();
+        findings.iter().filter(|found| found.admits()).map(|found| &found.profile).collect();
     if candidate.package.component.is_none() || admitting.is_empty() {
         return Ok(None);
     }

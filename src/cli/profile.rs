@@ -18,7 +18,7 @@ use crate::error::{CliError, Exit};
 use holdpoint_approvals::{RulesChange, SignedProfileAct};
 use holdpoint_engine::caller;
 use holdpoint_governance::ids::Digest;
-use holdpoint_governance::policy::PolicyTable;
+use holdpoint_governance::policy::{PolicyProblem, PolicyTable};
 use holdpoint_governance::profile::{Profile, ProfileName, ReasonedNumber, SiteName, titled};
 use holdpoint_governance::profile_downgrade::{
     DowngradedField, PreviousProfile, ProfileRules, downgrade_summary,
@@ -105,6 +105,8 @@ struct ProfileCheck {
     site: Option<SiteName>,
     digest: Digest,
     policy: Digest,
+    /// Policies that cannot be evaluated, or have no effect.
+    policy_problems: Vec<PolicyProblem>,
     numbers: Vec<ReasonedNumber>,
     /// Fields that are less strict than in the built-in profile of the class, and need an authorization.
     loosened: Vec<DowngradedField>,
@@ -143,6 +145,7 @@ pub fn run(context: &CliContext, args: &ProfileArgs, out: &mut CommandOutput<'_>
                 site: profile.site,
                 digest,
                 policy: table.digest,
+                policy_problems: chosen.policy_problems().map_err(CliError::internal)?,
                 numbers,
                 loosened,
             };
@@ -228,6 +231,9 @@ fn print_check(checked: &ProfileCheck, file: &Path, out: &mut CommandOutput<'_>)
     let title = titled(checked.name, checked.site.as_ref());
     out.line(&format!("the profile {title} is well formed, digest {}", checked.digest))?;
     out.line(&format!("its policies compile, digest {}", checked.policy))?;
+    for problem in &checked.policy_problems {
+        out.line(&policy_problem_line(problem))?;
+    }
     if !checked.loosened.is_empty() {
         let summary = downgrade_summary(&checked.loosened);
         let named = shell_word(&file.display().to_string());
@@ -242,6 +248,11 @@ fn print_check(checked: &ProfileCheck, file: &Path, out: &mut CommandOutput<'_>)
         table.row([number.path.clone(), number.value.to_string(), shipped, reason]);
     }
     out.table(&table)
+}
+
+/// What is wrong with the policies of a profile; the texts are those of its files.
+pub(super) fn policy_problem_line(of: &PolicyProblem) -> String {
+    format!("policies   {}", Untrusted::new(holdpoint_wording::check::policy_problem(of)).line())
 }
 
 /// Prints the leaves of a value, one `path value` a row.

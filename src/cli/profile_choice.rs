@@ -157,11 +157,12 @@ fn own_error(error: SiteProfileError) -> CliError {
     CliError::usage(error)
 }
 
-/// A text up to a limit, and one byte more, which shows the caller that it is too long.
+/// A text up to a limit, and one byte more, which shows the caller that it is too long. Files that differ only in a byte order
+/// mark or in line ends make the same profile.
 fn text(path: &Path, bytes_max: usize) -> std::io::Result<String> {
     let mut text = String::new();
     holdpoint_text::file::open(path)?.take(bytes_max as u64 + 1).read_to_string(&mut text)?;
-    Ok(text)
+    Ok(holdpoint_text::file::plain_lines(&text))
 }
 
 fn display_path(path: &Path) -> String {

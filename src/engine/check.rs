@@ -9,8 +9,9 @@ use std::collections::BTreeSet;
 use holdpoint_body::{FailureSignal, TaskKind};
 use holdpoint_governance::behavior;
 use holdpoint_governance::composition::{Kappas, admits};
-use holdpoint_governance::decision::{Reason, ReasonCode};
-use holdpoint_governance::finding::EvidenceGap;
+use holdpoint_governance::decision::{Dimension, Reason, ReasonCode};
+use holdpoint_governance::finding::{EvidenceGap, Finding};
+use holdpoint_governance::gate;
 use holdpoint_governance::ids::{CapabilityId, Family, NameError};
 use holdpoint_governance::interface::declared_changes::{self, undeclared_changes};
 use holdpoint_governance::interface::{self, InterfaceInput, RegisteredVersion};
@@ -169,6 +170,32 @@ impl StaticFindings {
     /// The reasons, those of the interface first.
     pub fn reasons(&self) -> impl Iterator<Item = &Reason> {
         self.interface.reasons.iter().chain(&self.policy.reasons)
+    }
+}
+
+/// What is known of a version under one profile before it is measured.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ProfileFindings {
+    /// The profile.
+    pub profile: Profile,
+    /// Interface and policy.
+    pub found: StaticFindings,
+    /// The approvals that its activation needs at least. What is measured later can add some.
+    pub approvals: u8,
+    /// The site policies that forbid its activation, if there are any.
+    pub forbidden: Option<Reason>,
+}
+
+impl ProfileFindings {
+    /// Whether the profile admits the version, as far as that is known.
+    #[must_use]
+    pub fn admits(&self) -> bool {
+        self.found.admits() && self.forbidden.is_none()
+    }
+
+    /// The reasons, those of the interface first and those of site policies last.
+    pub fn reasons(&self) -> impl Iterator<Item = &Reason> {
+        self.found.reasons().chain(&self.forbidden)
     }
 }
 
@@ -439,14 +466,34 @@ impl RegisteredVersions {
         &self,
         candidate: &Capability,
         profiles: &[ChosenProfile],
-    ) -> Result<Vec<(Profile, StaticFindings)>, CheckError> {
+    ) -> Result<Vec<ProfileFindings>, CheckError> {
         let active = self.active(&candidate.id().family);
+        let has_active = active.is_some();
+        let origin = (self.risk(candidate).class, candidate.submission.provenance);
         let judged = profiles.iter().map(|chosen| {
             let (profile, table) = chosen.rules()?;
             let found = judge(candidate, active, &self.registered, &profile, &table);
-            Ok((profile, found))
+            let kappas = Kappas {
+                interface: found.interface.clone(),
+                policy: found.policy.clone(),
+                behavior: behavior::without_value(EvidenceGap::NotMeasured).assessment,
+                recovery: declared_recovery(candidate, has_active, self.fallback_match(candidate)),
+            };
+            let approvals = gate::people_needed(&kappas, origin, &table, &profile);
+            let forbidden = table
+                .activation_forbidden(origin.0, origin.1)
+                .map(|because| Reason::new(Dimension::Gate, Finding::SitePolicyForbids { because }));
+            Ok(ProfileFindings { profile, found, approvals, forbidden })
         });
         judged.collect()
+    }
+
+    /// The active version of the family, if the candidate has an earlier version number.
+    #[must_use]
+    pub fn later_active(&self, candidate: &Capability) -> Option<CapabilityId> {
+        let id = candidate.id();
+        let active = self.active(&id.family)?.id();
+        (id.version < active.version).then_some(active)
     }
 }
 

@@ -194,13 +194,13 @@ impl VoteFlaw {
 }
 
 macro_rules! findings {
-    ($($(#[$doc:meta])* $name:ident $({ $($field:ident: $type:ty),* $(,)? })? => $code:ident,)*) => {
+    ($($(#[$doc:meta])* $name:ident $({ $($(#[$attribute:meta])* $field:ident: $type:ty),* $(,)? })? => $code:ident,)*) => {
         /// What a rule found, with the values that a sentence about it needs. `finding` names it in JSON.
         #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, schemars::JsonSchema)]
         #[serde(tag = "finding", rename_all = "kebab-case", rename_all_fields = "snake_case", deny_unknown_fields)]
         #[allow(missing_docs, reason = "a field is named as the thing that it is")]
         pub enum Finding {
-            $($(#[$doc])* $name $({ $($field: $type),* })?,)*
+            $($(#[$doc])* $name $({ $($(#[$attribute])* $field: $type),* })?,)*
         }
 
         impl Finding {
@@ -275,10 +275,18 @@ findings! {
     ModeReviewed { mode: ModeKey, because: Vec<String> } => PolicyAuthorityReview,
     /// A mode is forbidden.
     ModeForbidden { mode: ModeKey, because: Vec<String> } => PolicyForbiddenMode,
-    /// No policy covers a mode of high risk.
-    HighRiskUncovered { mode: ModeKey } => PolicyUncoveredHighRisk,
-    /// No policy covers a mode; the guard denies it.
-    ModeUncovered { mode: ModeKey } => PolicyUncoveredMode,
+    /// No policy covers a mode of high risk. `errors` are those of policies that could not be evaluated.
+    HighRiskUncovered {
+        mode: ModeKey,
+        #[serde(default, skip_serializing_if = "Vec::is_empty")]
+        errors: Vec<String>,
+    } => PolicyUncoveredHighRisk,
+    /// No policy covers a mode; the guard denies it. `errors` are those of policies that could not be evaluated.
+    ModeUncovered {
+        mode: ModeKey,
+        #[serde(default, skip_serializing_if = "Vec::is_empty")]
+        errors: Vec<String>,
+    } => PolicyUncoveredMode,
     /// Some modes are allowed in a tighter envelope than declared.
     EnvelopeTighter { speed_m_s: f64, force_n: f64 } => PolicyTighterEnvelope,
     /// The declared environments admit simulation alone.

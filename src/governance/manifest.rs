@@ -11,7 +11,7 @@ use serde::{Deserialize, Serialize};
 
 use super::ids::{Digest, Family, canonical_json, is_name};
 use super::mode::{Authority, Channel, CommandKind, RequiredCommand, Sensor, Tool, ZoneName};
-use super::text_error::{TextError, check_size, parse_toml};
+use super::text_error::{TextError, check_size, number_text, parse_toml};
 use super::value_type::{FieldSpec, MAGNITUDE_MAX, Value};
 
 /// The largest manifest text, bytes; checked before it is parsed.
@@ -382,7 +382,7 @@ impl ObservableBound {
         let ends = [self.min, self.max];
         let numbers = ends.iter().flatten().copied().chain(self.equals.as_ref().and_then(Value::number));
         if let Some(bad) = numbers.into_iter().find(|v| !v.is_finite() || v.abs() > MAGNITUDE_MAX) {
-            return Some((bad.to_string(), "a finite number of magnitude up to 1e9".into()));
+            return Some((number_text(bad), "a finite number of magnitude up to 1e9".into()));
         }
         match (self.min, self.max, &self.equals) {
             (None, None, None) => Some(("(nothing)".into(), "min, max, both, or equals".into())),
@@ -416,7 +416,7 @@ impl Permissions {
     fn problem(&self) -> ManifestProblem {
         let number = |field: &str, value: f64, max: f64| {
             let ok = value.is_finite() && (0.0..=max).contains(&value);
-            (!ok).then(|| (format!("permissions.{field}"), value.to_string(), format!("0 to {max}")))
+            (!ok).then(|| (format!("permissions.{field}"), number_text(value), format!("0 to {max}")))
         };
         let empty = [
             ("channels", self.channels.is_empty()),

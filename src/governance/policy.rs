@@ -14,8 +14,8 @@ use super::manifest::Permissions;
 use super::mode::{ReachableMode, reachable};
 use super::outcome::{Assessment, Basis, PolicyOutcome};
 pub use super::policy_table::{
-    ActivationTerms, EnvelopeCap, ModeEntry, ModeRuling, POLICY_BYTES_MAX, PolicyError, PolicySource,
-    PolicyTable,
+    ActivationTerms, EnvelopeCap, ModeEntry, ModeRuling, POLICY_BYTES_MAX, PolicyError, PolicyProblem,
+    PolicySource, PolicyTable,
 };
 use super::profile::{Profile, ProfileName};
 
@@ -187,10 +187,10 @@ impl PolicyFindings {
                     self.incompatible.push(reason(Finding::ModeForbidden { mode: key, because: because() }));
                 }
                 ModeRuling::Uncovered if mode.is_high_risk() => {
-                    self.incompatible.push(reason(Finding::HighRiskUncovered { mode: key }));
+                    self.incompatible.push(reason(Finding::HighRiskUncovered { mode: key, errors: because() }));
                 }
                 ModeRuling::Uncovered => {
-                    let reason = reason(Finding::ModeUncovered { mode: key });
+                    let reason = reason(Finding::ModeUncovered { mode: key, errors: because() });
                     let new = !active.contains(&mode.key);
                     if new { self.conditional.push(reason) } else { self.noted.push(reason) }
                 }

@@ -6,7 +6,7 @@
 //! command kind and zone covers nothing.
 
 use std::borrow::Cow;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::str::FromStr;
 
 use cedar_policy::{
@@ -123,6 +123,23 @@ pub struct PolicyTable {
     pub activations: Vec<ActivationTerms>,
 }
 
+/// What is wrong with policies that compile. The texts are foreign.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+#[serde(tag = "problem", rename_all = "kebab-case")]
+pub enum PolicyProblem {
+    /// A policy cannot be evaluated for a mode or an activation, which is denied therefore.
+    Errs {
+        /// The message of Cedar, with the policy.
+        error: String,
+    },
+    /// No ruling follows from the policy: it names no command and zone, its condition is never met, or others override
+    /// it everywhere.
+    CoversNothing {
+        /// The policy, by its `@id` or Cedar's id.
+        policy: String,
+    },
+}
+
 /// A policy text that was refused; no table exists.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum PolicyError {
@@ -188,13 +205,7 @@ impl PolicyTable {
     /// `speed_max_m_s` and `force_max_n`.
     pub fn compile(profile: &Profile, sources: &[PolicySource<'_>]) -> Result<Self, PolicyError> {
         let vocabulary = |e: &dyn std::fmt::Display| PolicyError::Vocabulary(e.to_string());
-        let (schema, _) = Schema::from_cedarschema_str(SCHEMA).map_err(|e| vocabulary(&e))?;
-        let mut set = PolicySet::new();
-        let mut rules = BTreeMap::new();
-        for source in sources {
-            load(source, &schema, &mut set, &mut rules)?;
-        }
-        let judge = CedarEvaluator { authorizer: Authorizer::new(), set, rules, profile };
+        let judge = CedarEvaluator::load(profile, sources)?;
         let modes = ModeKey::all().into_iter().map(|mode| judge.mode(mode)).collect::<Result<_, _>>()?;
         let mut activations = Vec::new();
         for risk in Risk::ALL {
@@ -207,6 +218,38 @@ impl PolicyTable {
         parts.extend(sources.iter().map(|source| source.text.as_bytes()));
         let digest = Digest::of_parts("holdpoint.policy.v1", &parts);
         Ok(Self { digest, profile: profile.name, modes, activations })
+    }
+
+    /// The problems of policies that compile: errors first, then policies without effect.
+    ///
+    /// # Errors
+    /// As [`PolicyTable::compile`].
+    pub fn problems(
+        profile: &Profile,
+        sources: &[PolicySource<'_>],
+    ) -> Result<Vec<PolicyProblem>, PolicyError> {
+        let judge = CedarEvaluator::load(profile, sources)?;
+        let (mut errors, mut effective) = (BTreeSet::new(), BTreeSet::new());
+        for mode in ModeKey::all() {
+            let CedarDecision { allowed, rules, error } = judge.decide_mode(&mode)?;
+            let deciding = rules.into_iter().filter(|rule| !allowed || rule.names_mode);
+            effective.extend(deciding.map(|rule| &*rule.name));
+            errors.extend(error);
+        }
+        for risk in Risk::ALL {
+            for provenance in Provenance::ALL {
+                let CedarDecision { rules, error, .. } = judge.decide_activation(risk, provenance)?;
+                let deciding =
+                    rules.into_iter().filter(|rule| rule.review || rule.effect == Effect::Forbid);
+                effective.extend(deciding.map(|rule| &*rule.name));
+                errors.extend(error);
+            }
+        }
+        let all: BTreeSet<&str> = judge.rules.values().map(|rule| &*rule.name).collect();
+        let without_effect = all.difference(&effective).map(|policy| (*policy).to_owned());
+        let without_effect = without_effect.map(|policy| PolicyProblem::CoversNothing { policy });
+        let errors = errors.into_iter().map(|error| PolicyProblem::Errs { error });
+        Ok(errors.chain(without_effect).collect())
     }
 
     /// Compiles the policies that come with the program.
@@ -357,6 +400,19 @@ struct CedarDecision<'r> {
     error: Option<String>,
 }
 
+impl<'a> CedarEvaluator<'a> {
+    fn load(profile: &'a Profile, sources: &[PolicySource<'_>]) -> Result<Self, PolicyError> {
+        let schema = Schema::from_cedarschema_str(SCHEMA);
+        let (schema, _) = schema.map_err(|e| PolicyError::Vocabulary(e.to_string()))?;
+        let mut set = PolicySet::new();
+        let mut rules = BTreeMap::new();
+        for source in sources {
+            load(source, &schema, &mut set, &mut rules)?;
+        }
+        Ok(Self { authorizer: Authorizer::new(), set, rules, profile })
+    }
+}
+
 impl CedarEvaluator<'_> {
     fn authorize(
         &self,
@@ -388,14 +444,18 @@ impl CedarEvaluator<'_> {
         Ok(CedarDecision { allowed: response.decision() == Decision::Allow, rules, error })
     }
 
-    fn mode(&self, mode: ModeKey) -> Result<ModeEntry, PolicyError> {
+    fn decide_mode(&self, mode: &ModeKey) -> Result<CedarDecision<'_>, PolicyError> {
         let text = |text: &str| RestrictedExpression::new_string(text.to_owned());
         let context = vec![
             ("channel", text(mode.channel.name())),
             ("authority", RestrictedExpression::new_long(i64::from(mode.authority.level()))),
             ("profile", text(self.profile.name.name())),
         ];
-        let decision = self.authorize(mode.command.name(), ("Zone", mode.zone.name()), context)?;
+        self.authorize(mode.command.name(), ("Zone", mode.zone.name()), context)
+    }
+
+    fn mode(&self, mode: ModeKey) -> Result<ModeEntry, PolicyError> {
+        let decision = self.decide_mode(&mode)?;
         let names: Vec<String> = decision.rules.iter().map(|rule| rule.name.clone()).collect();
         if let Some(error) = decision.error {
             return Ok(ModeEntry { mode, verdict: ModeRuling::Uncovered, because: vec![error] });
@@ -428,14 +488,22 @@ impl CedarEvaluator<'_> {
         ModeRuling::Allow
     }
 
-    fn activation(&self, risk: Risk, provenance: Provenance) -> Result<ActivationTerms, PolicyError> {
+    fn decide_activation(
+        &self,
+        risk: Risk,
+        provenance: Provenance,
+    ) -> Result<CedarDecision<'_>, PolicyError> {
         let text = |text: &str| RestrictedExpression::new_string(text.to_owned());
         let context = vec![
             ("profile", text(self.profile.name.name())),
             ("risk", text(risk.name())),
             ("provenance", text(provenance.name())),
         ];
-        let decision = self.authorize("activate", ("Cell", "cell"), context)?;
+        self.authorize("activate", ("Cell", "cell"), context)
+    }
+
+    fn activation(&self, risk: Risk, provenance: Provenance) -> Result<ActivationTerms, PolicyError> {
+        let decision = self.decide_activation(risk, provenance)?;
         let forbids: Vec<String> = decision
             .rules
             .iter()

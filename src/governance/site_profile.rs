@@ -10,7 +10,7 @@ use std::borrow::Cow;
 use serde::{Deserialize, Serialize};
 
 use super::mode::{Authority, CommandKind, ModeKey, ZoneName};
-use super::policy::{ModeRuling, PolicyError, PolicySource, PolicyTable};
+use super::policy::{ModeRuling, PolicyError, PolicyProblem, PolicySource, PolicyTable};
 use super::profile::{Profile, ProfileName, ReasonedNumber, SiteName};
 use super::text_error::TextError;
 use holdpoint_text::{ErrorDetails, ErrorReason, Hint};
@@ -68,6 +68,19 @@ impl ChosenProfile {
         let (_, shipped_text) = Profile::builtin_text(profile.name);
         let text = self.texts().map_or(shipped_text, |texts| &texts.profile);
         Ok(profile.reasoned(text)?)
+    }
+
+    /// The problems of its policies, which compile.
+    ///
+    /// # Errors
+    /// As [`ChosenProfile::rules`].
+    pub fn policy_problems(&self) -> Result<Vec<PolicyProblem>, SiteProfileError> {
+        let (profile, _) = self.rules()?;
+        let (file, text) = match self.texts() {
+            Some(texts) => (texts.policy_file.as_str(), texts.policy.as_str()),
+            None => Profile::builtin_policy(profile.name),
+        };
+        Ok(PolicyTable::problems(&profile, &[PolicySource { file, text }])?)
     }
 
     /// The texts of a site's profile, not of a shipped one.

@@ -80,6 +80,12 @@ impl TextError {
     }
 }
 
+/// A number as errors show it: a huge one with its exponent, not with hundreds of digits.
+#[must_use]
+pub fn number_text(value: f64) -> String {
+    if value.abs() >= 1e16 { format!("{value:e}") } else { value.to_string() }
+}
+
 /// Refuses a text over `bytes_max`, before anything looks into it.
 ///
 /// # Errors
@@ -129,6 +135,12 @@ fn line_of(text: &str, path: &str) -> usize {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_huge_number_is_short() {
+        let texts = [1e308, -1e16, 1e15, 0.25, f64::INFINITY, f64::NAN].map(number_text);
+        assert_eq!(texts, ["1e308", "-1e16", "1000000000000000", "0.25", "inf", "NaN"]);
+    }
 
     #[test]
     fn lines_are_found_by_path() {

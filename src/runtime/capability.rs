@@ -25,7 +25,7 @@ use holdpoint_governance::manifest::{BundleSource, MANIFEST_BYTES_MAX, Manifest}
 use holdpoint_governance::submission::{
     AUTHOR_SIGNATURE_BYTES_MAX, Package, SUBMISSION_BYTES_MAX, Submission,
 };
-use holdpoint_governance::text_error::{TextError, check_size};
+use holdpoint_governance::text_error::{TextError, check_size, parse_toml};
 use holdpoint_text::file::{AT_ONCE, regular};
 use holdpoint_text::{ErrorDetails, ErrorReason, Hint, Untrusted};
 
@@ -55,16 +55,6 @@ pub enum PackageError {
     /// A file is too large, or its content is not allowed.
     #[error(transparent)]
     Content(#[from] TextError),
-    /// The parameter file is not TOML.
-    #[error("{file}: {message}")]
-    Params {
-        file: String,
-        /// What the parser says.
-        message: String,
-    },
-    /// A parameter is infinite or not a number. JSON has no form for it: it would look like a missing value.
-    #[error("{file}: the field {field:?} is no finite number")]
-    NotFinite { file: String, field: String },
     /// The bundle cannot be loaded.
     #[error(transparent)]
     Native(#[from] NativeError),
@@ -93,7 +83,6 @@ impl Hint for PackageError {
         Some(match self {
             Self::Content(error) => return error.details(),
             Self::Native(error) => return error.details(),
-            Self::NotFinite { file, field } => ErrorDetails::of_field(file.as_str(), field.as_str()),
             Self::NoComponent { file, .. } | Self::ComponentUnnamed { file, .. } => {
                 ErrorDetails::of_field(file.as_str(), "deployment.bundle")
             }
@@ -101,7 +90,6 @@ impl Hint for PackageError {
             Self::Folder { folder: file, .. }
             | Self::Read { file, .. }
             | Self::NotText { file }
-            | Self::Params { file, .. }
             | Self::ComponentTooLarge { file, .. }
             | Self::Component { file, .. }
             | Self::Canonical { file, .. } => ErrorDetails::of_file(ErrorReason::BadFile, file.as_str()),
@@ -121,9 +109,7 @@ impl Hint for PackageError {
                 Some("a native bundle needs a parameter file, e.g. params = \"params.toml\"".into())
             }
             Self::ComponentUnnamed { .. } | Self::ComponentTooLarge { .. } => None,
-            Self::NotText { .. } | Self::Params { .. } | Self::NotFinite { .. } | Self::Canonical { .. } => {
-                None
-            }
+            Self::NotText { .. } | Self::Canonical { .. } => None,
         }
     }
 }
@@ -224,22 +210,21 @@ impl ParsedPackage {
 }
 
 fn params(file: &str, text: &str) -> Result<Value, PackageError> {
-    let file = file.to_owned();
-    let table: toml::Table = match toml::from_str(text) {
-        Ok(table) => table,
-        Err(error) => return Err(PackageError::Params { file, message: error.message().to_owned() }),
-    };
-    if let Some(field) = not_finite("", &table) {
-        return Err(PackageError::NotFinite { file, field });
+    let table: toml::Table = parse_toml(file, text)?;
+    // JSON has no form for such a number: it would look like a missing value.
+    if let Some((field, value)) = not_finite("", &table) {
+        let allowed = "a finite number";
+        return Err(TextError::value(file, text, &field, &value.to_string(), allowed).into());
     }
-    serde_json::to_value(&table).map_err(|source| PackageError::Canonical { file, source })
+    serde_json::to_value(&table)
+        .map_err(|source| PackageError::Canonical { file: file.to_owned(), source })
 }
 
-/// The path of the first number that is not finite.
-fn not_finite(path: &str, table: &toml::Table) -> Option<String> {
-    fn within(path: &str, value: &toml::Value) -> Option<String> {
+/// The first number that is not finite, with its path.
+fn not_finite(path: &str, table: &toml::Table) -> Option<(String, f64)> {
+    fn within(path: &str, value: &toml::Value) -> Option<(String, f64)> {
         match value {
-            toml::Value::Float(number) => (!number.is_finite()).then(|| path.to_owned()),
+            toml::Value::Float(number) => (!number.is_finite()).then(|| (path.to_owned(), *number)),
             toml::Value::Array(values) => values.iter().find_map(|value| within(path, value)),
             toml::Value::Table(table) => not_finite(path, table),
             toml::Value::String(_)
@@ -488,9 +473,9 @@ mod tests {
     #[test]
     fn parameters_must_be_finite() {
         for (text, expected) in [
-            ("a = nan", "\"a\" is no finite number"),
-            ("[b]\nc = [1.0, inf]", "\"b.c\" is no finite number"),
-            ("a = ", "params.toml: "),
+            ("a = nan", "params.toml:1: the field \"a\" has the value \"NaN\""),
+            ("[b]\nc = [1.0, inf]", "params.toml:2: the field \"b.c\" has the value \"inf\""),
+            ("b = 1\na = ", "params.toml:2: "),
         ] {
             let error = params("params.toml", text).unwrap_err().to_string();
             assert!(error.contains(expected), "{error}");

@@ -90,9 +90,21 @@ pub fn read_text(path: &Path, bytes_max: u64) -> io::Result<String> {
         .map_err(|error| io::Error::new(ErrorKind::InvalidData, format!("it is no text in UTF-8: {error}")))
 }
 
+/// The text without a byte order mark, and with `\n` as the end of each line.
+#[must_use]
+pub fn plain_lines(text: &str) -> String {
+    text.strip_prefix('\u{feff}').unwrap_or(text).replace("\r\n", "\n")
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn marks_and_line_ends_of_other_systems_are_left_out() {
+        assert_eq!(plain_lines("\u{feff}a = 1\r\nb = 2\n"), "a = 1\nb = 2\n");
+        assert_eq!(plain_lines("a\u{feff}\rb"), "a\u{feff}\rb");
+    }
 
     #[test]
     fn a_new_file_replaces_links_and_pipes_in_its_place() {

@@ -9,6 +9,7 @@ use holdpoint_governance::explanation::{
     DrillComparison, Support,
 };
 use holdpoint_governance::finding::Finding;
+use holdpoint_governance::policy::PolicyProblem;
 use holdpoint_protocol::film::{CodeFaultCount, FilmSubject, SelectionReason};
 
 use crate::explanation::reason_content;
@@ -48,6 +49,17 @@ pub fn deciding_fact(of: &DecidingFact) -> String {
             }
         }
         DecidingFact::NotMeasured => "not measured yet: the sandbox does that".to_owned(),
+    }
+}
+
+/// What is wrong with policies that compile.
+#[must_use]
+pub fn policy_problem(of: &PolicyProblem) -> String {
+    match of {
+        PolicyProblem::Errs { error } => format!("{error}; what it is about is denied"),
+        PolicyProblem::CoversNothing { policy } => {
+            format!("the policy {policy:?} has no effect: no command in any zone and no activation is ruled by it")
+        }
     }
 }
 

@@ -71,8 +71,18 @@ pub fn finding(found: &Finding) -> String {
         }
         F::ModeReviewed { mode, because } => format!("{mode} needs a review ({})", because.join(", ")),
         F::ModeForbidden { mode, because } => format!("{mode} is forbidden ({})", because.join(", ")),
-        F::HighRiskUncovered { mode } => format!("{mode} is of high risk, and no policy covers it"),
-        F::ModeUncovered { mode } => format!("no policy covers {mode}; the guard will deny it"),
+        F::HighRiskUncovered { mode, errors } if errors.is_empty() => {
+            format!("{mode} is of high risk, and no policy covers it")
+        }
+        F::HighRiskUncovered { mode, errors } => {
+            format!("{mode} is of high risk, and its policies cannot be evaluated ({})", errors.join(", "))
+        }
+        F::ModeUncovered { mode, errors } if errors.is_empty() => {
+            format!("no policy covers {mode}; the guard will deny it")
+        }
+        F::ModeUncovered { mode, errors } => {
+            format!("the policies of {mode} cannot be evaluated ({}); the guard will deny it", errors.join(", "))
+        }
         F::EnvelopeTighter { speed_m_s, force_n } => format!(
             "some modes are allowed only up to {speed_m_s} m/s and {force_n} N, tighter than declared"
         ),

@@ -407,6 +407,75 @@ fn check_judges_under_a_sites_own_policies_too() {
     assert!(verdicts[0].1 && !verdicts[3].1 && verdicts[3].0.contains("line-4"), "{verdicts:?}");
 }
 
+/// What a check knows of an activation before it measures anything: approvals, site policies, and what is wrong with them.
+#[test]
+fn check_names_approvals_and_forbidden_activations() {
+    let root = tempfile::tempdir().unwrap();
+    let store = root.path().join("store");
+    let path = line_4(&store, "", "");
+    let check = |exit: i32| {
+        let output = on(&store, &["candidate", "check", IMPROVED, "--json", "--profile", "line-4"]);
+        assert_eq!(output.status.code(), Some(exit), "{}", text(&output));
+        serde_json::from_slice::<Value>(&output.stdout).unwrap()
+    };
+    let report = check(0);
+    // The author has no history: medium risk.
+    assert_eq!(report["verdicts"][0]["approvals"], 2, "{report}");
+    // The same policies, as another system writes them, make the same profile.
+    let digest = || {
+        let checked = on(&store, &["profile", "check", path.to_str().unwrap(), "--json"]);
+        let checked: Value = serde_json::from_slice(&checked.stdout).unwrap();
+        (checked["digest"].clone(), checked["policy"].clone(), checked["policy_problems"].clone())
+    };
+    let plain = digest();
+    assert_eq!(plain.2, serde_json::json!([]));
+    for file in [&path, &path.with_extension("cedar")] {
+        let text = fs::read_to_string(file).unwrap();
+        fs::write(file, format!("\u{feff}{}", text.replace('\n', "\r\n"))).unwrap();
+    }
+    assert_eq!(digest(), plain);
+    let shipped = fs::read_to_string(Path::new(PROFILES).join("human.cedar")).unwrap();
+    let own = "\n@id(\"no-people\")\nforbid (principal, action == Action::\"activate\", resource)\n\
+               when { context.provenance like \"*\" };\n@id(\"blanket\")\npermit (principal, action, resource);\n";
+    fs::write(path.with_extension("cedar"), shipped + own).unwrap();
+    let report = check(1);
+    let verdict = &report["verdicts"][0];
+    assert_eq!(verdict["admitted"], false, "{report}");
+    assert!(verdict["reasons"].to_string().contains("no-people"), "{report}");
+    let blanket = serde_json::json!([{ "problem": "covers-nothing", "policy": "blanket" }]);
+    assert_eq!(verdict["policy_problems"], blanket);
+}
+
+#[test]
+fn check_names_the_digest_and_an_older_version() {
+    let root = tempfile::tempdir().unwrap();
+    let folder = root.path().join("older");
+    fs::create_dir(&folder).unwrap();
+    let check = || {
+        let output = on(root.path(), &["candidate", "check", folder.to_str().unwrap(), "--json"]);
+        serde_json::from_slice::<Value>(&output.stdout).unwrap()
+    };
+    let copy = |file: &str, from: &str, to: &str| {
+        let text = fs::read_to_string(Path::new(IMPROVED).join(file)).unwrap();
+        assert!(text.contains(from), "{file}: {from:?}");
+        fs::write(folder.join(file), text.replacen(from, to, 1)).unwrap();
+    };
+    copy("submission.toml", "", "");
+    copy("params.toml", "", "");
+    copy("manifest.toml", "version = \"1.1.0\"", "version = \"0.9.0\"");
+    let older = check();
+    assert_eq!(older["older_than"], "grasp@1.0.0", "{older}");
+    copy("manifest.toml", "", "");
+    let newer = check();
+    assert!(newer.get("older_than").is_none(), "{newer}");
+    // Other parameters make another candidate.
+    copy("params.toml", "grip_force_n = 18.0", "grip_force_n = 18.5");
+    assert_ne!(check()["digest"], newer["digest"]);
+    copy("params.toml", "track = ", "track = tr # ");
+    let error = fails(root.path(), &["candidate", "check", folder.to_str().unwrap()], 2, "bad-file");
+    assert!(error["error"].as_str().unwrap().starts_with("params.toml:5: "), "{error}");
+}
+
 #[test]
 fn check_refuses_an_unknown_family_or_controller() {
     let root = tempfile::tempdir().unwrap();

@@ -11,13 +11,13 @@ use crate::cli::context::CliContext;
 use crate::cli::output::CommandOutput;
 use crate::error::{CliError, Exit};
 use holdpoint_body::CodeFault;
-use holdpoint_engine::check::{RegisteredVersions, StaticFindings};
+use holdpoint_engine::check::{ProfileFindings, RegisteredVersions};
 use holdpoint_engine::trial::worker::Worker;
 use holdpoint_engine::tryout::{Tryout, TryoutError};
 use holdpoint_governance::failure_cause::FailureCause;
 use holdpoint_governance::manifest::FUEL_PER_US;
 use holdpoint_governance::permission::PermissionsUsed;
-use holdpoint_governance::profile::{Profile, ProfileName};
+use holdpoint_governance::profile::ProfileName;
 use holdpoint_governance::site_profile::ChosenProfile;
 use holdpoint_protocol::film::Film;
 use holdpoint_runtime::capability::Capability;
@@ -162,8 +162,8 @@ fn admitted(
 ) -> Result<Vec<ProfileAdmission>, CliError> {
     let profiles: Vec<ChosenProfile> = ProfileName::ALL.into_iter().map(ChosenProfile::from).collect();
     let findings = versions.judge(candidate, &profiles).map_err(CliError::internal)?;
-    let one = |(profile, found): (Profile, StaticFindings)| ProfileAdmission {
-        profile: profile.name,
+    let one = |found: ProfileFindings| ProfileAdmission {
+        profile: found.profile.name,
         runs: found.admits(),
         reasons: found.reasons().map(holdpoint_wording::line).collect(),
     };

@@ -3,6 +3,7 @@
 //! One table; a test checks that it names every number of the shipped profiles, and no other.
 
 use super::Profile;
+use crate::text_error::number_text;
 
 /// In which direction a number makes a profile tighter.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -211,7 +212,7 @@ pub(super) fn problem(profile: &Profile) -> Option<(String, String, String)> {
     for ProfileField { path, lowest, highest, .. } in FIELDS {
         let value = values.iter().find(|(name, _)| name == path).map_or(f64::NAN, |(_, value)| *value);
         if !(*lowest..=*highest).contains(&value) {
-            return Some(((*path).to_owned(), value.to_string(), format!("{lowest} to {highest}")));
+            return Some(((*path).to_owned(), number_text(value), format!("{lowest} to {highest}")));
         }
     }
     let weights = &profile.composite;

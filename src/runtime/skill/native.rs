@@ -14,7 +14,7 @@ use super::{Hook, Skill, SkillBundle};
 use holdpoint_governance::exports::Interface;
 use holdpoint_governance::ids::{Digest, canonical_json};
 use holdpoint_governance::mode::{Channel, CommandKind, RequiredCommand, Sensor, Tool};
-use holdpoint_governance::text_error::{self, TextError};
+use holdpoint_governance::text_error::{self, TextError, number_text};
 use holdpoint_governance::value_type::{CoordinateFrame, FieldSpec, Unit, ValueKind};
 use holdpoint_skill::motion::{AbortStyle, RollbackStyle};
 use holdpoint_skill::phases::PhaseRunner;
@@ -92,7 +92,7 @@ impl Controller {
             // Written so that a value that is no number is refused too.
             if !(value >= lowest && value <= highest) {
                 let allowed = format!("{lowest} to {highest}");
-                return Err(TextError::value(file, text, field, &value.to_string(), &allowed).into());
+                return Err(TextError::value(file, text, field, &number_text(value), &allowed).into());
             }
         }
         Ok(controller)

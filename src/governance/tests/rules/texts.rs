@@ -4,7 +4,7 @@ use holdpoint_governance::TextError;
 use holdpoint_governance::alarms::Priority;
 use holdpoint_governance::manifest::{MANIFEST_BYTES_MAX, Manifest};
 use holdpoint_governance::mode::{Authority, Channel, CommandKind, ModeKey, ZoneName};
-use holdpoint_governance::policy::{ModeRuling, PolicySource, PolicyTable};
+use holdpoint_governance::policy::{ModeRuling, PolicyProblem, PolicySource, PolicyTable};
 use holdpoint_governance::profile::{Profile, ProfileName};
 use holdpoint_governance::submission::{Provenance, Risk, Submission};
 
@@ -257,6 +257,19 @@ fn policies_deny_on_errors_and_unknown_resources() {
     ] {
         let error = compile(text).unwrap_err().to_string();
         assert!(error.contains(expected), "{expected:?} is not in {error:?}");
+    }
+    let problems = |profile: &Profile, text: &str| {
+        PolicyTable::problems(profile, &[PolicySource { file: "site.cedar", text }]).unwrap()
+    };
+    let blanket = "@id(\"blanket\") permit (principal, action, resource);";
+    let found = problems(&sim, &format!("{permit}{err}{blanket}"));
+    let Some(PolicyProblem::Errs { error }) = found.first() else { panic!("no error is named: {found:?}") };
+    assert!(error.contains("policy1") && error.contains("overflow"), "{error}");
+    let covers_nothing = |policy: &str| PolicyProblem::CoversNothing { policy: policy.to_owned() };
+    assert!(found.contains(&covers_nothing("blanket")) && !found.contains(&covers_nothing("policy0")), "{found:?}");
+    for name in ProfileName::ALL {
+        let (shipped, (_, text)) = (profile(name), Profile::builtin_policy(name));
+        assert_eq!(problems(&shipped, text), [], "{name}");
     }
     let site = "@id(\"no-llm\") forbid (principal, action == Action::\"activate\", resource) when { context.provenance == \"llm\" };";
     let table = compile(site).unwrap();
