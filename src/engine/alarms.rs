@@ -65,8 +65,9 @@ impl EngineRecorder {
         self.alarm_event(&AlarmEvent::Raise { key, priority, latching, text });
     }
 
-    /// Applies an event to the alarm book, stores the changes and publishes them. If the book or the store refuses, the
-    /// engine halts, without a further alarm.
+    /// Applies an event to the alarm book, stores the changes and publishes them. If the event is not valid or the store
+    /// refuses, the engine halts, without a further alarm. An alarm that finds no place is left out: the book is full of
+    /// alarms that are as urgent, and the record has the cause.
     pub(crate) fn alarm_event(&mut self, event: &AlarmEvent) {
         match holdpoint_governance::alarms::apply(self.alarms(), event, self.now_ms(), self.wall_now()) {
             Ok(changes) => {
@@ -74,6 +75,7 @@ impl EngineRecorder {
                     self.hold_silently(&error);
                 }
             }
+            Err(AlarmError::Full(_)) => {}
             Err(error) => {
                 self.hold_silently(&error);
             }

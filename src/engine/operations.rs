@@ -25,6 +25,7 @@ use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::lifecycle::{DeactivationKind, LifecycleEvent, State, VersionRef};
 use holdpoint_governance::notice::{AdmissionRefusal, Notice, OperatorAct};
 use holdpoint_governance::record::RecordKind;
+use holdpoint_governance::registration_rate;
 use holdpoint_governance::rollback::TriggerKind;
 use holdpoint_governance::submission::Package;
 use holdpoint_governance::tries::TryLedger;
@@ -65,12 +66,38 @@ pub(crate) fn register(
         Ok(origin) => origin,
         Err(error) => return Ok(Reply::refused(Refusal::BadInput, &error)),
     };
+    let person = origin.requester.name().to_owned();
+    if let Some(refused) = too_fast(context, record, &person) {
+        return Ok(refused);
+    }
     let event = registered_event(&candidate, &origin.requester);
     report_refused_form(record, &candidate);
     let note = TransitionNote::because(Notice::Submitted { requester: origin.requester.clone() });
     record.register((candidate, origin), false, context.needs_approval(), note)?;
+    let now_ms = record.now_ms();
+    let times = record.registered_ms.entry(person).or_default();
+    times.retain(|at| now_ms.saturating_sub(*at) < registration_rate::SPAN_MS);
+    times.push(now_ms);
     record.tell(event);
     accepted(&id, "registered")
+}
+
+/// The refusal for a person who registered as many versions within a minute as the profile permits. Unsigned registrations are
+/// those of one person. A script has no limit: its clock jumps.
+fn too_fast(context: &Context, record: &EngineRecorder, person: &str) -> Option<Reply> {
+    if record.clock().is_scripted() {
+        return None;
+    }
+    let most = context.profile.evaluation.registrations_per_minute_max;
+    let times = record.registered_ms.get(person).map_or(&[][..], Vec::as_slice);
+    let wait_s = registration_rate::wait_ms(times, record.now_ms(), most)?.div_ceil(1_000);
+    Some(Reply::Refused {
+        code: Refusal::NotNow,
+        text: format!(
+            "{most} versions were registered within a minute by one person ({person}), as many as the profile permits"
+        ),
+        hint: Some(format!("register again in {wait_s} s")),
+    })
 }
 
 /// Raises an alarm if another file has replaced the compiled form of a version.

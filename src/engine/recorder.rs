@@ -3,6 +3,8 @@
 //! Both agree: only written changes are published, and a change that cannot be written halts the engine with an alarm. Each
 //! part keeps its own state. Decides nothing.
 
+use std::collections::BTreeMap;
+
 use holdpoint_governance::alarms::{AlarmBook, AlarmKey, Priority};
 use holdpoint_governance::ids::{CapabilityId, Family};
 use holdpoint_governance::lifecycle::{LifecycleEvent, Stage};
@@ -34,6 +36,8 @@ pub struct EngineRecorder {
     events: Vec<EventKind>,
     /// Why the engine is halted, if it is.
     holding: Option<Problem>,
+    /// When each person registered versions in this session, by name; oldest first.
+    pub(crate) registered_ms: BTreeMap<String, Vec<u64>>,
     /// The keys of secret seeds.
     pub(crate) keys: KeyLedger,
     /// Counts of the published events.
@@ -47,7 +51,16 @@ impl EngineRecorder {
         let tally = SessionTally::new(&version_table);
         let alarms = RaisedAlarms::default();
         let keys = KeyLedger::new(EpisodeSeeds::OfRun(0));
-        Self { versions: version_table, clock, alarms, events: Vec::new(), holding: None, keys, tally }
+        Self {
+            versions: version_table,
+            clock,
+            alarms,
+            events: Vec::new(),
+            holding: None,
+            registered_ms: BTreeMap::new(),
+            keys,
+            tally,
+        }
     }
 
     /// The version table.

@@ -30,8 +30,11 @@ pub use apply::apply;
 pub use flood::{AlarmGroup, FLOOD_END, FLOOD_START, FLOOD_WINDOW_MS, grouped};
 pub use key::{AlarmKey, AlarmKeyError, AlarmKind, AlarmTopic};
 
-/// The most alarms a book holds, normal ones included. A further raise takes the place of the oldest normal one, or is refused.
+/// The most alarms a book holds, normal ones included. A further raise takes the place of another one, or is refused.
 pub const ALARMS_MAX: usize = 512;
+
+/// The places of the book that alarms of low priority do not take.
+pub const RESERVED_PLACES: usize = 128;
 
 /// The longest a shelf may last, ms: one shift.
 pub const SHELF_MS_MAX: u64 = 8 * 3_600_000;
@@ -293,7 +296,7 @@ pub enum AlarmError {
     /// The alarm to unshelve is not shelved.
     #[error("the alarm {0:?} is not shelved")]
     NotShelved(Untrusted),
-    /// No normal alarm is left to drop. The caller must halt: alarms are being lost.
+    /// No alarm of the book makes room: all that could are as urgent or need an operator.
     #[error("{ALARMS_MAX} alarms are open and {0:?} does not fit")]
     Full(Untrusted),
 }
@@ -302,7 +305,7 @@ impl Hint for AlarmError {
     fn hint(&self) -> Option<Cow<'static, str>> {
         match self {
             Self::StillPresent(_) => Some("acknowledge it".into()),
-            Self::Full(_) => Some("hold the pipeline".into()),
+            Self::Full(_) => Some("acknowledge alarms whose conditions are gone".into()),
             Self::Unknown(_)
             | Self::Key(_)
             | Self::Identity(_)

@@ -255,6 +255,7 @@ pub mod profile;
 pub mod profile_downgrade;
 pub mod record;
 pub mod recovery;
+pub mod registration_rate;
 pub mod risk;
 pub mod rollback;
 pub mod rules_version;

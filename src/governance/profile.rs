@@ -238,6 +238,8 @@ pub struct EvaluationSettings {
     pub tick_time_factor_max: f64,
     /// Longest wall time that the evaluation of one candidate may take, minutes; then the candidate is put on hold.
     pub wall_minutes_max: u32,
+    /// Most versions that one person registers within a minute; a further one is refused.
+    pub registrations_per_minute_max: u32,
 }
 
 /// Costs of `kappa_B` per unit of worsening.
@@ -438,9 +440,6 @@ pub struct AlarmPriorities {
     /// An approval request is open.
     #[serde(with = "PrioritySetting")]
     pub approval_waiting: Priority,
-    /// A candidate was rejected by a rule or a person.
-    #[serde(with = "PrioritySetting")]
-    pub rejected: Priority,
     /// No telemetry came for longer than the monitor allows.
     #[serde(with = "PrioritySetting")]
     pub telemetry_silent: Priority,

@@ -416,7 +416,7 @@ impl Pipeline {
             LifecycleEvent::Reject { version }
         })?;
         self.forget_work(&operation.version);
-        close_rejected(&self.context, &mut self.record, &operation.version)?;
+        close_rejected(&mut self.record, &operation.version)?;
         Ok(reply)
     }
 

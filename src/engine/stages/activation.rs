@@ -94,7 +94,7 @@ impl Activation<'_> {
             (GateOutcome::Reject, _) => {
                 let note = stage_note(evidence_file, id, EvidenceKind::Gate, reason, &result.decision)?;
                 self.record.transition(&id.family, LifecycleEvent::Reject { version }, note)?;
-                close_rejected(self.context, self.record, id)
+                close_rejected(self.record, id)
             }
         }
     }
@@ -153,7 +153,7 @@ impl Activation<'_> {
                 self.approvals.close(id);
                 self.evidence_files.edit(id).reasons.clone_from(&result.reasons);
                 clear_alarm(self.record, id, Some(person.clone()));
-                close_rejected(self.context, self.record, id)?;
+                close_rejected(self.record, id)?;
                 Ok(format!("{id} is rejected: {person} refused"))
             }
             ApprovalOutcome::TimedOut => {

@@ -1,6 +1,5 @@
 //! How a stage ends: the decision told, the evidence written with the change of state, a rejection closed.
 
-use holdpoint_governance::alarms::{AlarmEvent, AlarmKey};
 use holdpoint_governance::decision::{Decision, Kappa, Reason, lead_reason};
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::lifecycle::{LifecycleEvent, Stage, State};
@@ -99,15 +98,9 @@ fn scores(evidence_file: &EvidenceFile, id: &CapabilityId) -> Change {
     }
 }
 
-/// After a rejection: the alarm and the closed record.
-pub(crate) fn close_rejected(
-    context: &Context,
-    record: &mut EngineRecorder,
-    id: &CapabilityId,
-) -> Result<(), EngineFault> {
-    let (key, priority) = (AlarmKey::Rejected(id.clone()), context.profile.alarms.rejected);
-    record.raise(key.clone(), priority, false, Notice::Rejected { version: id.clone() });
-    record.alarm_event(&AlarmEvent::Clear { key });
+/// Closes the record after a rejection. Its events are the decision and the change of state; it asks nothing of an operator,
+/// so it raises no alarm.
+pub(crate) fn close_rejected(record: &mut EngineRecorder, id: &CapabilityId) -> Result<(), EngineFault> {
     record.close_audit(id, UpgradeEnd::Rejected)
 }
 

@@ -49,7 +49,7 @@ pub(crate) fn end_on_hold(
     if *decision.outcome() == Recommendation::Reject {
         let (version, _, _) = record.version_table().version(id)?;
         record.transition(&id.family, LifecycleEvent::Reject { version }, note)?;
-        close_rejected(context, record, id)?;
+        close_rejected(record, id)?;
     } else {
         put_on_hold(record, id, note)?;
     }

@@ -496,7 +496,7 @@ impl Sandbox<'_> {
             }
             Recommendation::Reject | Recommendation::Sandbox => {
                 self.record.transition(&id.family, LifecycleEvent::Reject { version }, note)?;
-                close_rejected(self.context, self.record, id)
+                close_rejected(self.record, id)
             }
             Recommendation::Shadow | Recommendation::Activate | Recommendation::RollbackReview => {
                 let event = LifecycleEvent::Pass { version, stage: Stage::Sandbox };

@@ -251,7 +251,7 @@ fn decide(
         }
         CheckResult::Fail => {
             record.transition(&id.family, LifecycleEvent::Reject { version }, note)?;
-            close_rejected(context, record, &id)?;
+            close_rejected(record, &id)?;
         }
         CheckResult::Review | CheckResult::Inconclusive | CheckResult::NoData | CheckResult::Skipped => {
             put_on_hold(record, &id, note)?;

@@ -45,7 +45,7 @@ pub fn run(
     let note = stage_note(evidence_file, id, EvidenceKind::Compat, first_reason(&decision), &decision)?;
     if *decision.outcome() == Recommendation::Reject {
         record.transition(&id.family, LifecycleEvent::Reject { version }, note)?;
-        return close_rejected(context, record, id);
+        return close_rejected(record, id);
     }
     record.transition(&id.family, LifecycleEvent::Pass { version, stage: Stage::Validation }, note)?;
     Ok(())

@@ -2,7 +2,7 @@
 
 use super::{
     ALARMS_MAX, Alarm, AlarmBook, AlarmChange, AlarmError, AlarmEvent, AlarmKey, AlarmState, CHATTER_RAISES,
-    Priority, SHELF_MS_MAX, Shelving, flood,
+    Priority, RESERVED_PLACES, SHELF_MS_MAX, Shelving, flood,
 };
 use crate::ids::is_name;
 use crate::notice::NoticeOrText;
@@ -77,11 +77,9 @@ fn raise(
     let mut alarm = match book.get(key) {
         Some(alarm) => alarm.clone(),
         None => {
-            if book.alarms.len() >= ALARMS_MAX {
-                let normal = book.iter().filter(|alarm| alarm.state() == AlarmState::Normal);
-                let oldest = normal.min_by_key(|alarm| alarm.raises_ms.last().copied());
-                let oldest = oldest.ok_or_else(|| AlarmError::Full(quoted(key)))?;
-                changes.push(AlarmChange::Dropped { key: oldest.key.clone() });
+            let places = if priority == Priority::Low { ALARMS_MAX - RESERVED_PLACES } else { ALARMS_MAX };
+            if book.alarms.len() >= places {
+                changes.extend(make_room(book, priority, now_ms).ok_or_else(|| AlarmError::Full(quoted(key)))?);
             }
             normal(key, now_ms)
         }
@@ -125,6 +123,34 @@ fn raise(
     let annunciated = called && alarm.shelf.is_none();
     changes.push(AlarmChange::Set { alarm, from, annunciated, at_ms: now_ms });
     Ok(changes)
+}
+
+/// Drops one alarm for a new one of this priority: the oldest normal one, else the least urgent returned one, else one that
+/// is less urgent. Of equally urgent ones the oldest goes. An alarm that waits for its reset stays. `None` if none can go.
+fn make_room(book: &AlarmBook, priority: Priority, now_ms: u64) -> Option<Vec<AlarmChange>> {
+    let place = |alarm: &Alarm| {
+        let state = alarm.state();
+        if state == AlarmState::Normal {
+            return Some(0);
+        }
+        let returned = state == AlarmState::ReturnedUnacknowledged && !alarm.reset_pending;
+        if returned && alarm.priority >= priority {
+            return Some(1);
+        }
+        (alarm.priority > priority && !alarm.reset_pending).then_some(2)
+    };
+    let leaves = book
+        .iter()
+        .filter_map(|alarm| Some((place(alarm)?, std::cmp::Reverse(alarm.priority), alarm)))
+        .min_by_key(|(place, urgency, alarm)| (*place, *urgency, alarm.raises_ms.last().copied()));
+    let (_, _, alarm) = leaves?;
+    let mut changes = Vec::new();
+    // The store keeps the row of a dropped alarm: without this change a returned one would be open after a restart.
+    if alarm.state() == AlarmState::ReturnedUnacknowledged {
+        changes.extend(set(alarm, now_ms, |alarm| alarm.acknowledged_by = Some(String::new())));
+    }
+    changes.push(AlarmChange::Dropped { key: alarm.key.clone() });
+    Some(changes)
 }
 
 fn reset(alarm: &Alarm, by: String, reason: &Untrusted, now_ms: u64) -> Result<Vec<AlarmChange>, AlarmError> {

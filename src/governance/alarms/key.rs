@@ -36,7 +36,7 @@ crate::closed_set! {
         SafeStopped = "safe-stopped",
         /// A family is back at its rollback target and does not run safely.
         NotRecovered = "not-recovered",
-        /// A candidate was rejected by a rule or a person.
+        /// A candidate was rejected by a rule or a person. Older stores have it; a rejection raises no alarm any more.
         Rejected = "rejected",
         /// An approval request is open.
         Approval = "approval",

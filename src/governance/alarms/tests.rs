@@ -163,18 +163,46 @@ fn floods_group_by_cause_and_keep_criticals_apart() {
 }
 
 #[test]
-fn full_alarm_book_drops_only_normal_alarms() {
+fn full_alarm_book_makes_room_for_what_is_as_urgent() {
     let mut book = AlarmBook::new();
-    for at in 0..ALARMS_MAX {
+    let places = ALARMS_MAX - RESERVED_PLACES;
+    for at in 0..places {
         step(&mut book, &raise_as(key(&format!("a{at}")), Priority::Low, false), at as u64).unwrap();
     }
-    let one_more = raise_as(key("one-more"), Priority::Critical, true);
-    assert!(matches!(apply(&book, &one_more, 1_000, wall(1_000)), Err(AlarmError::Full(_))));
-    step(&mut book, &AlarmEvent::Clear { key: key("a7") }, 1_000).unwrap();
+    let low = |name: &str| raise_as(key(name), Priority::Low, false);
+    assert!(matches!(apply(&book, &low("more"), 1_000, wall(1_000)), Err(AlarmError::Full(_))));
+    // A normal one goes first, then one whose condition is gone, although nobody acknowledged it.
+    for name in ["a5", "a7"] {
+        step(&mut book, &AlarmEvent::Clear { key: key(name) }, 1_000).unwrap();
+    }
     step(&mut book, &AlarmEvent::Acknowledge { key: key("a7"), by: "mara".into() }, 1_000).unwrap();
-    step(&mut book, &one_more, 1_000).unwrap();
-    assert!(book.get(&key("a7")).is_none() && book.get(&key("one-more")).is_some());
-    // A long-normal alarm is dropped automatically.
+    step(&mut book, &low("more-1"), 1_000).unwrap();
+    assert!(book.get(&key("a7")).is_none() && book.get(&key("a5")).is_some());
+    let changes = apply(&book, &low("more-2"), 1_000, wall(1_000)).unwrap();
+    let closed = |change: &AlarmChange| {
+        matches!(change, AlarmChange::Set { alarm, .. } if alarm.key == key("a5") && alarm.state() == AlarmState::Normal)
+    };
+    assert!(changes.iter().any(closed), "{changes:?}");
+    book.absorb(&changes);
+    assert!(book.get(&key("a5")).is_none() && book.get(&key("more-2")).is_some());
+    assert_eq!(book.iter().count(), places);
+    // The reserved places are for high ones, and then a high one takes the place of the oldest low one.
+    for at in 0..RESERVED_PLACES {
+        let high = raise_as(key(&format!("h{at}")), Priority::High, true);
+        step(&mut book, &high, 2_000).unwrap();
+    }
+    assert_eq!(book.iter().count(), ALARMS_MAX);
+    step(&mut book, &raise_as(key("h-more"), Priority::High, true), 2_000).unwrap();
+    assert!(book.get(&key("a0")).is_none() && book.get(&key("h-more")).is_some());
+    assert!(matches!(apply(&book, &low("more-3"), 2_000, wall(2_000)), Err(AlarmError::Full(_))));
+    step(&mut book, &raise_as(key("critical"), Priority::Critical, true), 2_000).unwrap();
+    assert_eq!(book.iter().count(), ALARMS_MAX);
+}
+
+#[test]
+fn long_normal_alarms_are_dropped() {
+    let mut book = AlarmBook::new();
+    step(&mut book, &raise_as(key("a8"), Priority::Low, false), 8).unwrap();
     step(&mut book, &AlarmEvent::Clear { key: key("a8") }, 1_000).unwrap();
     step(&mut book, &AlarmEvent::Acknowledge { key: key("a8"), by: "mara".into() }, 1_000).unwrap();
     step(&mut book, &AlarmEvent::Tick, FLOOD_WINDOW_MS + 8).unwrap();

@@ -86,6 +86,7 @@ pub const FIELDS: &[ProfileField] = &[
     field("evaluation.live_sequences_per_100_episodes", 1.0, 100.0, Neither),
     field("evaluation.tick_time_factor_max", 1.5, 20.0, Lower),
     field("evaluation.wall_minutes_max", 1.0, 1_440.0, Lower),
+    field("evaluation.registrations_per_minute_max", 1.0, 10_000.0, Lower),
     field("tries.margin", 0.03, 0.2, Lower),
     field("tries.author_alpha", 0.000_1, 0.2, Lower),
     field("tries.family_alpha", 0.000_1, 0.2, Lower),

@@ -108,11 +108,11 @@ fn a_profile_writes_its_priorities_as_it_reads_them() {
         let alarms = Profile::builtin(name).unwrap().alarms;
         let written = serde_json::to_value(alarms).unwrap();
         assert_eq!((alarms.safe_stopped, &written["safe_stopped"]), (Priority::Critical, &"high".into()));
-        assert_eq!((alarms.rejected, &written["rejected"]), (Priority::Low, &"low".into()));
     }
     let alarms = Profile::builtin(ProfileName::Sim).unwrap().alarms;
     let written = serde_json::to_value(alarms).unwrap();
     assert_eq!((alarms.rolled_back, &written["rolled_back"]), (Priority::High, &"medium".into()));
+    assert_eq!((alarms.restricted, &written["restricted"]), (Priority::Low, &"low".into()));
 }
 
 #[test]
