@@ -271,6 +271,7 @@ pub mod text_error;
 pub mod time_excess;
 pub mod tries;
 pub mod value_type;
+pub mod version_status;
 pub mod vocabulary;
 pub mod wall_time;
 pub mod watcher_signal;

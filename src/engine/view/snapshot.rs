@@ -16,6 +16,7 @@ use holdpoint_governance::alarms::Alarm;
 use holdpoint_governance::decision::Reason;
 use holdpoint_governance::finding::Finding;
 use holdpoint_governance::lifecycle::State;
+use holdpoint_governance::version_status::VersionCondition;
 use holdpoint_governance::wall_time::WallTime;
 use holdpoint_protocol::snapshot::{
     AlarmView, ApprovalRequestView, CandidateView, FamilyView, LiveView, ReviewView, Snapshot,
@@ -34,9 +35,15 @@ pub(crate) struct SnapshotView<'a> {
     pub(crate) world: &'a LiveWorld,
 }
 
-/// The reasons of the gate, which decides before the approvers are asked, with the count of approvals since.
-fn counted(reasons: &[Reason], request: Option<&ApprovalRequestView>) -> Vec<Reason> {
-    let mut reasons = reasons.to_vec();
+/// The reasons of the newest decision that explain what the version is now. Those of the gate, which decides before the
+/// approvers are asked, have the count of approvals since.
+fn present_reasons(
+    reasons: &[Reason],
+    condition: VersionCondition,
+    request: Option<&ApprovalRequestView>,
+) -> Vec<Reason> {
+    let explains = |reason: &&Reason| condition.is_explained_by(reason.code);
+    let mut reasons: Vec<Reason> = reasons.iter().filter(explains).cloned().collect();
     let Some(request) = request else { return reasons };
     let given = u32::try_from(request.approved_by.len()).unwrap_or(u32::MAX);
     let count = if request.officer_missing && given >= request.needed {
@@ -89,7 +96,11 @@ impl SnapshotView<'_> {
                     pairs: pairs(evidence_file),
                     drills: evidence_file.drills,
                     shadow: shadow(evidence_file, &self.context.profile.evaluation),
-                    reasons: counted(&evidence_file.reasons, request),
+                    reasons: present_reasons(
+                        &evidence_file.reasons,
+                        VersionCondition::of(version.state, &version.flags, evidence_file.held),
+                        request,
+                    ),
                     conditions: evidence_file.conditions.clone(),
                     deployment: evidence_file.deployment,
                     held: evidence_file.held,
