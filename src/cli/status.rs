@@ -398,6 +398,7 @@ mod tests {
             state,
             running: None,
             paused: false,
+            paused_by: None,
             awaiting_approval: false,
             provisional,
             restricted: false,
@@ -452,8 +453,11 @@ mod tests {
         for flag in [" active,", "promotion paused", "provisional"] {
             assert!(version.line().contains(flag), "{}", version.line());
         }
-        let paused = VersionRow { paused: true, ..row(State::Sandboxed, false) };
-        assert!(paused.line().contains("sandboxed, paused"), "{}", paused.line());
+        let paused_by = Some("paused by mia: an odd noise".to_owned());
+        let paused = VersionRow { paused: true, paused_by, ..row(State::Sandboxed, false) };
+        for part in ["sandboxed, paused", "(paused by mia: an odd noise)"] {
+            assert!(paused.line().contains(part), "{}", paused.line());
+        }
         let family = FamilyStatusRow {
             family: "grasp".to_owned(),
             active: Some(version.version),

@@ -97,6 +97,7 @@ const fn is_of_people(kind: RecordKind) -> bool {
             | RecordKind::ProfilesSet
             | RecordKind::AnchorSet
             | RecordKind::TriesReviewed
+            | RecordKind::PauseSet
             | RecordKind::Resumed
             | RecordKind::BreakGlass
             | RecordKind::BreakGlassReviewed
@@ -332,6 +333,7 @@ fn sentence_of_kind(kind: RecordKind, fields: &RecordFields<'_>) -> Option<Strin
         RecordKind::MonitorAnswer => {
             format!("{} answered the monitor{}", actor(), fields.with(": ", "reason"))
         }
+        RecordKind::PauseSet => format!("{} {}{}", actor(), fields.text("act")?, fields.with(": ", "reason")),
         RecordKind::Resumed => format!("{} resumed it{}", actor(), fields.with(": ", "reason")),
         RecordKind::KeyCommitted => format!("its seeds got a secret key{}", fields.with(": ", "use")),
         RecordKind::KeyRevealed => "the key of its seeds was revealed".to_owned(),
@@ -377,8 +379,7 @@ fn sentence_of_kind(kind: RecordKind, fields: &RecordFields<'_>) -> Option<Strin
         },
         RecordKind::AuditClosed => format!("closed{}", fields.with(": ", "end").replace(": ", " as ")),
         RecordKind::LiveHarm => {
-            let lived = fields.find("lived")?;
-            let count = |name: &str| lived.get(name)?.as_u64();
+            let count = |name: &str| fields.find("lived")?.get(name)?.as_u64();
             format!("{} of {} live tasks were past a limit of harm", count("any")?, count("tasks")?)
         }
         RecordKind::Commissioned | RecordKind::SensesCommissioned => {

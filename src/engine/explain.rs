@@ -85,6 +85,10 @@ pub(crate) fn decisions(
             RecordKind::StateSet => reader.state(record),
             RecordKind::AuditClosed => reader.add_consequence(record, Consequence::UpgradeRecordClosed),
             RecordKind::ProfilesSet => reader.add_consequence(record, Consequence::ProfilesSet),
+            RecordKind::PauseSet => match serde_json::from_str(&record.body) {
+                Ok(act) => reader.add_consequence(record, Consequence::PersonActed(act)),
+                Err(_) => reader.unreadable(record),
+            },
             RecordKind::Resumed => reader.add_consequence(record, Consequence::Resumed),
             RecordKind::AnchorSet => reader.add_consequence(record, Consequence::AnchorSet),
             RecordKind::TriesReviewed => reader.add_consequence(record, Consequence::TriesReviewed),

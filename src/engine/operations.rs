@@ -31,7 +31,7 @@ use holdpoint_governance::submission::Package;
 use holdpoint_governance::tries::TryLedger;
 use holdpoint_protocol::command::{Operation, PACE_ALLOWED, Refusal, Reply};
 use holdpoint_protocol::event::EventKind;
-use holdpoint_registry::{ActiveCause, StoreError};
+use holdpoint_registry::{ActiveCause, AuditBody, StoreError};
 use holdpoint_runtime::capability::Capability;
 use holdpoint_text::{Untrusted, is_visible, signing_options};
 
@@ -147,7 +147,13 @@ pub(crate) fn transition(
     let id = checked(record, operation)?;
     let (version, _, _) = record.version_table().version(&id)?;
     let (by, reason) = (operation.by.clone(), operation.reason.clone());
-    let note = TransitionNote::because(Notice::OperatorDid { act, by, reason });
+    let notice = Notice::OperatorDid { act, by, reason };
+    let mut note = TransitionNote::because(notice.clone());
+    if matches!(act, OperatorAct::Paused | OperatorAct::Resumed) {
+        // It changes flags alone, and their record has no reason.
+        let body = serde_json::json!(notice).to_string();
+        note.audit.push(AuditBody { kind: RecordKind::PauseSet, subject: id.to_string(), body });
+    }
     let event = event(version);
     let cause = matches!(event, LifecycleEvent::Rearm { .. }).then_some(ActiveCause::Rearm);
     record.transition(&id.family, event, TransitionNote { cause, ..note })?;

@@ -330,7 +330,9 @@ pub enum Consequence {
     UpgradeRecordClosed,
     /// The version was blocked or unblocked under profiles.
     ProfilesSet,
-    /// An operator resumed the version.
+    /// A person paused the version, or resumed it from a pause: who and why.
+    PersonActed(NoticeOrText),
+    /// An operator resumed the version, which was on hold.
     Resumed,
     /// A person made it its family's anchor.
     AnchorSet,

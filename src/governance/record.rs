@@ -84,6 +84,8 @@ crate::closed_set! {
         TryCounted = "try-counted",
         /// A person reviewed the tries of a family, whose count begins again: who and why.
         TriesReviewed = "tries-reviewed",
+        /// A person paused a version, or resumed a paused one: who and why.
+        PauseSet = "pause-set",
         /// A version on hold was resumed: by whom and why.
         Resumed = "resumed",
         /// One person activated a version by break-glass: who, why, and the deadline of the review.

@@ -40,6 +40,7 @@ pub(crate) const fn is_own(kind: RecordKind) -> bool {
         | RecordKind::KeyRevealed
         | RecordKind::TryCounted
         | RecordKind::TriesReviewed
+        | RecordKind::PauseSet
         | RecordKind::Resumed
         | RecordKind::BreakGlass
         | RecordKind::BreakGlassReviewed

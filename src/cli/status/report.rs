@@ -22,7 +22,7 @@ use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::lifecycle::{Stage, State, VersionFlags};
 use holdpoint_governance::notice::{Notice, NoticeOrText};
 use holdpoint_governance::profile::{ProfileName, SiteName, titled};
-use holdpoint_governance::record::{AuditRecord, VersionSummary};
+use holdpoint_governance::record::{AuditRecord, RecordKind, VersionSummary};
 use holdpoint_governance::tries::CountedTry;
 use holdpoint_governance::wall_time::WallTime;
 use holdpoint_protocol::clock::clock_time;
@@ -101,6 +101,9 @@ pub(super) struct VersionRow {
     pub(super) state: State,
     pub(super) running: Option<Stage>,
     pub(super) paused: bool,
+    /// Who paused it, and why; absent if it is not paused, and in records of older builds.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(super) paused_by: Option<String>,
     pub(super) awaiting_approval: bool,
     pub(super) provisional: bool,
     pub(super) restricted: bool,
@@ -247,7 +250,9 @@ impl StatusReport {
             site: context.as_ref().and_then(|(_, _, json)| record(json)?.site),
             profile: context.map(|(profile, _, _)| profile),
             families,
-            versions: rows.map(|version| VersionRow::new(version, engine)).collect(),
+            versions: rows
+                .map(|version| Ok(VersionRow::new(version, pause_of(views, version)?, engine)))
+                .collect::<Result<_, CliError>>()?,
             waiting: waiting.into_iter().filter(|row| wanted(&row.version)).collect(),
             questions: engine
                 .iter()
@@ -383,8 +388,25 @@ impl FamilyStatusRow {
     }
 }
 
+/// The person who paused a version that is paused, and the reason, as its newest record of a pause has them.
+fn pause_of(views: &Views, version: &VersionSummary) -> Result<Option<String>, CliError> {
+    if !version.flags.paused {
+        return Ok(None);
+    }
+    let newest = AuditFilter {
+        kind: Some(RecordKind::PauseSet),
+        subject: Some(version.version.to_string()),
+        limit: 1,
+        newest_first: true,
+        ..AuditFilter::default()
+    };
+    let found = views.audit(&newest).map_err(CliError::usage)?.into_iter().next();
+    let act = found.and_then(|record| serde_json::from_str::<NoticeOrText>(&record.body).ok());
+    Ok(act.as_ref().map(holdpoint_wording::notice))
+}
+
 impl VersionRow {
-    fn new(version: &VersionSummary, engine: Option<&Snapshot>) -> Self {
+    fn new(version: &VersionSummary, paused_by: Option<String>, engine: Option<&Snapshot>) -> Self {
         let view = engine.and_then(|engine| {
             engine.candidates.iter().find(|candidate| candidate.version == version.version)
         });
@@ -395,6 +417,7 @@ impl VersionRow {
             state: version.state,
             running: flags.running,
             paused: flags.paused,
+            paused_by,
             awaiting_approval: flags.awaiting_approval,
             provisional: flags.provisional,
             restricted: flags.restricted,
@@ -449,6 +472,10 @@ impl VersionRow {
                 let shown = value.map_or_else(|| "-".to_owned(), |value| format!("{value:.3}"));
                 line.push_str(&format!("  {name} {shown}"));
             }
+        }
+        if let Some(act) = &self.paused_by {
+            // The text is a person's.
+            line.push_str(&format!("  ({})", Untrusted::new(act.as_str()).line()));
         }
         if let Some(reason) = &self.reason {
             line.push_str(&format!("  ({reason})"));

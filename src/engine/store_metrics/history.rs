@@ -279,6 +279,7 @@ impl History {
             | RecordKind::KeyRevealed
             | RecordKind::TryCounted
             | RecordKind::TriesReviewed
+            | RecordKind::PauseSet
             | RecordKind::Resumed
             | RecordKind::Shown
             | RecordKind::AlarmReset

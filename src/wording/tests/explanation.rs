@@ -21,7 +21,7 @@ use holdpoint_governance::finding::{Finding, HookKind};
 use holdpoint_governance::harm::HarmKind;
 use holdpoint_governance::ids::Digest;
 use holdpoint_governance::lifecycle::State;
-use holdpoint_governance::notice::{Notice, NoticeOrText};
+use holdpoint_governance::notice::{Notice, NoticeOrText, OperatorAct};
 use holdpoint_governance::permission::{PeakQuantity, PermissionUse};
 use holdpoint_governance::phase::WorkPhase;
 use holdpoint_governance::record::RecordKind;
@@ -201,12 +201,15 @@ fn cached_use() -> CachedResultUse {
 fn consequences() -> Vec<Consequence> {
     let reasons = vec![Reason::new(Dimension::Monitor, Finding::TripHolds)];
     let drift = Some(Drift { kind: DriftKind::SensorNoise, magnitude: Magnitude::Mild });
+    let (by, reason) = ("mia".to_owned(), "an odd noise".to_owned());
+    let paused = Notice::OperatorDid { act: OperatorAct::Paused, by, reason };
     vec![
         Consequence::StateChanged { from: State::Validated, to: State::Rejected },
         Consequence::ApproversAsked,
         Consequence::UpgradeRecordClosed,
         Consequence::ProfilesSet,
         Consequence::TriesReviewed,
+        Consequence::PersonActed(paused.into()),
         Consequence::Resumed,
         Consequence::BreakGlassUsed,
         Consequence::BreakGlassReviewed,

@@ -6,8 +6,10 @@ use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::lifecycle::{LifecycleEvent, Stage, State, VersionFlags};
 use holdpoint_governance::notice::Notice;
 use holdpoint_governance::profile::ProfileName;
+use holdpoint_governance::record::RecordKind;
 use holdpoint_protocol::command::{Command, Operation, Refusal, Reply};
 use holdpoint_protocol::event::EventKind;
+use holdpoint_registry::AuditFilter;
 
 use crate::pipeline::SliceOutcome;
 use crate::stages::activation::tests::{package, request_activation};
@@ -275,4 +277,22 @@ fn every_command_refuses_an_unreadable_reason() {
             assert!(*code == Refusal::BadInput && text.contains("reason"), "{command:?}: {reply:?}");
         }
     }
+}
+
+/// Regression: the reason of a pause was nowhere in the store.
+#[test]
+fn a_pause_and_its_end_are_on_record_with_person_and_reason() {
+    let mut bench = Bench::new();
+    let id = bench.pass(CANDIDATE, &Stage::ALL[..1]);
+    pause(&mut bench, &id);
+    resume(&mut bench, &id);
+    let filter = AuditFilter { kind: Some(RecordKind::PauseSet), ..AuditFilter::default() };
+    let found = bench.pipeline.record().version_table().store().views().unwrap().audit(&filter).unwrap();
+    let Operation { by, reason, .. } = operation(&id);
+    for (record, act) in found.iter().zip(["paused", "resumed"]) {
+        let body: serde_json::Value = serde_json::from_str(&record.body).unwrap();
+        assert_eq!((&record.subject, &body["act"]), (&id.to_string(), &act.into()), "{body}");
+        assert_eq!((&body["by"], &body["reason"]), (&by.as_str().into(), &reason.as_str().into()), "{body}");
+    }
+    assert_eq!(found.len(), 2);
 }
