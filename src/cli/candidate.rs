@@ -481,10 +481,7 @@ fn check(
 }
 
 /// The reason that validation would put a component on hold for, under the first profile that admits it and has one.
-fn slow_ticks(
-    candidate: &Capability,
-    findings: &[ProfileFindings],
-) -> Result<Option<Reason>, CliError> {
+fn slow_ticks(candidate: &Capability, findings: &[ProfileFindings]) -> Result<Option<Reason>, CliError> {
     let admitting: Vec<&Profile> =
         findings.iter().filter(|found| found.admits()).map(|found| &found.profile).collect();
     if candidate.package.component.is_none() || admitting.is_empty() {

@@ -187,7 +187,8 @@ impl PolicyFindings {
                     self.incompatible.push(reason(Finding::ModeForbidden { mode: key, because: because() }));
                 }
                 ModeRuling::Uncovered if mode.is_high_risk() => {
-                    self.incompatible.push(reason(Finding::HighRiskUncovered { mode: key, errors: because() }));
+                    self.incompatible
+                        .push(reason(Finding::HighRiskUncovered { mode: key, errors: because() }));
                 }
                 ModeRuling::Uncovered => {
                     let reason = reason(Finding::ModeUncovered { mode: key, errors: because() });

@@ -239,8 +239,7 @@ impl PolicyTable {
         for risk in Risk::ALL {
             for provenance in Provenance::ALL {
                 let CedarDecision { rules, error, .. } = judge.decide_activation(risk, provenance)?;
-                let deciding =
-                    rules.into_iter().filter(|rule| rule.review || rule.effect == Effect::Forbid);
+                let deciding = rules.into_iter().filter(|rule| rule.review || rule.effect == Effect::Forbid);
                 effective.extend(deciding.map(|rule| &*rule.name));
                 errors.extend(error);
             }

@@ -158,17 +158,47 @@ mod tests {
         let provisional = VersionFlags { provisional: true, ..none };
         for (state, flags, held, expected) in [
             (State::Registered, none, false, VersionCondition::Queued),
-            (State::Sandboxed, VersionFlags { running: Some(Stage::Shadow), ..none }, false, VersionCondition::Running),
+            (
+                State::Sandboxed,
+                VersionFlags { running: Some(Stage::Shadow), ..none },
+                false,
+                VersionCondition::Running,
+            ),
             (State::Sandboxed, paused, true, VersionCondition::Paused),
             (State::Shadowed, none, true, VersionCondition::Held),
-            (State::Shadowed, VersionFlags { awaiting_approval: true, ..none }, false, VersionCondition::AwaitingApproval),
+            (
+                State::Shadowed,
+                VersionFlags { awaiting_approval: true, ..none },
+                false,
+                VersionCondition::AwaitingApproval,
+            ),
             (State::Demoted, none, false, VersionCondition::Demoted),
-            (State::Demoted, VersionFlags { running: Some(Stage::Sandbox), ..none }, false, VersionCondition::Running),
+            (
+                State::Demoted,
+                VersionFlags { running: Some(Stage::Sandbox), ..none },
+                false,
+                VersionCondition::Running,
+            ),
             (State::Active, none, false, VersionCondition::Confirmed),
             (State::Active, provisional, false, VersionCondition::Provisional),
-            (State::Active, VersionFlags { paused: true, ..provisional }, false, VersionCondition::PromotionPaused),
-            (State::Active, VersionFlags { restricted: true, ..provisional }, false, VersionCondition::Restricted),
-            (State::Active, VersionFlags { rollback_pending: true, ..paused }, false, VersionCondition::Leaving),
+            (
+                State::Active,
+                VersionFlags { paused: true, ..provisional },
+                false,
+                VersionCondition::PromotionPaused,
+            ),
+            (
+                State::Active,
+                VersionFlags { restricted: true, ..provisional },
+                false,
+                VersionCondition::Restricted,
+            ),
+            (
+                State::Active,
+                VersionFlags { rollback_pending: true, ..paused },
+                false,
+                VersionCondition::Leaving,
+            ),
         ] {
             assert_eq!(VersionCondition::of(state, &flags, held), expected, "{state} {flags:?}");
         }

@@ -216,8 +216,7 @@ fn params(file: &str, text: &str) -> Result<Value, PackageError> {
         let allowed = "a finite number";
         return Err(TextError::value(file, text, &field, &value.to_string(), allowed).into());
     }
-    serde_json::to_value(&table)
-        .map_err(|source| PackageError::Canonical { file: file.to_owned(), source })
+    serde_json::to_value(&table).map_err(|source| PackageError::Canonical { file: file.to_owned(), source })
 }
 
 /// The first number that is not finite, with its path.

@@ -58,7 +58,9 @@ pub fn policy_problem(of: &PolicyProblem) -> String {
     match of {
         PolicyProblem::Errs { error } => format!("{error}; what it is about is denied"),
         PolicyProblem::CoversNothing { policy } => {
-            format!("the policy {policy:?} has no effect: no command in any zone and no activation is ruled by it")
+            format!(
+                "the policy {policy:?} has no effect: no command in any zone and no activation is ruled by it"
+            )
         }
     }
 }

@@ -79,7 +79,8 @@ fn raise(
         None => {
             let places = if priority == Priority::Low { ALARMS_MAX - RESERVED_PLACES } else { ALARMS_MAX };
             if book.alarms.len() >= places {
-                changes.extend(make_room(book, priority, now_ms).ok_or_else(|| AlarmError::Full(quoted(key)))?);
+                changes
+                    .extend(make_room(book, priority, now_ms).ok_or_else(|| AlarmError::Full(quoted(key)))?);
             }
             normal(key, now_ms)
         }

@@ -179,9 +179,7 @@ fn full_alarm_book_makes_room_for_what_is_as_urgent() {
     step(&mut book, &low("more-1"), 1_000).unwrap();
     assert!(book.get(&key("a7")).is_none() && book.get(&key("a5")).is_some());
     let changes = apply(&book, &low("more-2"), 1_000, wall(1_000)).unwrap();
-    let closed = |change: &AlarmChange| {
-        matches!(change, AlarmChange::Set { alarm, .. } if alarm.key == key("a5") && alarm.state() == AlarmState::Normal)
-    };
+    let closed = |change: &AlarmChange| matches!(change, AlarmChange::Set { alarm, .. } if alarm.key == key("a5") && alarm.state() == AlarmState::Normal);
     assert!(changes.iter().any(closed), "{changes:?}");
     book.absorb(&changes);
     assert!(book.get(&key("a5")).is_none() && book.get(&key("more-2")).is_some());

@@ -19,7 +19,6 @@ use holdpoint_engine::trial::cache::EpisodeCache;
 use holdpoint_engine::trial::seeds::EpisodeSeeds;
 use holdpoint_governance::decision::Reason;
 use holdpoint_governance::ids::CapabilityId;
-use holdpoint_governance::lifecycle::Stage;
 use holdpoint_governance::metrics::Fate;
 use holdpoint_governance::monitor::MonitorOutcome;
 use holdpoint_governance::outcome::StageOutcome;
@@ -29,6 +28,7 @@ use holdpoint_governance::submission::Package;
 use holdpoint_protocol::event::DimensionResult;
 use holdpoint_protocol::scenario_state::{Decider, ScenarioState};
 use holdpoint_registry::{Layout, ResultCache, TelemetryViews, Views};
+use holdpoint_text::Hint;
 
 /// The settings of a candidate's run.
 #[derive(Clone)]
@@ -267,6 +267,7 @@ pub fn run_candidate_timed(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use holdpoint_governance::lifecycle::Stage;
 
     /// A candidate's cached result is read instead of a re-run.
     #[test]

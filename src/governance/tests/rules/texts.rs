@@ -266,7 +266,10 @@ fn policies_deny_on_errors_and_unknown_resources() {
     let Some(PolicyProblem::Errs { error }) = found.first() else { panic!("no error is named: {found:?}") };
     assert!(error.contains("policy1") && error.contains("overflow"), "{error}");
     let covers_nothing = |policy: &str| PolicyProblem::CoversNothing { policy: policy.to_owned() };
-    assert!(found.contains(&covers_nothing("blanket")) && !found.contains(&covers_nothing("policy0")), "{found:?}");
+    assert!(
+        found.contains(&covers_nothing("blanket")) && !found.contains(&covers_nothing("policy0")),
+        "{found:?}"
+    );
     for name in ProfileName::ALL {
         let (shipped, (_, text)) = (profile(name), Profile::builtin_policy(name));
         assert_eq!(problems(&shipped, text), [], "{name}");

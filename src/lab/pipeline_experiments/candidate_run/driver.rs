@@ -17,7 +17,7 @@ use holdpoint_protocol::event::{Event, EventKind};
 use holdpoint_protocol::scenario_state::{Decider, ScenarioState};
 use holdpoint_protocol::snapshot::{ApprovalRequestView, CandidateView};
 use holdpoint_runtime::capability::Capability;
-use holdpoint_text::Problem;
+use holdpoint_text::{Hint, Problem};
 
 use super::{
     CandidateEnd, CandidateSetting, DecisionOutcome, EpisodeEffort, PostRunCheck, StageRecord, StageTimes,
