@@ -132,10 +132,11 @@ fn promote(console: &mut Console) {
     let id = short_id(console);
     fill_fields(console, &id, "evidence read");
     // The line that names the other reader takes room, so more text must be scrolled and read.
-    for _ in 0..3 {
+    while console.contents().contains("lines unread") {
+        let before = console.contents();
         console.keys("\x1b[6~");
+        console.wait_for("the text moves", |screen| screen.contents() != before);
     }
-    console.wait_for("all of it was read", |screen| !screen.contents().contains("lines unread"));
     console.wait_for("the question takes answers", |screen| !screen.contents().contains("wait a moment"));
     console.keys("Y");
     console.wait_for_text("Passphrase of");
