@@ -17,12 +17,13 @@ use std::process::Command;
 use sha2::{Digest, Sha256};
 
 /// Sources that compute an episode, from the workspace's root.
-const COMPUTES: [&str; 13] = [
+const COMPUTES: [&str; 14] = [
     "Cargo.lock",
     "sim/assets",
     "sim/scenes",
     "sim/src",
     "src/body",
+    "src/cell",
     "src/compiled",
     "src/component",
     "src/engine/trial",

@@ -4,10 +4,10 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use holdpoint_body::{Geometry, TaskKind, Zone};
-use holdpoint_sim::SimError;
-use holdpoint_sim::distribution::Distribution;
+use holdpoint_cell::CellError;
+use holdpoint_cell::Distribution;
+use holdpoint_cell::Scene;
 use holdpoint_sim::robot::RobotModel;
-use holdpoint_sim::scene::Scene;
 use holdpoint_sim::world::World;
 
 use holdpoint_governance::ids::Digest;
@@ -70,11 +70,11 @@ impl Cell {
     ///
     /// # Errors
     /// If an embedded file does not parse, or the robot does not fit the scene.
-    pub fn new(model: RobotModel) -> Result<Self, SimError> {
-        let scene = Scene::cell()?;
-        let canonical = Distribution::canonical()?;
-        let sandbox = Distribution::sandbox()?;
-        let live = Distribution::live()?;
+    pub fn new(model: RobotModel) -> Result<Self, CellError> {
+        let scene = holdpoint_sim::published::scene()?;
+        let canonical = holdpoint_sim::published::canonical()?;
+        let sandbox = holdpoint_sim::published::sandbox()?;
+        let live = holdpoint_sim::published::live()?;
         let digest = digest(&model, &scene, [&canonical, &sandbox, &live], COMPUTED_BY);
         let starts = TaskKind::SEQUENCE
             .map(|task| Arc::new(start_support::start_domain(&model, &scene, &sandbox, &live, task)));
@@ -96,7 +96,7 @@ impl Cell {
     ///
     /// # Errors
     /// As [`Cell::new`], or if the file cannot be read.
-    pub fn of(robot: Option<&Path>) -> Result<Self, SimError> {
+    pub fn of(robot: Option<&Path>) -> Result<Self, CellError> {
         let Some(file) = robot else { return Self::builtin() };
         let cell = Self::new(RobotModel::load(file)?)?;
         // The store records it for a start from another folder.
@@ -108,7 +108,7 @@ impl Cell {
     ///
     /// # Errors
     /// As [`Cell::new`].
-    pub fn builtin() -> Result<Self, SimError> {
+    pub fn builtin() -> Result<Self, CellError> {
         Self::new(RobotModel::builtin("arm7")?)
     }
 
@@ -157,7 +157,7 @@ impl Cell {
     ///
     /// # Errors
     /// If the robot cannot be built.
-    pub fn world(&self) -> Result<World, SimError> {
+    pub fn world(&self) -> Result<World, CellError> {
         World::new(&self.model, &self.scene)
     }
 }

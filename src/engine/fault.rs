@@ -3,9 +3,9 @@
 use std::borrow::Cow;
 
 use holdpoint_body::BodyError;
+use holdpoint_cell::CellError;
 use holdpoint_protocol::command::Refusal;
 use holdpoint_registry::StoreError;
-use holdpoint_sim::SimError;
 
 use holdpoint_text::{ErrorDetails, ErrorReason, Hint, Problem};
 
@@ -20,7 +20,7 @@ pub enum EngineFault {
     #[error(transparent)]
     Store(#[from] StoreError),
     #[error(transparent)]
-    Sim(#[from] SimError),
+    Sim(#[from] CellError),
     /// The robot's body failed.
     #[error(transparent)]
     Body(#[from] BodyError),

@@ -128,7 +128,7 @@ pub enum StartError {
     Baseline(#[from] PackageError),
     /// The cell cannot be built.
     #[error(transparent)]
-    Sim(#[from] holdpoint_sim::SimError),
+    Sim(#[from] holdpoint_cell::CellError),
     /// The store is for another robot. Nothing was written.
     #[error("this store is for the robot {recorded}, not for {given}")]
     OtherRobot { recorded: Box<StoreRobot>, given: Box<StoreRobot> },

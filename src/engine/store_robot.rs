@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use holdpoint_sim::SimError;
+use holdpoint_cell::CellError;
 use serde::{Deserialize, Serialize};
 
 use crate::cell::Cell;
@@ -36,7 +36,7 @@ impl StoreRobot {
     ///
     /// # Errors
     /// If its file cannot be read.
-    pub fn cell(&self) -> Result<Cell, SimError> {
+    pub fn cell(&self) -> Result<Cell, CellError> {
         match &self.file {
             None => Cell::new(holdpoint_sim::robot::RobotModel::builtin(&self.name)?),
             Some(file) => Cell::of(Some(file)),

@@ -4,6 +4,7 @@ use std::path::Path;
 
 use holdpoint_approvals::keyfile::KeyEncoding;
 use holdpoint_approvals::{Approval, Nonce};
+use holdpoint_body::disturbance::{Drift, DriftKind, Magnitude};
 use holdpoint_governance::alarms::{AlarmEvent, AlarmKey, Priority};
 use holdpoint_governance::approval::{ApprovalDecision, Role};
 use holdpoint_governance::composition::Kappas;
@@ -27,7 +28,6 @@ use holdpoint_registry::store_terms::EvidenceKind;
 use holdpoint_registry::{AuditFilter, Change, ProfileHistory, Store, StoreError};
 use holdpoint_runtime::agent::Agent;
 use holdpoint_runtime::capability::{self, Capability};
-use holdpoint_sim::distribution::{Drift, DriftKind, Magnitude};
 use holdpoint_sim::robot::RobotModel;
 
 use crate::cell::Cell;

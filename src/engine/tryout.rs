@@ -3,6 +3,7 @@
 //! Runs episodes of the sandbox with the guard and envelope of the least strict profile, beside the baseline. The results are
 //! for the author of the skill.
 
+use holdpoint_cell::CellError;
 use holdpoint_governance::policy::PolicyTable;
 use holdpoint_governance::profile::{Profile, ProfileName};
 use holdpoint_protocol::film::{Film, FilmSubject, FilmedRun};
@@ -10,7 +11,6 @@ use holdpoint_runtime::capability::Capability;
 use holdpoint_runtime::skill::Skill;
 use holdpoint_runtime::task::TaskRecord;
 use holdpoint_runtime::terms::SkillTerms;
-use holdpoint_sim::SimError;
 use holdpoint_text::Hint as _;
 
 use crate::cell::{Cell, Conditions};
@@ -36,7 +36,7 @@ pub enum TryoutError {
     Check(#[from] CheckError),
     /// The cell cannot be built.
     #[error(transparent)]
-    Cell(#[from] SimError),
+    Cell(#[from] CellError),
     /// An embedded profile or its policies are invalid.
     #[error("{0}")]
     BuiltIn(String),

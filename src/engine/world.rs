@@ -20,11 +20,11 @@ pub mod thread;
 use std::collections::VecDeque;
 use std::sync::Arc;
 
+use holdpoint_cell::CellError;
 use holdpoint_protocol::event::TaskSummary;
 use holdpoint_protocol::sink::VideoFrameSink;
 use holdpoint_protocol::snapshot::StoppedView;
 use holdpoint_protocol::video_frame::Scenery;
-use holdpoint_sim::SimError;
 
 use self::live::LiveCell;
 use self::sequence::StoppedTask;
@@ -63,7 +63,7 @@ impl LiveWorld {
     ///
     /// # Errors
     /// If the world cannot be built.
-    pub(crate) fn new(cell: Cell, switch: Arc<StopSwitch>) -> Result<Self, SimError> {
+    pub(crate) fn new(cell: Cell, switch: Arc<StopSwitch>) -> Result<Self, CellError> {
         Ok(Self {
             cell: LiveCell::with(cell, switch)?,
             due: 0.0,

@@ -5,6 +5,8 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Instant;
 
 use holdpoint_body::{Command, Observation};
+use holdpoint_cell::CellError;
+use holdpoint_cell::EpisodeSetup;
 use holdpoint_engine::cell::Cell;
 use holdpoint_engine::trial::worker::Worker;
 use holdpoint_governance::component::ComponentBytes;
@@ -13,8 +15,6 @@ use holdpoint_runtime::capability::{Capability, PackageError};
 use holdpoint_runtime::skill::{ConfinementReport, Hook, Skill};
 use holdpoint_runtime::task::{self, Supervision, is_same};
 use holdpoint_runtime::terms::SkillTerms;
-use holdpoint_sim::SimError;
-use holdpoint_sim::episode::EpisodeSetup;
 
 /// The engine's own controllers as a component.
 pub const CONTROLLERS: &[u8] = include_bytes!("../sdk/prebuilt/controllers.wasm");
@@ -93,7 +93,7 @@ pub fn compare(
     native: &Capability,
     component: &Capability,
     seeds: impl IntoIterator<Item = u64>,
-) -> Result<TickAgreement, SimError> {
+) -> Result<TickAgreement, CellError> {
     let found = Arc::new(Mutex::new(TickAgreement::default()));
     let mut worker = Worker::new();
     let task = native.bundle.task();

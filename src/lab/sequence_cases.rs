@@ -8,6 +8,7 @@ use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
 use holdpoint_body::TaskKind;
+use holdpoint_cell::rng::Stream;
 use holdpoint_engine::cell::{Cell, Conditions};
 use holdpoint_engine::embedded;
 use holdpoint_engine::trial::episodes::batch;
@@ -29,7 +30,6 @@ use holdpoint_governance::profile::{Profile, ProfileName};
 use holdpoint_runtime::capability::Capability;
 use holdpoint_runtime::task::TaskRecord;
 use holdpoint_runtime::terms::SkillTerms;
-use holdpoint_sim::rng::Stream;
 use toml::{Table, Value};
 
 use crate::candidate_pool::draft::Draft;

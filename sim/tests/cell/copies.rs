@@ -1,8 +1,9 @@
 //! A world that goes on from a copy is the world it was copied from, bit for bit.
 
 use holdpoint_body::{Command, TaskKind};
-use holdpoint_sim::episode::tool_down;
-use holdpoint_sim::{Distribution, EpisodeSetup, Fidelity, RobotModel, SimError, World, WorldConfig};
+use holdpoint_cell::episode::tool_down;
+use holdpoint_cell::{CellError, EpisodeSetup};
+use holdpoint_sim::{Fidelity, RobotModel, World, WorldConfig};
 
 use crate::script::{arm, fingers, scene, world};
 
@@ -12,7 +13,7 @@ fn made_for(fidelity: Fidelity) -> World {
 }
 
 fn setup(seed: u64) -> EpisodeSetup {
-    EpisodeSetup::sample(TaskKind::Grasp, &scene(), &Distribution::live().expect("live"), seed)
+    EpisodeSetup::sample(TaskKind::Grasp, &scene(), &holdpoint_sim::published::live().expect("live"), seed)
 }
 
 /// A grasp and a lift with latency, noise and contact; the hash after each tick.
@@ -61,6 +62,6 @@ fn a_copy_of_another_robot_is_refused_and_changes_nothing() {
     let mut own = world("arm7");
     let before = own.state_hash();
     let foreign = world("arm6").copy();
-    assert!(matches!(own.go_on_from(&foreign), Err(SimError::Snapshot(_))));
+    assert!(matches!(own.go_on_from(&foreign), Err(CellError::Snapshot(_))));
     assert_eq!(own.state_hash(), before);
 }

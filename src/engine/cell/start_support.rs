@@ -11,11 +11,11 @@
 use std::f64::consts::{FRAC_1_SQRT_2, PI, SQRT_2};
 
 use holdpoint_body::{RATE_HZ, TaskKind};
+use holdpoint_cell::Scene;
+use holdpoint_cell::distribution::{CameraRange, Distribution, Range};
 use holdpoint_governance::start_domain::{StartBound, StartDomain, StartQuantity};
 use holdpoint_sim::CAMERA_HZ;
-use holdpoint_sim::distribution::{CameraRange, Distribution, Range};
 use holdpoint_sim::robot::RobotModel;
-use holdpoint_sim::scene::Scene;
 
 /// The probability that one end of one noisy quantity finds a start of the sandbox outside: a thousandth over the
 /// sixteen ends of a grasp (object and target: x, y, z, yaw), which has most of them.
@@ -184,9 +184,9 @@ fn upper_tail(z: f64) -> f64 {
 mod tests {
     use holdpoint_body::Command;
     use holdpoint_body::disturbance::{Drift, DriftKind, Magnitude};
+    use holdpoint_cell::EpisodeSetup;
     use holdpoint_governance::start_domain::{DomainMiss, StartObservation};
     use holdpoint_runtime::agent::dispatcher::is_holding;
-    use holdpoint_sim::EpisodeSetup;
     use holdpoint_sim::world::World;
 
     use crate::cell::Cell;
@@ -301,7 +301,12 @@ mod tests {
     fn a_moved_distribution_leaves_the_domain() {
         let cell = Cell::builtin().unwrap();
         let drift = Drift { kind: DriftKind::DistributionShift, magnitude: Magnitude::Strong };
-        let found = outside(&cell, &cell.live.with_drift(&drift).unwrap(), TaskKind::Grasp, 200);
+        let found = outside(
+            &cell,
+            &holdpoint_sim::published::with_drift(&cell.live, &drift).unwrap(),
+            TaskKind::Grasp,
+            200,
+        );
         assert!((20..=50).contains(&found.len()), "{}", found.len());
         for misses in found {
             let is_past = |miss: &DomainMiss| {

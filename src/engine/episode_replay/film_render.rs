@@ -3,6 +3,7 @@
 //! Puts frames and records into the protocol's form; runs nothing and judges nothing.
 
 use holdpoint_body::TICK_SECS;
+use holdpoint_cell::film::EpisodeFrame;
 use holdpoint_governance::evidence::DrillKind;
 use holdpoint_governance::failure_cause::FailureCause;
 use holdpoint_governance::harm::{HarmKind, HarmMeasures};
@@ -17,7 +18,6 @@ use holdpoint_runtime::recovery::StoppedBy;
 use holdpoint_runtime::task::TaskRecord;
 use holdpoint_runtime::terms::SkillTerms;
 use holdpoint_runtime::watcher::RaisedSignal;
-use holdpoint_sim::film::EpisodeFrame;
 use holdpoint_wording::film::{marked_event, outcome};
 
 use crate::cell::Cell;

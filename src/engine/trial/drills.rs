@@ -10,8 +10,8 @@ mod faults;
 pub mod phases;
 
 use holdpoint_body::{Body, Command, GuardVerdict, Interrupt, RATE_HZ};
-use holdpoint_sim::SimError;
-use holdpoint_sim::rng::{Stream, StreamPurpose as StreamOf};
+use holdpoint_cell::CellError;
+use holdpoint_cell::rng::{Stream, StreamPurpose as StreamOf};
 use holdpoint_sim::world::World;
 use serde::{Deserialize, Serialize};
 
@@ -120,7 +120,7 @@ impl DrillCase<'_> {
         worker: &mut Worker,
         shared: &mut Option<UndisturbedRun>,
         from: &mut Option<u64>,
-    ) -> Result<Option<bool>, SimError> {
+    ) -> Result<Option<bool>, CellError> {
         let trial = self.trial();
         let work = match shared.take() {
             Some(begun) => begun,
@@ -173,7 +173,7 @@ impl DrillCase<'_> {
         worker: &mut Worker,
         run: TaskRun,
         fault: Option<NamedFault>,
-    ) -> Result<Option<bool>, SimError> {
+    ) -> Result<Option<bool>, CellError> {
         let arm = worker.built_arm()?;
         let (mut skill, guard, watcher) = run.into_parts();
         let Self { terms, cast, seed, .. } = *self;
@@ -214,13 +214,13 @@ struct StartedDrill<'a, 'b> {
 impl StartedDrill<'_, '_> {
     /// Standstill in a safe pose within the declared time, without a violation, by the hook alone, and nothing done
     /// to the object then or in the time after it.
-    fn abort(&mut self, skill: &mut dyn Skill) -> Result<bool, SimError> {
+    fn abort(&mut self, skill: &mut dyn Skill) -> Result<bool, CellError> {
         Ok(self.stop(skill, StopRule::HookAlone)? && self.ends_safely()?)
     }
 
     /// Whether the arm is stopped as it must be. Ends as soon as it is certain that it is not: what follows could
     /// change nothing but a failed drill into one that failed and in which the simulator failed as well.
-    fn stop(&mut self, skill: &mut dyn Skill, rule: StopRule) -> Result<bool, SimError> {
+    fn stop(&mut self, skill: &mut dyn Skill, rule: StopRule) -> Result<bool, CellError> {
         let version = self.cast.version;
         let mut watcher = Watcher::new(version.bundle.task(), *self.terms.watch());
         let mut abort = AbortRun::begin(skill, version.abort_secs());
@@ -246,7 +246,7 @@ impl StartedDrill<'_, '_> {
     }
 
     /// Holds the arm in place, as the live ladder does, and checks the fate of the object.
-    fn ends_safely(&mut self) -> Result<bool, SimError> {
+    fn ends_safely(&mut self) -> Result<bool, CellError> {
         let mut handle = self.arm.handle();
         handle.interrupt(Interrupt::Stop);
         for _ in 0..WATCH_TICKS {
@@ -262,7 +262,7 @@ impl StartedDrill<'_, '_> {
 
     /// The hook hands over in a pose that is safe, and from where it left arm and object the predecessor goes on to its
     /// end; where nothing is left to do, it is ready.
-    fn rollback(&mut self, skill: &mut dyn Skill) -> Result<bool, SimError> {
+    fn rollback(&mut self, skill: &mut dyn Skill) -> Result<bool, CellError> {
         if !self.hand_over(skill)? || handover::touches(self.arm.body().contacts()) {
             return Ok(false);
         }
@@ -279,7 +279,7 @@ impl StartedDrill<'_, '_> {
     }
 
     /// The safe-abort hook stops the arm, the bound fallback takes over and ends safely.
-    fn fallback(&mut self, skill: &mut dyn Skill) -> Result<bool, SimError> {
+    fn fallback(&mut self, skill: &mut dyn Skill) -> Result<bool, CellError> {
         let Some(fallback) = self.cast.fallback else { return Ok(false) };
         if !self.stop(skill, StopRule::HookOrInterrupt)? {
             return Ok(false);
@@ -295,7 +295,7 @@ impl StartedDrill<'_, '_> {
         skill: &mut dyn Skill,
         mut watcher: Watcher,
         (fault, named_by): NamedFault,
-    ) -> Result<bool, SimError> {
+    ) -> Result<bool, CellError> {
         self.arm.body_mut().inject(fault);
         let declared = &self.cast.version.manifest.recovery.failure_signals;
         let mut verdict = GuardVerdict::Allowed;
@@ -321,7 +321,7 @@ impl StartedDrill<'_, '_> {
 
     /// Lets the rollback hook work until it says it is done. The arm has to stand by then: who takes over a live arm
     /// that moves meets it where it is not.
-    fn hand_over(&mut self, skill: &mut dyn Skill) -> Result<bool, SimError> {
+    fn hand_over(&mut self, skill: &mut dyn Skill) -> Result<bool, CellError> {
         if !self.cast.version.has_rollback_hook() {
             return Ok(false);
         }
@@ -349,7 +349,7 @@ impl StartedDrill<'_, '_> {
 
     /// Whether the arm comes to a standstill by itself, and within half a second once stopped. A redundant arm may
     /// keep turning about a tool at rest.
-    fn stops_in_place(&mut self) -> Result<bool, SimError> {
+    fn stops_in_place(&mut self) -> Result<bool, CellError> {
         let mut handle = self.arm.handle();
         let from = handle.telemetry().tool;
         for _ in 0..DONE_TICKS {
@@ -373,7 +373,7 @@ impl StartedDrill<'_, '_> {
 
     /// Another version takes over the arm in place. `succeed` requires that the task succeeds; otherwise a safe end
     /// is enough.
-    fn take_over(&mut self, next: &Capability, succeed: bool) -> Result<bool, SimError> {
+    fn take_over(&mut self, next: &Capability, succeed: bool) -> Result<bool, CellError> {
         self.arm.body_mut().begin_task(self.cast.version.bundle.task());
         if admit(&next.manifest, &self.arm.body().telemetry()).is_err() {
             return Ok(false);

@@ -6,7 +6,7 @@
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
-use holdpoint_sim::SimError;
+use holdpoint_cell::CellError;
 use holdpoint_sim::world::WorldCopy;
 
 use super::undisturbed_run::TrialCase;
@@ -66,7 +66,7 @@ fn alone_from_here(
     trial: &TrialCase<'_>,
     around: impl FnOnce(Box<dyn Skill>) -> Box<dyn Skill>,
 ) -> TaskRecord {
-    let run = || -> Result<TaskRecord, SimError> {
+    let run = || -> Result<TaskRecord, CellError> {
         let arm = worker.built_arm()?;
         if !trial.is_admitted(arm) {
             return Ok(trial.refused());
@@ -110,7 +110,7 @@ pub(super) fn pair_here(worker: &mut Worker, both: [TrialCase<'_>; 2]) -> [TaskR
         Err(_) => return both.map(|trial| failed(worker, &trial)),
     }
     let (mut one, mut other) = (first.start(), second.start());
-    let mut begin = || -> Result<WorldCopy, SimError> {
+    let mut begin = || -> Result<WorldCopy, CellError> {
         let arm = worker.built_arm()?;
         TaskRun::run_together(&mut arm.handle(), &mut one, &mut other)?;
         Ok(arm.body().copy())
@@ -119,7 +119,7 @@ pub(super) fn pair_here(worker: &mut Worker, both: [TrialCase<'_>; 2]) -> [TaskR
         return both.map(|trial| failed(worker, &trial));
     };
     let mut go_on = |run: TaskRun, trial: &TrialCase<'_>, from: Option<&WorldCopy>| {
-        let work = || -> Result<TaskRecord, SimError> {
+        let work = || -> Result<TaskRecord, CellError> {
             let arm = match from {
                 Some(copy) => worker.arm_from(trial.cell, copy)?,
                 None => worker.built_arm()?,

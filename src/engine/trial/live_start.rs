@@ -5,10 +5,10 @@
 //! to the task is replaced. A version sees the same start as in the live cell. Judges nothing.
 
 use holdpoint_body::TaskKind;
+use holdpoint_cell::CellError;
+use holdpoint_cell::EpisodeSetup;
+use holdpoint_cell::rng::Stream;
 use holdpoint_runtime::task::TaskRecord;
-use holdpoint_sim::SimError;
-use holdpoint_sim::episode::EpisodeSetup;
-use holdpoint_sim::rng::Stream;
 
 use super::episodes::{alone_here, pair_here};
 use super::sequences::{TrialTeam, run_tasks, setup};
@@ -76,7 +76,7 @@ fn reach(
     team: &TrialTeam,
     task: TaskKind,
     seed: u64,
-) -> Result<Option<u64>, SimError> {
+) -> Result<Option<u64>, CellError> {
     let before = team.before(task);
     for seed in std::iter::successors(Some(seed), |seed| Some(replacement(*seed))).take(SEEDS_TRIED) {
         worker.arm(cell, &setup_of(cell, team, task, seed))?;

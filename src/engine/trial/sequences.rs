@@ -4,9 +4,9 @@
 //! ends the sequence. Judges nothing.
 
 use holdpoint_body::TaskKind;
+use holdpoint_cell::CellError;
+use holdpoint_cell::EpisodeSetup;
 use holdpoint_runtime::task::{Supervision, TaskRecord};
-use holdpoint_sim::SimError;
-use holdpoint_sim::episode::EpisodeSetup;
 
 use super::trial_lab::TrialSubject;
 use super::worker::Worker;
@@ -117,7 +117,7 @@ pub(super) fn run_tasks(
     subjects: &[&TrialSubject],
     (conditions, seed): (Conditions, u64),
     records: &mut Vec<TaskRecord>,
-) -> Result<bool, SimError> {
+) -> Result<bool, CellError> {
     let arm = worker.built_arm()?;
     for subject in subjects {
         let trial = subject.trial(cell, conditions, seed);
@@ -139,7 +139,7 @@ pub(super) fn run_tasks(
 /// The records, with an invalid one at the end if the simulator failed.
 fn records_with_failure(
     worker: &mut Worker,
-    outcome: Result<(), SimError>,
+    outcome: Result<(), CellError>,
     lineup: &[&TrialSubject],
     seed: u64,
     mut records: Vec<TaskRecord>,

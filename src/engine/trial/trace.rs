@@ -4,7 +4,7 @@
 //! tool is left out: the same seed under the same environment gives it again. Source: paper section 6.3 and
 //! appendix F.1; design rule 5.3.
 
-use holdpoint_sim::episode::EpisodeSetup;
+use holdpoint_cell::EpisodeSetup;
 use serde::{Deserialize, Serialize};
 
 use crate::cell::{COMPUTED_BY, Cell, Conditions};

@@ -22,6 +22,7 @@ use super::worker::Worker;
 use super::worker_pool::{PoolJob, WorkerPool};
 use crate::cell::{COMPUTED_BY, Cell, Conditions};
 use crate::fault::EngineFault;
+use holdpoint_cell::envelope::EnvelopePoint;
 use holdpoint_governance::cached_result::CachedWorkKind;
 use holdpoint_governance::evidence::DrillKind;
 use holdpoint_governance::ids::Digest;
@@ -30,7 +31,6 @@ use holdpoint_registry::{CacheLookup, EpisodeKey, ResultCache};
 use holdpoint_runtime::capability::Capability;
 use holdpoint_runtime::task::TaskRecord;
 use holdpoint_runtime::terms::SkillTerms;
-use holdpoint_sim::envelope::EnvelopePoint;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct DrillSpot {

@@ -8,6 +8,8 @@ use std::collections::VecDeque;
 use std::sync::{Mutex, PoisonError};
 
 use holdpoint_body::{Body, Command};
+use holdpoint_cell::CellError;
+use holdpoint_cell::EpisodeSetup;
 use holdpoint_governance::evidence::DrillKind;
 use holdpoint_governance::ids::Digest;
 use holdpoint_governance::phase::WorkPhase;
@@ -17,8 +19,6 @@ use holdpoint_runtime::capability::Capability;
 use holdpoint_runtime::skill::Skill;
 use holdpoint_runtime::task::{Supervision, TaskRecord, TaskRun, TaskStage};
 use holdpoint_runtime::terms::SkillTerms;
-use holdpoint_sim::SimError;
-use holdpoint_sim::episode::EpisodeSetup;
 use holdpoint_sim::world::WorldCopy;
 
 use super::drills::phases::{POINT_MIN, PhaseWatch, WorkTrace};
@@ -98,7 +98,7 @@ impl UndisturbedRun {
         worker: &mut Worker,
         trial: &TrialCase<'_>,
         phase: Option<WorkPhase>,
-    ) -> Result<Self, SimError> {
+    ) -> Result<Self, CellError> {
         let arm = worker.arm(trial.cell, &trial.setup())?;
         // Of a call that the dispatcher refuses no tick is reached.
         let trace = (!trial.is_admitted(arm)).then(WorkTrace::default);
@@ -109,7 +109,7 @@ impl UndisturbedRun {
     ///
     /// # Errors
     /// If the world fails.
-    pub fn trace(&mut self, worker: &mut Worker, trial: &TrialCase<'_>) -> Result<&WorkTrace, SimError> {
+    pub fn trace(&mut self, worker: &mut Worker, trial: &TrialCase<'_>) -> Result<&WorkTrace, CellError> {
         if self.trace.is_none() {
             let mut trace = WorkTrace::default();
             let mut run = trial.start();
@@ -135,7 +135,9 @@ impl UndisturbedRun {
             }
             self.trace = Some(trace);
         }
-        self.trace.as_ref().ok_or_else(|| SimError::Worker { item: 0, message: "it has no trace".to_owned() })
+        self.trace
+            .as_ref()
+            .ok_or_else(|| CellError::Worker { item: 0, message: "it has no trace".to_owned() })
     }
 
     /// Brings the worker's arm and the task to a point, ticks. `None` if the work is over before.
@@ -147,7 +149,7 @@ impl UndisturbedRun {
         worker: &mut Worker,
         trial: &TrialCase<'_>,
         point: u64,
-    ) -> Result<Option<TaskRun>, SimError> {
+    ) -> Result<Option<TaskRun>, CellError> {
         if self.trace.as_ref().is_some_and(|trace| point > trace.ticks()) {
             return Ok(None);
         }

@@ -6,8 +6,8 @@
 use holdpoint_body::Telemetry;
 use holdpoint_body::Zone;
 use holdpoint_body::chain::Transform;
+use holdpoint_cell::Scene;
 use holdpoint_sim::robot::RobotModel;
-use holdpoint_sim::scene::Scene;
 use holdpoint_sim::world::World;
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 

@@ -5,14 +5,15 @@
 
 use std::sync::Arc;
 
+use holdpoint_body::disturbance::Drift;
 pub use holdpoint_body::disturbance::LiveFault;
 use holdpoint_body::{Interrupt, TaskKind};
-use holdpoint_sim::SimError;
-use holdpoint_sim::distribution::{Distribution, Drift};
-use holdpoint_sim::episode::EpisodeSetup;
-use holdpoint_sim::fault::InjectedFault;
-use holdpoint_sim::referee::{RefereeLimits, RefereeReport};
-use holdpoint_sim::scene::Scene;
+use holdpoint_cell::CellError;
+use holdpoint_cell::Distribution;
+use holdpoint_cell::EpisodeSetup;
+use holdpoint_cell::InjectedFault;
+use holdpoint_cell::Scene;
+use holdpoint_cell::{RefereeLimits, RefereeReport};
 use holdpoint_sim::world::{World, WorldCopy};
 use serde::{Deserialize, Serialize};
 
@@ -157,12 +158,12 @@ impl LiveCell {
     ///
     /// # Errors
     /// If the world cannot be built.
-    pub fn new(cell: Cell) -> Result<Self, SimError> {
+    pub fn new(cell: Cell) -> Result<Self, CellError> {
         Self::with(cell, Arc::default())
     }
 
     /// As [`Self::new`], stopped by this switch.
-    pub(crate) fn with(cell: Cell, switch: Arc<StopSwitch>) -> Result<Self, SimError> {
+    pub(crate) fn with(cell: Cell, switch: Arc<StopSwitch>) -> Result<Self, CellError> {
         let arm = Arm::new(InstrumentedWorld::new(cell.world()?, Arc::clone(&switch)));
         let distribution = Arc::clone(&cell.live);
         let rig = Rig { arm, agent: Agent::default(), verdicts: Vec::new() };
@@ -232,10 +233,10 @@ impl LiveCell {
     ///
     /// # Errors
     /// If the drifted distribution is not valid.
-    pub fn set_drift(&mut self, drift: Option<Drift>) -> Result<(), SimError> {
+    pub fn set_drift(&mut self, drift: Option<Drift>) -> Result<(), CellError> {
         self.distribution = match &drift {
             None => Arc::clone(&self.cell.live),
-            Some(drift) => Arc::new(self.cell.live.with_drift(drift)?),
+            Some(drift) => Arc::new(holdpoint_sim::published::with_drift(&self.cell.live, drift)?),
         };
         self.drift = drift;
         Ok(())

@@ -5,8 +5,8 @@
 use std::hint::black_box;
 
 use holdpoint_body::TaskKind;
+use holdpoint_cell::EpisodeSetup;
 use holdpoint_sim::bench_episode::{PeerBench, STEPS};
-use holdpoint_sim::episode::EpisodeSetup;
 use holdpoint_sim::world::Fidelity;
 use serde::Serialize;
 

@@ -7,8 +7,8 @@
 #[path = "../../sdk/guests/faults/block.rs"]
 pub mod block;
 
+use holdpoint_cell::rng::Stream;
 use holdpoint_governance::component::ComponentBytes;
-use holdpoint_sim::rng::Stream;
 
 use self::block::Kind;
 use super::PoolError;

@@ -9,6 +9,7 @@ use std::sync::Arc;
 use holdpoint_body::{
     Body, BodyError, Command, GuardVerdict, Interrupt, Observation, RATE_HZ, TaskKind, Telemetry,
 };
+use holdpoint_cell::rng::{Stream, StreamPurpose};
 use holdpoint_engine::cell::{Cell, Conditions};
 use holdpoint_engine::trial::drills::fate::{ObjectFate, ObjectWatch};
 use holdpoint_engine::trial::seeds::{SeedPurpose, episode_seed};
@@ -23,7 +24,6 @@ use holdpoint_runtime::recovery::{self, Standstill, StoppedBy};
 use holdpoint_runtime::skill::{Hook, Skill, next_command};
 use holdpoint_runtime::task::{TaskRun, TaskStage, Tick};
 use holdpoint_runtime::terms::SkillTerms;
-use holdpoint_sim::rng::{Stream, StreamPurpose};
 use holdpoint_sim::world::{World, WorldCopy};
 
 /// Longest time of a rollback hook, ticks: as in a drill.

@@ -4,6 +4,10 @@
 //! the whole task.
 
 use holdpoint_body::{Body, Command, GuardVerdict, Interrupt, RATE_HZ, TaskKind};
+use holdpoint_cell::CellError;
+use holdpoint_cell::EpisodeSetup;
+use holdpoint_cell::referee::{RefereeLimits, UnsafeKind};
+use holdpoint_cell::rng::{Stream, StreamPurpose};
 use holdpoint_engine::cell::{Cell, Conditions};
 use holdpoint_engine::context::Context;
 use holdpoint_engine::trial::worker::Worker;
@@ -15,10 +19,7 @@ use holdpoint_runtime::skill::Hook;
 use holdpoint_runtime::task::{Supervision, TaskRecord, TaskRun, TaskStage};
 use holdpoint_runtime::terms::SkillTerms;
 use holdpoint_runtime::watcher::Watcher;
-use holdpoint_sim::SimError;
-use holdpoint_sim::episode::EpisodeSetup;
-use holdpoint_sim::referee::{Referee, RefereeLimits, UnsafeKind};
-use holdpoint_sim::rng::{Stream, StreamPurpose};
+use holdpoint_sim::referee::Referee;
 use holdpoint_sim::world::World;
 
 use super::scale::RefereeObservation;
@@ -150,7 +151,7 @@ fn work(
     judged: &JudgedVersion,
     seed: u64,
     witness: &mut RefereeWitness,
-) -> Result<Option<TaskRecord>, SimError> {
+) -> Result<Option<TaskRecord>, CellError> {
     if admit(&judged.version.manifest, &arm.body().telemetry()).is_err() {
         return Ok(None);
     }
@@ -196,7 +197,7 @@ fn episode(
     judged: &JudgedVersion,
     conditions: Conditions,
     seed: u64,
-) -> Result<RefereeObservation, SimError> {
+) -> Result<RefereeObservation, CellError> {
     let task = judged.version.bundle.task();
     let setup = EpisodeSetup::sample(task, &cell.scene, cell.distribution(conditions), seed);
     let arm = worker.arm(cell, &setup)?;
@@ -211,7 +212,7 @@ fn sequence(
     judged: &JudgedVersion,
     team: &ActiveTeam,
     seed: u64,
-) -> Result<RefereeObservation, SimError> {
+) -> Result<RefereeObservation, CellError> {
     // By family, as the live cell chooses: a bundle that only parks the arm also belongs to a task.
     let family = judged.version.id().family;
     let mut workers: ActiveTeam =
@@ -227,7 +228,7 @@ pub(crate) fn observe_sequence(
     cell: &Cell,
     team: &[JudgedVersion],
     seed: u64,
-) -> Result<(RefereeObservation, Vec<TaskRecord>), SimError> {
+) -> Result<(RefereeObservation, Vec<TaskRecord>), CellError> {
     let setup = EpisodeSetup::sample(TaskKind::Grasp, &cell.scene, &cell.live, seed);
     let arm = worker.arm(cell, &setup)?;
     let mut witness = RefereeWitness::new();
@@ -257,7 +258,7 @@ fn interrupted<'a>(
     cell: &Cell,
     judged: &JudgedVersion,
     seed: u64,
-) -> Result<Option<(&'a mut Arm<World>, TaskRun)>, SimError> {
+) -> Result<Option<(&'a mut Arm<World>, TaskRun)>, CellError> {
     let task = judged.version.bundle.task();
     let setup = EpisodeSetup::sample(task, &cell.scene, &cell.sandbox, seed);
     let share = Stream::new(seed, StreamPurpose::Drill).unit();
@@ -288,7 +289,7 @@ fn stop(
     cell: &Cell,
     judged: &JudgedVersion,
     seed: u64,
-) -> Result<RefereeObservation, SimError> {
+) -> Result<RefereeObservation, CellError> {
     let mut witness = RefereeWitness::new();
     let Some((arm, run)) = interrupted(worker, cell, judged, seed)? else {
         return Ok(witness.observation(true));
@@ -316,7 +317,7 @@ fn stop(
 fn is_at_standstill(
     handle: &mut ActuatorHandle<'_, World>,
     witness: &mut RefereeWitness,
-) -> Result<bool, SimError> {
+) -> Result<bool, CellError> {
     let from = handle.telemetry().tool;
     for _ in 0..RATE_HZ / 10 {
         handle.step(&Command::Hold)?;
@@ -333,7 +334,7 @@ fn rollback(
     judged: &JudgedVersion,
     team: &ActiveTeam,
     seed: u64,
-) -> Result<RefereeObservation, SimError> {
+) -> Result<RefereeObservation, CellError> {
     let mut witness = RefereeWitness::new();
     let family = judged.version.id().family;
     let Some(before) = team.iter().find(|one| one.version.id().family == family) else {

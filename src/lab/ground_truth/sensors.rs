@@ -9,6 +9,8 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use holdpoint_body::TaskKind;
+use holdpoint_cell::CellError;
+use holdpoint_cell::EpisodeSetup;
 use holdpoint_engine::cell::{Cell, Conditions};
 use holdpoint_engine::context::Context;
 use holdpoint_engine::trial::worker::Worker;
@@ -18,8 +20,6 @@ use holdpoint_governance::profile::{HarmSettings, Profile, ProfileName};
 use holdpoint_runtime::agent::dispatcher::admit;
 use holdpoint_runtime::capability::Capability;
 use holdpoint_runtime::task::{Supervision, TaskStage};
-use holdpoint_sim::SimError;
-use holdpoint_sim::episode::EpisodeSetup;
 use holdpoint_text::Hint;
 use serde::{Deserialize, Serialize};
 
@@ -341,7 +341,7 @@ fn observe(
     cell: &Cell,
     ComparedVersion { name, is_baseline, judged }: &ComparedVersion,
     (conditions, seed): (Conditions, u64),
-) -> Result<Option<SensorRow>, SimError> {
+) -> Result<Option<SensorRow>, CellError> {
     let task = judged.version.bundle.task();
     let setup = EpisodeSetup::sample(task, &cell.scene, cell.distribution(conditions), seed);
     let arm = worker.arm(cell, &setup)?;

@@ -7,7 +7,7 @@
 
 use std::path::Path;
 
-use holdpoint_sim::distribution::{Drift, DriftKind, Magnitude};
+use holdpoint_body::disturbance::{Drift, DriftKind, Magnitude};
 use serde::{Deserialize, Serialize};
 
 use super::layer_failure::LayerFailure;

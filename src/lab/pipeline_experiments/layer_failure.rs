@@ -6,6 +6,7 @@
 use std::path::Path;
 
 use holdpoint_body::disturbance::LiveFault;
+use holdpoint_body::disturbance::{Drift, DriftKind, Magnitude};
 use holdpoint_engine::embedded::baselines;
 use holdpoint_engine::pipeline::Pipeline;
 use holdpoint_engine::trial::worker::Worker;
@@ -16,7 +17,6 @@ use holdpoint_governance::profile::ProfileName;
 use holdpoint_governance::rollback::RungFailure;
 use holdpoint_protocol::command::{Command, Operation, Reply};
 use holdpoint_registry::Layout;
-use holdpoint_sim::distribution::{Drift, DriftKind, Magnitude};
 use serde::{Deserialize, Serialize};
 
 use super::drift::cached_run;

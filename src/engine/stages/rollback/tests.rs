@@ -3,11 +3,11 @@
 use std::path::Path;
 
 use holdpoint_body::{Command as Motion, RATE_HZ, TaskKind};
+use holdpoint_cell::InjectedFault;
 use holdpoint_governance::alarms::Priority;
 use holdpoint_governance::condition::Condition;
 use holdpoint_governance::monitor::MonitorOutcome;
 use holdpoint_governance::rollback::PostStatus;
-use holdpoint_sim::fault::InjectedFault;
 use tempfile::TempDir;
 
 use super::*;

@@ -1,11 +1,11 @@
-//! Errors of the simulated cell; each names what to correct in the file or the episode.
+//! Errors of a cell; each names what to correct in the file or the episode.
 
 use holdpoint_body::BodyError;
 use thiserror::Error;
 
-/// A failure of the simulator itself, never of the skill under test.
+/// A failure of the cell itself, never of the skill under test.
 #[derive(Clone, Debug, PartialEq, Error)]
-pub enum SimError {
+pub enum CellError {
     /// A description file is wrong.
     #[error("{file}: {element}: {problem}")]
     File {
@@ -41,9 +41,10 @@ pub enum SimError {
     },
 }
 
-impl SimError {
+impl CellError {
     /// An error in a description file.
-    pub(crate) fn file(file: &str, element: impl Into<String>, problem: impl Into<String>) -> Self {
+    #[must_use]
+    pub fn file(file: &str, element: impl Into<String>, problem: impl Into<String>) -> Self {
         Self::File { file: file.to_owned(), element: element.into(), problem: problem.into() }
     }
 }
