@@ -14,6 +14,7 @@ pub mod robot;
 pub mod world;
 
 mod build;
+mod cell;
 mod constraints;
 mod coupled_rows;
 mod effort;
@@ -25,7 +26,6 @@ mod object_contacts;
 mod perception;
 pub mod readout;
 mod reduced_state;
-pub mod referee;
 mod servo;
 mod state;
 mod stepper;
@@ -34,8 +34,8 @@ mod urdf;
 mod warm_start;
 pub mod work_count;
 
+pub use cell::{SimCells, SimFactory};
 pub use perception::CAMERA_HZ;
 pub use pool::{PoolEnd, run_ordered};
-pub use referee::Referee;
 pub use robot::RobotModel;
 pub use world::{Fidelity, World, WorldConfig, WorldTruth};

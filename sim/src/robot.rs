@@ -250,7 +250,7 @@ impl RobotModel {
 }
 
 /// Every collision shape with the piece it is on and its pose there; the fingers open, on the last piece.
-fn shapes(links: &[LinkSpec], gripper: &GripperSpec) -> Vec<(usize, Transform, Shape)> {
+pub(crate) fn shapes(links: &[LinkSpec], gripper: &GripperSpec) -> Vec<(usize, Transform, Shape)> {
     let mut all = Vec::new();
     for (link, spec) in links.iter().enumerate() {
         all.extend(spec.shapes.iter().map(|shape| (link, Transform::new(&shape.pose), shape.shape)));

@@ -14,6 +14,7 @@ use arrayvec::ArrayVec;
 use nalgebra::{Isometry3, Vector3};
 use serde::{Deserialize, Serialize};
 
+use crate::cell::cell_spec;
 use crate::film::EpisodeFilm;
 use crate::perception::sensor_errors;
 use crate::readout;
@@ -26,11 +27,9 @@ use holdpoint_body::{
     Body, BodyError, Command, Contacts, GuardVerdict, Interrupt, JointVec, MAX_JOINTS, Observation, Pose,
     TICK_SECS, TaskKind, Telemetry, Twist,
 };
-use holdpoint_cell::CellError;
-use holdpoint_cell::InjectedFault;
-use holdpoint_cell::Scene;
 use holdpoint_cell::episode::{EpisodeSetup, Start};
 use holdpoint_cell::truth::{ContactForces, ContactPoint, JointState};
+use holdpoint_cell::{CellError, CellSpec, InjectedFault, Scene};
 
 pub use crate::effort::Fidelity;
 
@@ -48,6 +47,7 @@ const QUEUE_MAX: usize = 256;
 pub struct World {
     robot: Arc<RobotModel>,
     scene: Arc<Scene>,
+    pub(crate) spec: Arc<CellSpec>,
     config: WorldConfig,
     stepper: Stepper,
     state: WorldState,
@@ -107,7 +107,8 @@ impl World {
         let state = WorldState::new(&robot, &scene, &setup)?;
         let observation = blank_observation(robot.geometry.joint_count());
         let stepper = Stepper::new(config.fidelity, &robot, &state.physics, &state.handles, true);
-        let mut world = Self { robot, scene, config, stepper, state, observation, film: None };
+        let spec = Arc::new(cell_spec(&robot, &scene));
+        let mut world = Self { robot, scene, spec, config, stepper, state, observation, film: None };
         world.settle_start()?;
         Ok(world)
     }

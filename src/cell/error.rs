@@ -31,6 +31,9 @@ pub enum CellError {
     /// Bytes that are not a snapshot of this world.
     #[error("snapshot refused: {0}")]
     Snapshot(String),
+    /// The cell has no such ability.
+    #[error("this cell cannot {0}")]
+    Unable(&'static str),
     /// A worker of the pool panicked.
     #[error("worker failed on item {item}: {message}")]
     Worker {

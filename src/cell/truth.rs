@@ -1,6 +1,7 @@
 //! True state of a trial cell: joints, forces and contacts as they are, not as sensors tell.
 
 use holdpoint_body::{Contacts, JointVec};
+use nalgebra::Isometry3;
 use serde::{Deserialize, Serialize};
 
 /// A contact of the robot, or of the object, with something it should not be confused with.
@@ -75,4 +76,17 @@ pub struct ContactPoint {
     pub at_m: [f64; 3],
     /// Normal force on the robot, or on the object where the robot has no part in it, world frame, N.
     pub force_n: [f64; 3],
+}
+
+/// True state of a cell at one tick.
+#[derive(Clone, Copy, Debug)]
+pub struct TrueState<'a> {
+    /// Joint positions and speeds.
+    pub joints: &'a JointState,
+    /// Forces between robot, object and surroundings.
+    pub forces: &'a ContactForces,
+    /// Where the object is, world frame, m.
+    pub object: Isometry3<f64>,
+    /// Its speed, m/s.
+    pub object_speed_m_s: f64,
 }

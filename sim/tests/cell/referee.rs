@@ -3,8 +3,8 @@
 use holdpoint_body::{Command, FailureSignal, JointVec, TaskKind};
 use holdpoint_cell::episode::tool_down;
 use holdpoint_cell::referee::UnsafeKind;
-use holdpoint_cell::{EpisodeSetup, RefereeLimits, RefereeReport};
-use holdpoint_sim::{Referee, World};
+use holdpoint_cell::{EpisodeSetup, Referee, RefereeLimits, RefereeReport};
+use holdpoint_sim::World;
 
 use crate::script::{act, arm, bring_over_tray, canonical, fingers, scene, world};
 

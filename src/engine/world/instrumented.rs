@@ -7,9 +7,9 @@
 use std::sync::Arc;
 
 use holdpoint_body::{Command, GuardVerdict, Interrupt, Observation, Telemetry};
+use holdpoint_cell::Referee;
 use holdpoint_cell::{RefereeLimits, RefereeReport};
 use holdpoint_runtime::recovery::Standstill;
-use holdpoint_sim::referee::Referee;
 use holdpoint_sim::world::World;
 
 use crate::world::painter::LadderPainter;

@@ -6,6 +6,7 @@
 use holdpoint_body::{Body, Command, GuardVerdict, Interrupt, RATE_HZ, TaskKind};
 use holdpoint_cell::CellError;
 use holdpoint_cell::EpisodeSetup;
+use holdpoint_cell::Referee;
 use holdpoint_cell::referee::{RefereeLimits, UnsafeKind};
 use holdpoint_cell::rng::{Stream, StreamPurpose};
 use holdpoint_engine::cell::{Cell, Conditions};
@@ -19,7 +20,6 @@ use holdpoint_runtime::skill::Hook;
 use holdpoint_runtime::task::{Supervision, TaskRecord, TaskRun, TaskStage};
 use holdpoint_runtime::terms::SkillTerms;
 use holdpoint_runtime::watcher::Watcher;
-use holdpoint_sim::referee::Referee;
 use holdpoint_sim::world::World;
 
 use super::scale::RefereeObservation;
