@@ -12,6 +12,7 @@ mod disk;
 #[path = "fuzz/mutate.rs"]
 mod mutate;
 
+use holdpoint_sim::SimCells;
 use std::path::Path;
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
@@ -100,7 +101,7 @@ fn recovers(data: &Path, cache: &Cache, when: &str) {
         seeds: holdpoint_engine::trial::seeds::EpisodeSeeds::OfRun(5),
         jobs: 2,
         scripted: true,
-        cell: Cell::builtin().unwrap(),
+        cell: Cell::of(&SimCells, None).unwrap(),
         cache: EpisodeCache::Shared(cache.cells()),
     })
     .unwrap_or_else(|error| panic!("{when}: {error}"));

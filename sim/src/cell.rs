@@ -14,10 +14,15 @@ use holdpoint_cell::{
     LiveCell, RobotCell, Scene, StateImage, TrialCell, WorkCall,
 };
 
+use nalgebra::Isometry3;
+
 use crate::perception::CAMERA_HZ;
 use crate::published;
 use crate::robot::{RobotModel, shapes};
 use crate::world::{World, WorldCopy};
+
+/// Digest of what computes the simulated cell in this build (`build.rs`).
+pub const BUILD: &str = env!("HOLDPOINT_SIM_BUILD");
 
 /// The robot that a cell has if none is named.
 const DEFAULT_ROBOT: &str = "arm7";
@@ -63,6 +68,10 @@ impl RobotCell for World {
         World::begin_task(self, task);
     }
 
+    fn shown_object(&self) -> Isometry3<f64> {
+        self.object().0
+    }
+
     fn stop_declared(&self) -> Option<u64> {
         World::stop_declared(self)
     }
@@ -91,10 +100,11 @@ impl RobotCell for World {
 impl LiveCell for World {
     fn await_work(&mut self, call: &WorkCall<'_>) -> Result<(), CellError> {
         let setup = EpisodeSetup::sample(TaskKind::Grasp, self.scene(), call.conditions, call.seed);
-        World::reset(self, &setup)?;
-        if let Some(fault) = call.fault {
-            World::inject(self, fault);
-        }
+        World::reset(self, &setup)
+    }
+
+    fn inject(&mut self, fault: InjectedFault) -> Result<(), CellError> {
+        World::inject(self, fault);
         Ok(())
     }
 }
@@ -163,7 +173,7 @@ impl CellFactory for SimFactory {
     }
 
     fn build_digest(&self) -> &str {
-        env!("HOLDPOINT_SIM_BUILD")
+        BUILD
     }
 
     fn distributions(&self) -> Result<[Distribution; 3], CellError> {

@@ -34,7 +34,7 @@ mod urdf;
 mod warm_start;
 pub mod work_count;
 
-pub use cell::{SimCells, SimFactory};
+pub use cell::{BUILD, SimCells, SimFactory};
 pub use perception::CAMERA_HZ;
 pub use pool::{PoolEnd, run_ordered};
 pub use robot::RobotModel;

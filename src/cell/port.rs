@@ -39,6 +39,9 @@ pub trait RobotCell: Body + Send {
     /// The task is over.
     fn end_task(&mut self) {}
 
+    /// Where a screen draws the object: where it is, or where the sensors saw it last.
+    fn shown_object(&self) -> Isometry3<f64>;
+
     /// Tick of a declared failure, or of a stop from outside, that still stands.
     fn stop_declared(&self) -> Option<u64>;
 
@@ -81,8 +84,6 @@ pub struct WorkCall<'a> {
     pub conditions: &'a Distribution,
     /// Seed of the draw.
     pub seed: u64,
-    /// What is broken while it is done.
-    pub fault: Option<InjectedFault>,
 }
 
 /// The cell that works.
@@ -92,6 +93,14 @@ pub trait LiveCell: RobotCell {
     /// # Errors
     /// If no work can be presented.
     fn await_work(&mut self, call: &WorkCall<'_>) -> Result<(), CellError>;
+
+    /// Breaks something, from the next tick on until the next work: for a drill of the whole cell.
+    ///
+    /// # Errors
+    /// [`CellError::Unable`] for a cell in which nothing can be broken on demand.
+    fn inject(&mut self, _fault: InjectedFault) -> Result<(), CellError> {
+        Err(CellError::Unable("break on demand"))
+    }
 }
 
 /// A cell for trials: it is reset, continues from a state, and breaks on demand.

@@ -2,6 +2,7 @@
 //!
 //! Draws nothing and reads no keys. Errors in files are reported before the terminal changes.
 
+use crate::cells::CELLS;
 use std::io::IsTerminal as _;
 use std::path::Path;
 use std::sync::Arc;
@@ -59,6 +60,7 @@ pub(super) fn run(
                 profile: args.engine.profile(&context.data)?,
                 seeds: EpisodeSeeds::Secret,
                 jobs: args.engine.spare_jobs(),
+                cells: Arc::new(CELLS),
                 robot: args.engine.robot.clone(),
                 pace: args.pace.unwrap_or(LivePace::CLOCK).times(),
                 sinks: args.scenes.options(true).sinks()?,

@@ -2,6 +2,8 @@
 //!
 //! Chooses between a running engine and one opened for the verb; decides nothing itself.
 
+use crate::cells::CELLS;
+use std::sync::Arc;
 use std::time::Duration;
 
 use super::verb_executor::{VerbExecutor, last_cell, running};
@@ -194,6 +196,7 @@ impl EngineVerbs for RealEngine {
             profile: args.engine.profile(&context.data)?,
             seeds: EpisodeSeeds::Secret,
             jobs: args.engine.spare_jobs(),
+            cells: Arc::new(CELLS),
             robot: args.engine.robot.clone(),
             pace: args.pace(),
             sinks: args.scenes.options(true).sinks()?,

@@ -3,6 +3,7 @@
 //! Prints the result of [`holdpoint_engine::store_metrics`]; an engine may have the store open meanwhile. Prints no rate
 //! without a case.
 
+use crate::cells::CELLS;
 use std::str::FromStr;
 
 use clap::Args;
@@ -131,7 +132,7 @@ pub fn run(context: &CliContext, args: &MetricsArgs, out: &mut CommandOutput<'_>
         file.is_file().then(|| TelemetryViews::open(&file)).transpose().map_err(CliError::usage)?;
     let robot = store_identity::robot(&views).map_err(CliError::usage)?;
     // A robot without a description has no digest, so its decisions belong to another build.
-    let cell = robot.and_then(|robot| robot.cell().ok()).map_or_else(Cell::builtin, Ok);
+    let cell = robot.and_then(|robot| robot.cell(&CELLS).ok()).map_or_else(|| Cell::of(&CELLS, None), Ok);
     let environment = cell.map_err(CliError::internal)?.digest();
     let since = match &args.since {
         None => Since::Record(1),

@@ -19,11 +19,8 @@ use source_digest::SourceDigest;
 const ROOT: &str = "../..";
 
 /// Sources that compute an episode, from the workspace's root.
-const COMPUTES: [&str; 14] = [
+const COMPUTES: [&str; 11] = [
     "Cargo.lock",
-    "sim/assets",
-    "sim/scenes",
-    "sim/src",
     "src/body",
     "src/cell",
     "src/compiled",

@@ -1,5 +1,6 @@
 //! A pipeline on a test's own store.
 
+use holdpoint_sim::SimCells;
 use std::path::Path;
 
 use holdpoint_governance::policy::PolicyTable;
@@ -44,7 +45,7 @@ pub(crate) fn seeded_pipeline(
         table: PolicyTable::builtin(&profile).unwrap(),
         profile,
         own: None,
-        cell: Cell::builtin().unwrap(),
+        cell: Cell::of(&SimCells, None).unwrap(),
         cache: EpisodeCache::InStore,
         controls: Controls::default(),
         omitted: holdpoint_governance::ablation::AblatedParts::default(),

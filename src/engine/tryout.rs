@@ -3,7 +3,6 @@
 //! Runs episodes of the sandbox with the guard and envelope of the least strict profile, beside the baseline. The results are
 //! for the author of the skill.
 
-use holdpoint_cell::CellError;
 use holdpoint_governance::policy::PolicyTable;
 use holdpoint_governance::profile::{Profile, ProfileName};
 use holdpoint_protocol::film::{Film, FilmSubject, FilmedRun};
@@ -34,9 +33,6 @@ pub enum TryoutError {
     /// An embedded version does not load.
     #[error(transparent)]
     Check(#[from] CheckError),
-    /// The cell cannot be built.
-    #[error(transparent)]
-    Cell(#[from] CellError),
     /// An embedded profile or its policies are invalid.
     #[error("{0}")]
     BuiltIn(String),
@@ -53,11 +49,11 @@ pub struct Tryout {
 }
 
 impl Tryout {
-    /// A candidate beside the baseline of its family.
+    /// A candidate beside the baseline of its family, in a cell.
     ///
     /// # Errors
     /// [`TryoutError`].
-    pub fn new(candidate: Capability) -> Result<Self, TryoutError> {
+    pub fn new(candidate: Capability, cell: Cell) -> Result<Self, TryoutError> {
         let family = candidate.id().family;
         let active = baselines().map_err(CheckError::from)?.into_iter().find(|one| one.id().family == family);
         let Some(active) = active else {
@@ -69,8 +65,8 @@ impl Tryout {
         let built_in = |error: String| TryoutError::BuiltIn(error);
         let profile = Profile::builtin(ProfileName::Sim).map_err(|error| built_in(error.sentence()))?;
         let table = PolicyTable::builtin(&profile).map_err(|error| built_in(error.sentence()))?;
-        let context = Context::new(profile, table, None, Cell::builtin()?)
-            .map_err(|error| built_in(error.to_string()))?;
+        let context =
+            Context::new(profile, table, None, cell).map_err(|error| built_in(error.to_string()))?;
         Ok(Self { context, candidate, active })
     }
 
@@ -89,7 +85,7 @@ impl Tryout {
     /// The robot's name.
     #[must_use]
     pub fn robot(&self) -> &str {
-        &self.context.cell.model.name
+        &self.context.cell.spec.robot.name
     }
 
     /// One episode of the candidate, with its code wrapped.

@@ -26,7 +26,7 @@ use holdpoint_protocol::sink::VideoFrameSink;
 use holdpoint_protocol::snapshot::StoppedView;
 use holdpoint_protocol::video_frame::Scenery;
 
-use self::live::LiveCell;
+use self::live::LiveStation;
 use self::sequence::StoppedTask;
 use self::stop_switch::StopSwitch;
 use self::thread::LiveThread;
@@ -38,7 +38,7 @@ const RECENT: usize = 50;
 
 /// The live cell with its pace, its camera frames and its last sequence.
 pub struct LiveWorld {
-    pub cell: LiveCell,
+    pub cell: LiveStation,
     /// Sequences due beside an evaluation.
     due: f64,
     pace: Option<f64>,
@@ -65,7 +65,7 @@ impl LiveWorld {
     /// If the world cannot be built.
     pub(crate) fn new(cell: Cell, switch: Arc<StopSwitch>) -> Result<Self, CellError> {
         Ok(Self {
-            cell: LiveCell::with(cell, switch)?,
+            cell: LiveStation::with(cell, switch)?,
             due: 0.0,
             pace: None,
             thread: None,

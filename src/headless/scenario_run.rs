@@ -1,5 +1,6 @@
 //! Runs a scenario to its end, without a screen, on a virtual clock.
 
+use crate::cells::CELLS;
 use std::io::Write;
 use std::path::Path;
 
@@ -132,7 +133,7 @@ pub fn run_stage(run: RunStage<'_>, out: &mut dyn Write) -> Result<Exit, CliErro
 }
 
 pub(super) fn cell(robot: Option<&Path>) -> Result<Cell, CliError> {
-    Cell::of(robot).map_err(|error| {
+    Cell::of(&CELLS, robot).map_err(|error| {
         let error = CliError::usage(error.to_string());
         match robot {
             Some(file) => error.with_bad_file(file),

@@ -3,6 +3,7 @@
 //! measure than the one that finds the case. For the firmer grip it was the peak, where the sustained force varies
 //! less. For the hard landing it was the landing speed, where the tool's jerk is found first.
 
+use holdpoint_sim::SimCells;
 use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
@@ -128,7 +129,7 @@ struct HarmBench {
 
 impl HarmBench {
     fn new(name: ProfileName) -> Self {
-        let (cell, profile) = (Cell::builtin().unwrap(), Profile::builtin(name).unwrap());
+        let (cell, profile) = (Cell::of(&SimCells, None).unwrap(), Profile::builtin(name).unwrap());
         let table = Arc::new(PolicyTable::builtin(&profile).unwrap());
         let terms = SkillTerms::new(&profile, table, cell.geometry.clone(), cell.zones.clone());
         let baselines = embedded::baselines().unwrap().into_iter();

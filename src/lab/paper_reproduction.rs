@@ -25,6 +25,7 @@ pub mod rounds;
 pub mod run;
 pub mod sections;
 
+use holdpoint_sim::SimCells;
 use std::time::Instant;
 
 use holdpoint_engine::cell::Cell;
@@ -58,7 +59,7 @@ impl PaperSetup {
     pub fn new(cache: ResultCache, shard: (usize, usize), jobs: usize) -> Result<Self, ExperimentError> {
         let profile = Profile::builtin(ProfileName::Sim)
             .map_err(|error| ExperimentError::Unexpected(error.sentence()))?;
-        Ok(Self { cell: Cell::builtin()?, cache, profile, shard, jobs })
+        Ok(Self { cell: Cell::of(&SimCells, None)?, cache, profile, shard, jobs })
     }
 
     /// Whether a piece of the work belongs to this process.

@@ -120,6 +120,7 @@ mod tests {
     use holdpoint_engine::trial::seeds::{CALIBRATION_FROM_RUN, SeedPurpose, episode_seed};
     use holdpoint_governance::policy::PolicyTable;
     use holdpoint_governance::profile::{Profile, ProfileName};
+    use holdpoint_sim::SimCells;
 
     use crate::pipeline_experiments::candidate_run::{CandidateSetting, run_candidate};
     use holdpoint_registry::{CacheSecret, ResultCache};
@@ -130,7 +131,7 @@ mod tests {
     /// and the final state of the cell.
     #[test]
     fn native_code_and_component_get_the_same_decision() {
-        let cell = Cell::builtin().unwrap();
+        let cell = Cell::of(&SimCells, None).unwrap();
         let folder = tempfile::tempdir().unwrap();
         let cache = ResultCache::in_folder(folder.path().to_owned(), CacheSecret::fresh().unwrap());
         let setting = CandidateSetting::calibration(&cell, &cache);
@@ -145,7 +146,7 @@ mod tests {
 
     #[test]
     fn a_component_sends_the_same_commands_bit_for_bit() {
-        let cell = Cell::builtin().unwrap();
+        let cell = Cell::of(&SimCells, None).unwrap();
         let profile = Profile::builtin(ProfileName::Sim).unwrap();
         let table = Arc::new(PolicyTable::builtin(&profile).unwrap());
         let terms = SkillTerms::new(&profile, table, cell.geometry.clone(), cell.zones.clone());

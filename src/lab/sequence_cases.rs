@@ -3,6 +3,7 @@
 //! seed, because baselines measure their input and compensate for most of it. Of 70, 66 had the expected result: under
 //! one of the five seeds all four bad ones were inconclusive and not rejected.
 
+use holdpoint_sim::SimCells;
 use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
@@ -48,7 +49,8 @@ fn digest() -> Digest {
 
 impl SequenceBench {
     fn new() -> Self {
-        let (cell, profile) = (Cell::builtin().unwrap(), Profile::builtin(ProfileName::Sim).unwrap());
+        let (cell, profile) =
+            (Cell::of(&SimCells, None).unwrap(), Profile::builtin(ProfileName::Sim).unwrap());
         let table = Arc::new(PolicyTable::builtin(&profile).unwrap());
         let terms = SkillTerms::new(&profile, table, cell.geometry.clone(), cell.zones.clone());
         let works = |version: &Capability| {

@@ -11,6 +11,7 @@
     reason = "a measurement reports by failing, and prints its results"
 )]
 
+use holdpoint_sim::SimCells;
 use std::net::{SocketAddr, TcpListener};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::mpsc::sync_channel;
@@ -110,7 +111,7 @@ fn turn(output: SceneOutput) -> Turn {
         seeds: holdpoint_engine::trial::seeds::EpisodeSeeds::OfRun(SEED),
         jobs: 1,
         scripted: true,
-        cell: Cell::builtin().unwrap(),
+        cell: Cell::of(&SimCells, None).unwrap(),
         cache: EpisodeCache::InStore,
     })
     .unwrap();

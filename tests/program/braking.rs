@@ -4,6 +4,7 @@
 //! percentile and the worst time from the request to the stop command, and to the answer, which comes when it is on
 //! record.
 
+use holdpoint_sim::SimCells;
 use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -48,7 +49,7 @@ fn start_engine(folder: &Path) -> (JoinHandle<()>, Arc<StopSwitch>) {
             seeds: holdpoint_engine::trial::seeds::EpisodeSeeds::OfRun(1),
             jobs: 1,
             scripted: false,
-            cell: Cell::builtin().unwrap(),
+            cell: Cell::of(&SimCells, None).unwrap(),
             cache: EpisodeCache::InStore,
         };
         let mut pump = Pump::new(Engine::start(config).unwrap(), Vec::new());

@@ -1,5 +1,6 @@
 //! Films: re-run episodes of an evaluation match the recorded ones, and show the reasons.
 
+use holdpoint_sim::SimCells;
 use std::path::Path;
 
 use holdpoint::engine::cell::Cell;
@@ -26,7 +27,7 @@ impl FilmBench {
             seeds: holdpoint_engine::trial::seeds::EpisodeSeeds::OfRun(1),
             jobs: 1,
             scripted: true,
-            cell: Cell::builtin().unwrap(),
+            cell: Cell::of(&SimCells, None).unwrap(),
             cache: EpisodeCache::InStore,
         };
         Self { engine: Engine::start(config).unwrap(), request_count: 0 }

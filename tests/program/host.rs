@@ -1,5 +1,6 @@
 //! The engine on a thread of its own: it answers, runs the live cell, stops in flight, ends, and survives a panic.
 
+use holdpoint_sim::SimCells;
 use std::path::Path;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -42,6 +43,7 @@ impl Front {
             profile,
             seeds: holdpoint_engine::trial::seeds::EpisodeSeeds::OfRun(1),
             jobs: 1,
+            cells: std::sync::Arc::new(SimCells),
             robot: None,
             pace,
             sinks: scenes.sinks().unwrap(),

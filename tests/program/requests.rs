@@ -1,5 +1,6 @@
 //! Requests of a console to the engine, command by command: the answers, and the refusals with their reasons.
 
+use holdpoint_sim::SimCells;
 use std::path::Path;
 
 use holdpoint::approvals::{Approval, Identity, Nonce};
@@ -30,7 +31,7 @@ impl EngineBench {
             seeds: holdpoint_engine::trial::seeds::EpisodeSeeds::OfRun(1),
             jobs: 1,
             scripted: true,
-            cell: Cell::builtin().unwrap(),
+            cell: Cell::of(&SimCells, None).unwrap(),
             cache: EpisodeCache::InStore,
         };
         Self { engine: Engine::start(config).unwrap(), request_count: 0, _folder: folder }

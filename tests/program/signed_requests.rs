@@ -1,6 +1,7 @@
 //! Signed requests, from outside: under `real` and `human` only an enrolled person's signature grants authority,
 //! once, for this engine and this request. A stop and every act that takes authority away need no signature.
 
+use holdpoint_sim::SimCells;
 use std::path::Path;
 use std::sync::mpsc::channel;
 use std::thread::JoinHandle;
@@ -72,7 +73,7 @@ pub fn engine(folder: &Path, profile: ProfileName) -> JoinHandle<()> {
             seeds: holdpoint_engine::trial::seeds::EpisodeSeeds::OfRun(1),
             jobs: 1,
             scripted: false,
-            cell: Cell::builtin().unwrap(),
+            cell: Cell::of(&SimCells, None).unwrap(),
             cache: EpisodeCache::InStore,
         };
         let mut pump = Pump::new(Engine::start(config).unwrap(), Vec::new());

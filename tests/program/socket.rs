@@ -1,5 +1,6 @@
 //! The engine's socket: which clients are answered, what is refused, what a slow subscriber loses, how it ends.
 
+use holdpoint_sim::SimCells;
 use std::io::{BufRead, BufReader, Write};
 use std::os::unix::fs::PermissionsExt;
 use std::os::unix::net::UnixStream;
@@ -51,7 +52,7 @@ pub(crate) fn engine(folder: &Path) -> JoinHandle<()> {
             seeds: holdpoint_engine::trial::seeds::EpisodeSeeds::OfRun(1),
             jobs: 1,
             scripted: false,
-            cell: Cell::builtin().unwrap(),
+            cell: Cell::of(&SimCells, None).unwrap(),
             cache: EpisodeCache::InStore,
         };
         let mut pump = Pump::new(Engine::start(config).unwrap(), Vec::new());
@@ -292,7 +293,7 @@ fn a_shutdown_during_a_sequence_is_accepted() {
             seeds: holdpoint_engine::trial::seeds::EpisodeSeeds::OfRun(1),
             jobs: 1,
             scripted: false,
-            cell: Cell::builtin().unwrap(),
+            cell: Cell::of(&SimCells, None).unwrap(),
             cache: EpisodeCache::InStore,
         };
         let mut pump = Pump::new(Engine::start(config).unwrap(), Vec::new());

@@ -99,7 +99,8 @@ impl FilmedWork<'_> {
     /// The run without its result and its events.
     fn run(&self, worker: &mut Worker) -> FilmedRun {
         let frames = worker.take_film();
-        let blocks = worker.built_arm().map(|arm| cell_frame::blocks(arm.body())).unwrap_or_default();
+        let blocks =
+            worker.built_arm().map(|arm| cell_frame::blocks(arm.body().as_ref())).unwrap_or_default();
         FilmedRun {
             version: self.version.id(),
             envelope: cell_frame::envelope(self.terms.envelope()),
@@ -115,7 +116,7 @@ impl FilmedWork<'_> {
         let object_half_m = self.cell.scene.object.half_m;
         FilmFrame {
             tick: frame.tick,
-            body: cell_frame::drawn(&self.cell.model, &frame.seen, &frame.object, object_half_m),
+            body: cell_frame::drawn(&self.cell.spec.robot, &frame.seen, &frame.object, object_half_m),
             q: frame.seen.q.iter().map(|at| narrow(*at)).collect(),
             tau: frame.tau.iter().map(|at| narrow(*at)).collect(),
             speed_m_s: narrow(frame.speed_m_s),

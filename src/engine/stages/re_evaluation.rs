@@ -36,7 +36,7 @@ use crate::trial::evaluation::{Evaluation, EvaluationPlan};
 use crate::trial::scene_stops::SceneStops;
 use crate::trial::seeds::SeedSource;
 use crate::version_concern::ReEvaluationEvidence;
-use crate::world::live::LiveCell;
+use crate::world::live::LiveStation;
 
 /// A version under re-evaluation.
 pub struct ReEvaluationRun {
@@ -85,7 +85,7 @@ pub fn begin(
     context: &Context,
     record: &mut EngineRecorder,
     evidence_files: &mut EvidenceFiles,
-    live: &LiveCell,
+    live: &LiveStation,
     id: &CapabilityId,
     shadow: Option<Box<ShadowRun>>,
 ) -> Result<Option<Box<ReEvaluationRun>>, EngineFault> {

@@ -1,7 +1,7 @@
 //! Recovery drills: fault-injection tests in the sandbox, at random points of every phase.
 //!
 //! Passes are read from joint speeds, contacts, poses and the object's fate, never from what a hook returns. What is
-//! injected is the simulator's own kind of fault; what the watcher names is the runtime's: the two
+//! injected is the cell's own kind of fault; what the watcher names is the runtime's: the two
 //! share no type. Sources: paper section 4.4, `rho = g(rollback, fallback, abort, detect)`; design
 //! rule 3.5.
 
@@ -11,8 +11,8 @@ pub mod phases;
 
 use holdpoint_body::{Body, Command, GuardVerdict, Interrupt, RATE_HZ};
 use holdpoint_cell::CellError;
+use holdpoint_cell::TrialCell;
 use holdpoint_cell::rng::{Stream, StreamPurpose as StreamOf};
-use holdpoint_sim::world::World;
 use serde::{Deserialize, Serialize};
 
 use self::fate::{ObjectWatch, WATCH_TICKS};
@@ -177,7 +177,7 @@ impl DrillCase<'_> {
         let arm = worker.built_arm()?;
         let (mut skill, guard, watcher) = run.into_parts();
         let Self { terms, cast, seed, .. } = *self;
-        let object = ObjectWatch::new(arm.body(), guard.envelope().grip_force_max_n);
+        let object = ObjectWatch::new(arm.body().as_ref(), guard.envelope().grip_force_max_n);
         let mut drill = StartedDrill { arm, guard, terms, cast, seed, object };
         match (self.kind, fault) {
             (DrillKind::Abort, _) => drill.abort(skill.as_mut()).map(Some),
@@ -203,7 +203,7 @@ enum StopRule {
 
 /// A drill from the chosen point on.
 struct StartedDrill<'a, 'b> {
-    arm: &'a mut Arm<World>,
+    arm: &'a mut Arm<Box<dyn TrialCell>>,
     guard: Guard,
     terms: &'a SkillTerms,
     cast: &'a DrillVersions<'b>,
@@ -227,7 +227,7 @@ impl StartedDrill<'_, '_> {
         let mut handle = self.arm.handle();
         loop {
             let ended = abort.step(&mut handle, skill, &mut self.guard, &mut watcher)?;
-            self.object.observe(handle.body());
+            self.object.observe(handle.body().as_ref());
             let touched = rule == StopRule::HookAlone && watcher.has(WatcherSignal::UnexpectedContact);
             if abort.violation().is_some() || touched || self.object.harm().is_some() {
                 return Ok(false);
@@ -251,19 +251,19 @@ impl StartedDrill<'_, '_> {
         handle.interrupt(Interrupt::Stop);
         for _ in 0..WATCH_TICKS {
             handle.step(&Command::Hold)?;
-            self.object.observe(handle.body());
+            self.object.observe(handle.body().as_ref());
             if self.object.harm().is_some() {
                 return Ok(false);
             }
         }
-        let world = handle.body();
-        Ok(self.object.fate(world).is_safe() && !handover::touches(world.contacts()))
+        let world = handle.body().as_ref();
+        Ok(self.object.fate(world).is_safe() && !handover::touches(world.true_state().forces.contacts))
     }
 
     /// The hook hands over in a pose that is safe, and from where it left arm and object the predecessor goes on to its
     /// end; where nothing is left to do, it is ready.
     fn rollback(&mut self, skill: &mut dyn Skill) -> Result<bool, CellError> {
-        if !self.hand_over(skill)? || handover::touches(self.arm.body().contacts()) {
+        if !self.hand_over(skill)? || handover::touches(self.arm.body().true_state().forces.contacts) {
             return Ok(false);
         }
         let passed = if self.arm.body().inspect() {
@@ -336,7 +336,7 @@ impl StartedDrill<'_, '_> {
             verdict = checked.verdict;
             handle.step(&checked.command)?;
             seen = handle.telemetry();
-            self.object.observe(handle.body());
+            self.object.observe(handle.body().as_ref());
             if self.guard.measure(&seen).is_some() || self.object.harm().is_some() {
                 return Ok(false);
             }
@@ -354,7 +354,7 @@ impl StartedDrill<'_, '_> {
         let from = handle.telemetry().tool;
         for _ in 0..DONE_TICKS {
             handle.step(&Command::Hold)?;
-            self.object.observe(handle.body());
+            self.object.observe(handle.body().as_ref());
         }
         if !(from.distance_m(&handle.telemetry().tool) <= DONE_MAX_M) {
             return Ok(false);
@@ -363,7 +363,7 @@ impl StartedDrill<'_, '_> {
         let mut standstill = Standstill::default();
         for _ in 0..RATE_HZ / 2 {
             handle.step(&Command::Hold)?;
-            self.object.observe(handle.body());
+            self.object.observe(handle.body().as_ref());
             if standstill.observe(&handle.telemetry()) {
                 return Ok(self.object.harm().is_none());
             }
@@ -385,7 +385,7 @@ impl StartedDrill<'_, '_> {
         let mut handle = self.arm.handle();
         loop {
             let stage = run.tick(&mut handle, &mut |handle, _| {
-                object.observe(handle.body());
+                object.observe(handle.body().as_ref());
                 Supervision::Continue
             })?;
             let record = run.record();

@@ -88,7 +88,7 @@ pub fn run_sequence_pair(
     let set_up = worker.arm(cell, &setup(cell, CONDITIONS, seed)).map(|_| ());
     let world_after = set_up
         .and_then(|()| run_tasks(worker, cell, &shared_lineup, (CONDITIONS, seed), &mut shared_records))
-        .and_then(|is_done| Ok(if is_done { Some(worker.built_arm()?.body().copy()) } else { None }));
+        .and_then(|is_done| Ok(if is_done { Some(worker.built_arm()?.body().copy()?) } else { None }));
     let world = match world_after {
         Ok(Some(world)) => world,
         Ok(None) => return [shared_records.clone(), shared_records],
@@ -159,12 +159,14 @@ mod tests {
     use holdpoint_governance::policy::PolicyTable;
     use holdpoint_governance::profile::{Profile, ProfileName};
     use holdpoint_runtime::terms::SkillTerms;
+    use holdpoint_sim::SimCells;
     use std::sync::Arc;
 
     /// The pair shares the tasks before the candidate's, whichever task that is.
     #[test]
     fn a_sequence_pair_has_the_records_of_two_separate_sequences() {
-        let (cell, profile) = (Cell::builtin().unwrap(), Profile::builtin(ProfileName::Sim).unwrap());
+        let (cell, profile) =
+            (Cell::of(&SimCells, None).unwrap(), Profile::builtin(ProfileName::Sim).unwrap());
         let table = Arc::new(PolicyTable::builtin(&profile).unwrap());
         let terms = SkillTerms::new(&profile, table, cell.geometry.clone(), cell.zones.clone());
         let subject = |version| TrialSubject { version, terms: terms.clone(), fallback: None };

@@ -4,6 +4,7 @@
 //! Counts what was simulated by the unit of work that the engine reported in the same slice, and takes the time of it.
 //! Judges nothing. The counts depend on the build alone, so a test holds them.
 
+use holdpoint_sim::SimCells;
 use std::collections::BTreeMap;
 
 use serde::Serialize;
@@ -128,7 +129,7 @@ fn decide(decision: &'static str, candidate: &'static str) -> Result<DecisionCos
         seeds: EpisodeSeeds::OfRun(SEED),
         jobs: 1,
         scripted: true,
-        cell: Cell::builtin()?,
+        cell: Cell::of(&SimCells, None)?,
         cache: EpisodeCache::InStore,
     })?;
     let mut pump = Pump::new(engine, Vec::new());

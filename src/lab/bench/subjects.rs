@@ -1,5 +1,6 @@
 //! The subjects of the measurements: the cell, the embedded baselines and the demonstration candidate.
 
+use holdpoint_sim::SimCells;
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
@@ -51,7 +52,7 @@ impl ActiveByFamily {
 
 impl Subjects {
     pub(super) fn load() -> Result<Self, BenchError> {
-        let cell = Cell::builtin()?;
+        let cell = Cell::of(&SimCells, None)?;
         let profile = Profile::builtin(ProfileName::Sim)?;
         let table = Arc::new(PolicyTable::builtin(&profile)?);
         let terms = SkillTerms::new(&profile, table.clone(), cell.geometry.clone(), cell.zones.clone());

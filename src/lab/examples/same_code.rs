@@ -3,6 +3,7 @@
 #![allow(clippy::unwrap_used, clippy::panic, reason = "a measurement ends where something fails")]
 #![allow(clippy::print_stdout, reason = "its output is its purpose")]
 
+use holdpoint_sim::SimCells;
 use std::sync::Arc;
 
 use holdpoint_engine::cell::Cell;
@@ -21,7 +22,7 @@ fn quantile(sorted: &[f64], share: f64) -> f64 {
 
 fn main() {
     let episodes: u64 = std::env::args().nth(1).map_or(300, |text| text.parse().unwrap());
-    let cell = Cell::builtin().unwrap();
+    let cell = Cell::of(&SimCells, None).unwrap();
     let profile = Profile::builtin(ProfileName::Sim).unwrap();
     let table = Arc::new(PolicyTable::builtin(&profile).unwrap());
     let terms = SkillTerms::new(&profile, table, cell.geometry.clone(), cell.zones.clone());

@@ -9,6 +9,7 @@
 )]
 #![allow(clippy::print_stdout, reason = "its output is its purpose")]
 
+use holdpoint_sim::SimCells;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
@@ -54,7 +55,7 @@ fn search(
 fn main() {
     let numbers: Vec<u64> = std::env::args().skip(1).map(|text| text.parse().unwrap()).collect();
     let [mutants, seeds] = numbers[..] else { panic!("give MUTANTS and SEEDS") };
-    let cell = Cell::builtin().unwrap();
+    let cell = Cell::of(&SimCells, None).unwrap();
     let profile = Profile::builtin(ProfileName::Sim).unwrap();
     let table = Arc::new(PolicyTable::builtin(&profile).unwrap());
     let terms = SkillTerms::new(&profile, table, cell.geometry.clone(), cell.zones.clone());

@@ -3,6 +3,7 @@
 //! Runs single episodes as the referee does and counts misses and false alarms by family and measure. Measures alone;
 //! changes no measure and no limit.
 
+use holdpoint_sim::SimCells;
 use std::collections::{BTreeMap, BTreeSet};
 use std::ops::Range;
 use std::path::{Path, PathBuf};
@@ -250,7 +251,7 @@ fn agreement(family: &Family, rows: &[&SensorRow], limits: &HarmSettings) -> Fam
 /// If the pool or a candidate cannot be read, or a file cannot be written.
 pub fn run(plan: &SensorsPlan, tell: &ProgressFn<'_>) -> Result<SensorsReport, ExperimentError> {
     std::fs::create_dir_all(&plan.out).map_err(ExperimentError::file(&plan.out))?;
-    let cell = Cell::builtin()?;
+    let cell = Cell::of(&SimCells, None)?;
     let context = judging_context(cell.clone())?;
     let rows = rows(plan, &cell, &context, tell)?;
     let scale = HarmScale::builtin().map_err(|error| ExperimentError::Unexpected(error.to_string()))?;
@@ -353,8 +354,8 @@ fn observe(
     let mut handle = arm.handle();
     loop {
         let stage = run.tick(&mut handle, &mut |_, _| Supervision::Continue)?;
-        witness.observe(handle.body());
-        meter.observe(handle.body());
+        witness.observe(handle.body().as_ref());
+        meter.observe(handle.body().as_ref());
         if stage == TaskStage::Over {
             break;
         }
@@ -476,7 +477,7 @@ mod tests {
 
     #[test]
     fn sensors_of_baselines_read_what_the_truth_allows() {
-        let cell = Cell::builtin().unwrap();
+        let cell = Cell::of(&SimCells, None).unwrap();
         let context = judging_context(cell.clone()).unwrap();
         let found = rows(&plan(2, PathBuf::from("unused")), &cell, &context, &|_| {}).unwrap();
         assert_eq!(found.len(), 12);

@@ -4,6 +4,7 @@
 //! A few run seeds serve all candidates: those on one seed share the episodes of the active version. So a pool does not
 //! run the baseline's episodes once per candidate.
 
+use holdpoint_sim::SimCells;
 use std::path::PathBuf;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -16,7 +17,7 @@ use super::claims::{CandidateVerdict, Claim, Summary};
 use super::{ExperimentError, ProgressFn, cached_result, scratch};
 use crate::candidate_pool::{Pool, PoolCandidate, PoolTruth};
 use holdpoint_engine::Experiment;
-use holdpoint_engine::cell::{Cell, DECIDED_BY};
+use holdpoint_engine::cell::{Cell, decided_by};
 use holdpoint_governance::component::ComponentBytes;
 use holdpoint_governance::ids::Digest;
 use holdpoint_governance::profile::ProfileName;
@@ -77,7 +78,7 @@ pub fn run(plan: &RunPlan, tell: &ProgressFn<'_>) -> Result<PerCandidateReport, 
         Some(cache) => cache.clone(),
         None => ResultCache::in_folder(scratch.path().to_owned(), CacheSecret::fresh()?),
     };
-    let cell = Cell::builtin()?;
+    let cell = Cell::of(&SimCells, None)?;
     let mut jobs = Vec::new();
     for profile in &plan.profiles {
         for (index, (name, package)) in packages.iter().enumerate() {
@@ -184,7 +185,7 @@ pub(crate) fn run_or_reuse(
         &job.seed.to_le_bytes(),
         profile.digest()?.bytes().as_slice(),
         cell.digest().bytes().as_slice(),
-        DECIDED_BY.as_bytes(),
+        decided_by(holdpoint_sim::BUILD).as_bytes(),
         &omitted,
         &first,
     ]

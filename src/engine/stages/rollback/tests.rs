@@ -1,5 +1,6 @@
 //! The ladder, rung by rung: what a test can break is broken, and each class of failure is reached.
 
+use holdpoint_sim::SimCells;
 use std::path::Path;
 
 use holdpoint_body::{Command as Motion, RATE_HZ, TaskKind};
@@ -109,7 +110,7 @@ impl Bench {
             table,
             profile,
             own,
-            cell: Cell::builtin().unwrap(),
+            cell: Cell::of(&SimCells, None).unwrap(),
             cache: EpisodeCache::InStore,
             controls: Controls::default(),
             omitted: holdpoint_governance::ablation::AblatedParts::default(),
@@ -288,7 +289,17 @@ impl Bench {
     }
 
     fn break_arm(&mut self, fault: InjectedFault) {
-        self.pipeline.live().world.cell.rig_mut().unwrap().arm_mut().body_mut().world_mut().inject(fault);
+        self.pipeline
+            .live()
+            .world
+            .cell
+            .rig_mut()
+            .unwrap()
+            .arm_mut()
+            .body_mut()
+            .world_mut()
+            .inject(fault)
+            .unwrap();
     }
 }
 

@@ -1,5 +1,6 @@
 //! Cached episodes and drills that were edited, and a whole evaluation that meets them.
 
+use holdpoint_sim::SimCells;
 use std::path::Path;
 use std::sync::OnceLock;
 
@@ -52,7 +53,7 @@ pub(super) fn pipeline(folder: &Path, cache: EpisodeCache, jobs: usize) -> Pipel
         table: PolicyTable::builtin(&profile).unwrap(),
         profile,
         own: None,
-        cell: Cell::builtin().unwrap(),
+        cell: Cell::of(&SimCells, None).unwrap(),
         cache,
         controls: Controls::default(),
         omitted: holdpoint_governance::ablation::AblatedParts::default(),
