@@ -12,7 +12,6 @@ mod disk;
 #[path = "fuzz/mutate.rs"]
 mod mutate;
 
-use holdpoint_sim::SimCells;
 use std::path::Path;
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
@@ -23,6 +22,7 @@ use holdpoint::engine::trial::cache::EpisodeCache;
 use holdpoint::engine::{Config, Engine};
 use holdpoint::governance::profile::ProfileName;
 use holdpoint::registry::{CacheSecret, ResultCache, check_invariants};
+use holdpoint_sim::SimCells;
 use tempfile::TempDir;
 
 use disk::{Loss, Trace};

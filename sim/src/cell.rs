@@ -7,7 +7,7 @@ use std::sync::Arc;
 use holdpoint_body::disturbance::Drift;
 use holdpoint_body::{RATE_HZ, TaskKind};
 use holdpoint_cell::film::EpisodeFrame;
-use holdpoint_cell::spec::{Abilities, CellSpec, PartShape, RobotPart, RobotSpec, Workpiece};
+use holdpoint_cell::spec::{Abilities, CellSpec, PartShape, PlacedShape, RobotSpec, Workpiece};
 use holdpoint_cell::truth::{ContactPoint, TrueState};
 use holdpoint_cell::{
     CellCopy, CellError, CellFactory, CellSource, Distribution, EpisodeSetup, FixtureBox, InjectedFault,
@@ -29,7 +29,7 @@ const DEFAULT_ROBOT: &str = "arm7";
 
 /// What the simulated cell of a robot and a scene is.
 pub(crate) fn cell_spec(robot: &RobotModel, scene: &Arc<Scene>) -> CellSpec {
-    let parts = shapes(&robot.links, &robot.gripper).into_iter().map(|(piece, at, shape)| RobotPart {
+    let parts = shapes(&robot.links, &robot.gripper).into_iter().map(|(piece, at, shape)| PlacedShape {
         piece,
         pose: at.isometry(),
         shape: PartShape::Primitive(shape),

@@ -24,8 +24,8 @@ use crate::state::{InFlightCommand, WorldState, check_command};
 use crate::stepper::Stepper;
 use crate::work_count;
 use holdpoint_body::{
-    Body, BodyError, Command, Contacts, GuardVerdict, Interrupt, JointVec, MAX_JOINTS, Observation, Pose,
-    TICK_SECS, TaskKind, Telemetry, Twist,
+    Body, BodyError, Command, GuardVerdict, Interrupt, JointVec, MAX_JOINTS, Observation, Pose, TICK_SECS,
+    TaskKind, Telemetry, Twist,
 };
 use holdpoint_cell::episode::{EpisodeSetup, Start};
 use holdpoint_cell::truth::{ContactForces, ContactPoint, JointState};
@@ -366,12 +366,6 @@ impl World {
     pub fn object(&self) -> (Isometry3<f64>, f64) {
         let (pose, speed, _) = self.state.object();
         (pose, speed)
-    }
-
-    /// True contacts.
-    #[must_use]
-    pub fn contacts(&self) -> Contacts {
-        self.state.forces.contacts
     }
 
     /// The end-of-task inspection, from true poses: is the work of the current task done right now?

@@ -20,7 +20,7 @@ pub enum PartShape {
 
 /// A collision shape on the robot.
 #[derive(Clone, Debug, PartialEq)]
-pub struct RobotPart {
+pub struct PlacedShape {
     /// The piece it is on: 0 is the base, `i` the link of joint `i - 1`, and the fingers come last.
     pub piece: usize,
     /// Pose in the frame of the piece.
@@ -39,7 +39,7 @@ pub struct RobotSpec {
     /// Kinematics and covers of the arm.
     pub geometry: Arc<Geometry>,
     /// Collision shapes.
-    pub parts: Vec<RobotPart>,
+    pub parts: Vec<PlacedShape>,
     /// Home configuration, rad.
     pub home: JointVec,
     /// Last link frame to the frame of each closed finger, which slides along its own z axis.

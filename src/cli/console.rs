@@ -2,7 +2,6 @@
 //!
 //! Draws nothing and reads no keys. Errors in files are reported before the terminal changes.
 
-use crate::cells::CELLS;
 use std::io::IsTerminal as _;
 use std::path::Path;
 use std::sync::Arc;
@@ -11,6 +10,7 @@ use super::console_engine::ConsoleEngine;
 use super::run::{LivePace, RunArgs};
 use super::settings::{self, file, themes};
 use super::{data, identity};
+use crate::cells::CELLS;
 use crate::cli::context::CliContext;
 use crate::cli::output::CommandOutput;
 use crate::error::{CliError, Exit};

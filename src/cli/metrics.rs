@@ -3,7 +3,6 @@
 //! Prints the result of [`holdpoint_engine::store_metrics`]; an engine may have the store open meanwhile. Prints no rate
 //! without a case.
 
-use crate::cells::CELLS;
 use std::str::FromStr;
 
 use clap::Args;
@@ -11,6 +10,7 @@ use clap::Args;
 use super::data;
 use super::output::TextTable;
 use super::time_arg::{TimeArg, when_help};
+use crate::cells::CELLS;
 use crate::cli::context::CliContext;
 use crate::cli::output::CommandOutput;
 use crate::error::{CliError, Exit};

@@ -2,11 +2,11 @@
 //!
 //! Owns that choice and the translation of a refusal to an error. The engine decides whether a request is allowed.
 
-use crate::cells::CELLS;
 use std::io::{self, Write as _};
 
 use super::data;
 use super::profile_choice;
+use crate::cells::CELLS;
 use crate::cli::context::CliContext;
 use crate::cli::output::CommandOutput;
 use crate::error::{CliError, Exit, refusal_reason, start_error};

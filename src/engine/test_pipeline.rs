@@ -1,6 +1,5 @@
 //! A pipeline on a test's own store.
 
-use holdpoint_sim::SimCells;
 use std::path::Path;
 
 use holdpoint_governance::policy::PolicyTable;
@@ -8,6 +7,7 @@ use holdpoint_governance::profile::{Profile, ProfileName};
 use holdpoint_governance::wall_time::WallTime;
 use holdpoint_protocol::clock::Clock;
 use holdpoint_registry::Store;
+use holdpoint_sim::SimCells;
 
 use crate::cell::Cell;
 use crate::pipeline::{Pipeline, PipelineSettings};

@@ -4,6 +4,8 @@
 //! camera frames, and the ladder to a safe pose. Decides nothing about versions.
 
 pub mod cell_frame;
+#[cfg(test)]
+pub(crate) mod fake_cell;
 pub(crate) mod forked_task;
 pub mod instrumented;
 pub mod ladder_motion;

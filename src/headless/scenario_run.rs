@@ -1,12 +1,12 @@
 //! Runs a scenario to its end, without a screen, on a virtual clock.
 
-use crate::cells::CELLS;
 use std::io::Write;
 use std::path::Path;
 
 use super::driver::{Driver, StepEnd};
 use super::printer::Printer;
 use super::script::{SCRIPT_BYTES_MAX, Script};
+use crate::cells::CELLS;
 use crate::error::{CliError, Exit, start_error};
 use holdpoint_engine::cell::Cell;
 use holdpoint_engine::pump::Pump;

@@ -6,7 +6,6 @@
 mod features;
 mod recording;
 
-use holdpoint_sim::SimCells;
 use std::collections::BTreeMap;
 use std::ops::Range;
 use std::path::PathBuf;
@@ -27,6 +26,7 @@ use holdpoint_governance::ids::Family;
 use holdpoint_runtime::agent::ActiveView;
 use holdpoint_runtime::capability::Capability;
 use holdpoint_runtime::terms::SkillTerms;
+use holdpoint_sim::SimCells;
 use holdpoint_text::Hint;
 use serde::{Deserialize, Serialize};
 

@@ -12,7 +12,6 @@ mod score;
 pub mod sensors;
 mod true_harm;
 
-use holdpoint_sim::SimCells;
 use std::path::PathBuf;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -43,6 +42,7 @@ use holdpoint_governance::policy::PolicyTable;
 use holdpoint_governance::profile::{Profile, ProfileName};
 use holdpoint_registry::{CacheSecret, ResultCache};
 use holdpoint_runtime::capability::Capability;
+use holdpoint_sim::SimCells;
 use holdpoint_text::Hint;
 
 /// Pairs of whole sequences, of stops and of rollbacks; each run once.

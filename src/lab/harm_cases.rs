@@ -3,7 +3,6 @@
 //! measure than the one that finds the case. For the firmer grip it was the peak, where the sustained force varies
 //! less. For the hard landing it was the landing speed, where the tool's jerk is found first.
 
-use holdpoint_sim::SimCells;
 use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
@@ -24,6 +23,7 @@ use holdpoint_governance::profile::{Profile, ProfileName};
 use holdpoint_runtime::capability::Capability;
 use holdpoint_runtime::task::TaskRecord;
 use holdpoint_runtime::terms::SkillTerms;
+use holdpoint_sim::SimCells;
 use toml::{Table, Value};
 
 use crate::candidate_pool::draft::Draft;

@@ -25,12 +25,12 @@ pub mod rounds;
 pub mod run;
 pub mod sections;
 
-use holdpoint_sim::SimCells;
 use std::time::Instant;
 
 use holdpoint_engine::cell::Cell;
 use holdpoint_governance::profile::{Profile, ProfileName};
 use holdpoint_registry::ResultCache;
+use holdpoint_sim::SimCells;
 use holdpoint_text::Hint;
 
 pub use arm::{Arm, Fork};

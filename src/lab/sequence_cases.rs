@@ -3,7 +3,6 @@
 //! seed, because baselines measure their input and compensate for most of it. Of 70, 66 had the expected result: under
 //! one of the five seeds all four bad ones were inconclusive and not rejected.
 
-use holdpoint_sim::SimCells;
 use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
@@ -31,6 +30,7 @@ use holdpoint_governance::profile::{Profile, ProfileName};
 use holdpoint_runtime::capability::Capability;
 use holdpoint_runtime::task::TaskRecord;
 use holdpoint_runtime::terms::SkillTerms;
+use holdpoint_sim::SimCells;
 use toml::{Table, Value};
 
 use crate::candidate_pool::draft::Draft;

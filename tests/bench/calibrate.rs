@@ -10,7 +10,6 @@
 //! `holdpoint lab bench stats` reads from `src/bench/data/`.
 #![allow(clippy::print_stdout, reason = "a command-line tool")]
 
-use holdpoint_sim::SimCells;
 use std::collections::BTreeMap;
 use std::ops::ControlFlow;
 use std::path::Path;
@@ -35,6 +34,7 @@ use holdpoint::runtime::guard::PolicyHit;
 use holdpoint::runtime::task::TaskRecord;
 use holdpoint::runtime::terms::SkillTerms;
 use holdpoint::runtime::watcher::WatcherSignal;
+use holdpoint_sim::SimCells;
 use holdpoint_sim::pool::run_ordered;
 
 fn main() -> Result<()> {

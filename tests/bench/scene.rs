@@ -11,7 +11,6 @@
     reason = "a measurement reports by failing, and prints its results"
 )]
 
-use holdpoint_sim::SimCells;
 use std::net::{SocketAddr, TcpListener};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::mpsc::sync_channel;
@@ -27,6 +26,7 @@ use holdpoint::governance::profile::ProfileName;
 use holdpoint::protocol::event::{Event, EventKind};
 use holdpoint::protocol::video_frame::VideoFrame;
 use holdpoint::scene::{SceneConfig, SceneSink};
+use holdpoint_sim::SimCells;
 use rustix::time::{ClockId, clock_gettime};
 
 /// Turns of each variant.

@@ -1,7 +1,6 @@
 //! Before the engine is up: the display while it reads its history, the refusals, a stop that works, and a damaged
 //! record.
 
-use holdpoint_sim::SimCells;
 use std::path::Path;
 use std::process::{Command as Process, Output};
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
@@ -20,6 +19,7 @@ use holdpoint::protocol::console_presence::ConsolePresence;
 use holdpoint::protocol::snapshot::Snapshot;
 use holdpoint::registry::{AuditBody, AuditFilter, Layout, Store, StoreError, Transaction, Views};
 use holdpoint::runtime::capability;
+use holdpoint_sim::SimCells;
 use rusqlite::Connection;
 
 use crate::host::{Front, PATIENCE};

@@ -4,7 +4,6 @@
 //! percentile and the worst time from the request to the stop command, and to the answer, which comes when it is on
 //! record.
 
-use holdpoint_sim::SimCells;
 use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -25,6 +24,7 @@ use holdpoint::protocol::command::{Command, Reply, StopPersistence};
 use holdpoint::protocol::event::EventKind;
 use holdpoint::registry::{Layout, verify};
 use holdpoint::runtime::capability;
+use holdpoint_sim::SimCells;
 
 use crate::host::{Front, operation};
 use crate::socket::{PATIENCE, client};

@@ -1,6 +1,5 @@
 //! Films: re-run episodes of an evaluation match the recorded ones, and show the reasons.
 
-use holdpoint_sim::SimCells;
 use std::path::Path;
 
 use holdpoint::engine::cell::Cell;
@@ -13,6 +12,7 @@ use holdpoint::protocol::command::{Command, Refusal, Reply, Request};
 use holdpoint::protocol::detail::{Detail, FindingVerdict};
 use holdpoint::protocol::film::{Film, FilmRequest, FilmSubject};
 use holdpoint::runtime::capability;
+use holdpoint_sim::SimCells;
 
 struct FilmBench {
     engine: Engine,

@@ -1,6 +1,5 @@
 //! The engine on a thread of its own: it answers, runs the live cell, stops in flight, ends, and survives a panic.
 
-use holdpoint_sim::SimCells;
 use std::path::Path;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -18,6 +17,7 @@ use holdpoint::protocol::video_frame::VideoFrame;
 use holdpoint::registry::Store;
 use holdpoint::runtime::capability;
 use holdpoint::scenes::SceneOptions;
+use holdpoint_sim::SimCells;
 use tokio::runtime::Runtime;
 use tokio::time::timeout;
 

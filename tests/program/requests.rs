@@ -1,6 +1,5 @@
 //! Requests of a console to the engine, command by command: the answers, and the refusals with their reasons.
 
-use holdpoint_sim::SimCells;
 use std::path::Path;
 
 use holdpoint::approvals::{Approval, Identity, Nonce};
@@ -15,6 +14,7 @@ use holdpoint::governance::record::{RecordKind, VersionGroup};
 use holdpoint::protocol::command::{Command, Operation, Refusal, Reply, Request};
 use holdpoint::protocol::detail::PAGE_MAX;
 use holdpoint::runtime::capability;
+use holdpoint_sim::SimCells;
 
 struct EngineBench {
     engine: Engine,

@@ -1,7 +1,6 @@
 //! Signed requests, from outside: under `real` and `human` only an enrolled person's signature grants authority,
 //! once, for this engine and this request. A stop and every act that takes authority away need no signature.
 
-use holdpoint_sim::SimCells;
 use std::path::Path;
 use std::sync::mpsc::channel;
 use std::thread::JoinHandle;
@@ -21,6 +20,7 @@ use holdpoint::governance::record::RecordKind;
 use holdpoint::protocol::command::{Command, Operation, Refusal, Reply};
 use holdpoint::protocol::snapshot::{SigningView, Snapshot};
 use holdpoint::registry::{AuditFilter, Change, Layout, Store, Transaction, Views};
+use holdpoint_sim::SimCells;
 use serde_json::Value;
 use tempfile::TempDir;
 

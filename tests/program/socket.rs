@@ -1,6 +1,5 @@
 //! The engine's socket: which clients are answered, what is refused, what a slow subscriber loses, how it ends.
 
-use holdpoint_sim::SimCells;
 use std::io::{BufRead, BufReader, Write};
 use std::os::unix::fs::PermissionsExt;
 use std::os::unix::net::UnixStream;
@@ -28,6 +27,7 @@ use holdpoint::protocol::event::{Event, EventKind};
 use holdpoint::protocol::wire::{CALL_BYTES_MAX, ServerMessage};
 use holdpoint::registry::Layout;
 use holdpoint::runtime::capability;
+use holdpoint_sim::SimCells;
 use holdpoint_text::Hint as _;
 use serde_json::{Value, json};
 

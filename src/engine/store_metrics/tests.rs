@@ -1,7 +1,6 @@
 //! An engine's own pipeline runs upgrades; every decision must replay equally, and differ once evidence is edited. Numbers are
 //! counted a second time, with SQL.
 
-use holdpoint_sim::SimCells;
 use std::path::Path;
 
 use rusqlite::Connection;
@@ -32,6 +31,7 @@ use holdpoint_protocol::clock::Clock;
 use holdpoint_protocol::command::{Command, Refusal, Reply};
 use holdpoint_registry::{Layout, Store};
 use holdpoint_runtime::capability::{self, Capability};
+use holdpoint_sim::SimCells;
 
 /// The slices within which an upgrade must complete.
 const SLICES_MAX: usize = 20_000;

@@ -4,7 +4,6 @@
 //! Counts what was simulated by the unit of work that the engine reported in the same slice, and takes the time of it.
 //! Judges nothing. The counts depend on the build alone, so a test holds them.
 
-use holdpoint_sim::SimCells;
 use std::collections::BTreeMap;
 
 use serde::Serialize;
@@ -25,6 +24,7 @@ use holdpoint_protocol::command::{Command, Reply, Request};
 use holdpoint_protocol::event::EventKind;
 use holdpoint_protocol::scenario_state::ScenarioState;
 use holdpoint_runtime::capability::Capability;
+use holdpoint_sim::SimCells;
 use holdpoint_sim::work_count::{WorkCount, on_this_thread};
 
 /// The run's seed: that of the scenarios that ship with the program.

@@ -1,10 +1,10 @@
 //! The subjects of the measurements: the cell, the embedded baselines and the demonstration candidate.
 
-use holdpoint_sim::SimCells;
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use holdpoint_body::TaskKind;
+use holdpoint_sim::SimCells;
 
 use super::BenchError;
 use holdpoint_engine::cell::Cell;

@@ -4,7 +4,6 @@
 #![allow(clippy::unwrap_used, clippy::panic, reason = "a measurement ends where something fails")]
 #![allow(clippy::print_stdout, reason = "its output is its purpose")]
 
-use holdpoint_sim::SimCells;
 use std::sync::Arc;
 
 use holdpoint_body::{
@@ -26,6 +25,7 @@ use holdpoint_runtime::recovery::{self, Standstill, StoppedBy};
 use holdpoint_runtime::skill::{Hook, Skill, next_command};
 use holdpoint_runtime::task::{TaskRun, TaskStage, Tick};
 use holdpoint_runtime::terms::SkillTerms;
+use holdpoint_sim::SimCells;
 
 /// Longest time of a rollback hook, ticks: as in a drill.
 const HAND_OVER_TICKS: u32 = 3 * RATE_HZ;

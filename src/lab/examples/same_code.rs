@@ -3,7 +3,6 @@
 #![allow(clippy::unwrap_used, clippy::panic, reason = "a measurement ends where something fails")]
 #![allow(clippy::print_stdout, reason = "its output is its purpose")]
 
-use holdpoint_sim::SimCells;
 use std::sync::Arc;
 
 use holdpoint_engine::cell::Cell;
@@ -12,6 +11,7 @@ use holdpoint_governance::policy::PolicyTable;
 use holdpoint_governance::profile::{Profile, ProfileName};
 use holdpoint_lab::same_code::{CONTROLLERS, compare, with_code};
 use holdpoint_runtime::terms::SkillTerms;
+use holdpoint_sim::SimCells;
 
 /// The value below which this share of a sample lies.
 fn quantile(sorted: &[f64], share: f64) -> f64 {

@@ -9,7 +9,6 @@
 )]
 #![allow(clippy::print_stdout, reason = "its output is its purpose")]
 
-use holdpoint_sim::SimCells;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
@@ -28,6 +27,7 @@ use holdpoint_lab::candidate_pool::generate::{PoolSpec, draw};
 use holdpoint_registry::{CacheSecret, ResultCache};
 use holdpoint_runtime::capability::Capability;
 use holdpoint_runtime::terms::SkillTerms;
+use holdpoint_sim::SimCells;
 
 /// Results of the searches of one style.
 #[derive(Default)]

@@ -3,7 +3,6 @@
 //! Runs single episodes as the referee does and counts misses and false alarms by family and measure. Measures alone;
 //! changes no measure and no limit.
 
-use holdpoint_sim::SimCells;
 use std::collections::{BTreeMap, BTreeSet};
 use std::ops::Range;
 use std::path::{Path, PathBuf};
@@ -21,6 +20,7 @@ use holdpoint_governance::profile::{HarmSettings, Profile, ProfileName};
 use holdpoint_runtime::agent::dispatcher::admit;
 use holdpoint_runtime::capability::Capability;
 use holdpoint_runtime::task::{Supervision, TaskStage};
+use holdpoint_sim::SimCells;
 use holdpoint_text::Hint;
 use serde::{Deserialize, Serialize};
 

@@ -13,11 +13,11 @@
 //! Episodes run as all others do, in the simulated cell under guard and watcher of the profile `sim`. A run that these
 //! break off counts as not done; the search gets no other data of it.
 
-use holdpoint_sim::SimCells;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use holdpoint_body::RATE_HZ;
+use holdpoint_sim::SimCells;
 use serde::{Deserialize, Serialize};
 
 use super::settings::RefineError;

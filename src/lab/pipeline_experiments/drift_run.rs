@@ -5,10 +5,10 @@
 //! drift and without a monitor (does the drift really worsen the version?). The watched run lasts until the monitor
 //! rolls the version back or the horizon ends. The rollback target then runs its first sequences under the same drift.
 
-use holdpoint_sim::SimCells;
 use std::path::Path;
 
 use holdpoint_body::disturbance::{Drift, DriftKind, Magnitude};
+use holdpoint_sim::SimCells;
 use serde::{Deserialize, Serialize};
 
 use super::layer_failure::LayerFailure;

@@ -4,7 +4,6 @@
 //! A few run seeds serve all candidates: those on one seed share the episodes of the active version. So a pool does not
 //! run the baseline's episodes once per candidate.
 
-use holdpoint_sim::SimCells;
 use std::path::PathBuf;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -24,6 +23,7 @@ use holdpoint_governance::profile::ProfileName;
 use holdpoint_governance::submission::Package;
 use holdpoint_registry::{CacheSecret, ResultCache};
 use holdpoint_runtime::capability;
+use holdpoint_sim::SimCells;
 use holdpoint_text::Hint;
 
 /// The plan of a run.

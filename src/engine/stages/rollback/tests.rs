@@ -1,6 +1,5 @@
 //! The ladder, rung by rung: what a test can break is broken, and each class of failure is reached.
 
-use holdpoint_sim::SimCells;
 use std::path::Path;
 
 use holdpoint_body::{Command as Motion, RATE_HZ, TaskKind};
@@ -9,6 +8,7 @@ use holdpoint_governance::alarms::Priority;
 use holdpoint_governance::condition::Condition;
 use holdpoint_governance::monitor::MonitorOutcome;
 use holdpoint_governance::rollback::PostStatus;
+use holdpoint_sim::SimCells;
 use tempfile::TempDir;
 
 use super::*;

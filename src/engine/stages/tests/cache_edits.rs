@@ -1,6 +1,5 @@
 //! Cached episodes and drills that were edited, and a whole evaluation that meets them.
 
-use holdpoint_sim::SimCells;
 use std::path::Path;
 use std::sync::OnceLock;
 
@@ -20,6 +19,7 @@ use holdpoint_protocol::clock::Clock;
 use holdpoint_protocol::command::{Command, Operation, Reply};
 use holdpoint_protocol::event::EventKind;
 use holdpoint_registry::{AuditFilter, CacheSecret, ResultCache, Store};
+use holdpoint_sim::SimCells;
 use rusqlite::Connection;
 
 use crate::cell::Cell;

@@ -1,6 +1,5 @@
 //! What an experiment leaves out is passed over aloud, and nothing that came of it is gone on with elsewhere.
 
-use holdpoint_sim::SimCells;
 use std::path::Path;
 
 use holdpoint_governance::ablation::{AblatedParts, AblationPart};
@@ -10,6 +9,7 @@ use holdpoint_governance::policy::PolicyTable;
 use holdpoint_governance::profile::{Profile, ProfileName};
 use holdpoint_protocol::command::{Command, Request};
 use holdpoint_protocol::event::EventKind;
+use holdpoint_sim::SimCells;
 use holdpoint_text::Hint;
 
 use crate::cell::Cell;
