@@ -219,7 +219,7 @@ impl StartedDrill<'_, '_> {
     }
 
     /// Whether the arm is stopped as it must be. Ends as soon as it is certain that it is not: what follows could
-    /// change nothing but a failed drill into one that failed and in which the simulator failed as well.
+    /// change nothing but a failed drill into one that failed and in which the cell failed as well.
     fn stop(&mut self, skill: &mut dyn Skill, rule: StopRule) -> Result<bool, CellError> {
         let version = self.cast.version;
         let mut watcher = Watcher::new(version.bundle.task(), *self.terms.watch());

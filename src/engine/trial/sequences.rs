@@ -58,7 +58,7 @@ impl TrialTeam {
     }
 }
 
-/// Runs one sequence of the sandbox's distribution; if the simulator fails, the last record is invalid.
+/// Runs one sequence of the sandbox's distribution; if the cell fails, the last record is invalid.
 #[must_use]
 pub fn run_sequence(
     worker: &mut Worker,
@@ -136,7 +136,7 @@ pub(super) fn run_tasks(
     Ok(true)
 }
 
-/// The records, with an invalid one at the end if the simulator failed.
+/// The records, with an invalid one at the end if the cell failed.
 fn records_with_failure(
     worker: &mut Worker,
     outcome: Result<(), CellError>,

@@ -39,13 +39,13 @@ const VERDICTS_MAX: usize = 100_000;
 pub struct SequenceReport {
     pub seed: u64,
     /// The tasks that were called for, in order; a failed one ends the sequence, and so does one that was refused or in
-    /// which the simulator failed.
+    /// which the cell failed.
     pub tasks: Vec<DispatchedTask>,
     /// Why a task was not started.
     pub refused: Option<DispatchRefusal>,
     /// Tasks that the active version was not given, because its evidence does not cover their start.
     pub outside: Vec<OutsideStart>,
-    /// The simulator failed; what came before still counts.
+    /// The cell failed; what came before still counts.
     pub failed: bool,
     /// Simulated time, ms.
     pub duration_ms: u64,
