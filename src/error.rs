@@ -420,7 +420,7 @@ pub(crate) fn start_error(error: StartError) -> CliError {
         | StartError::Baseline(_)
         | StartError::Omitted(_)
         | StartError::OtherRobot { .. }
-        | StartError::Sim(_)
+        | StartError::Cell(_)
         | StartError::Socket(_)
         | StartError::Thread(_) => CliError::usage(error),
     }

@@ -1,5 +1,6 @@
 #![doc = include_str!(concat!(env!("OUT_DIR"), "/src/ARCHITECTURE.md"))]
 
+pub mod cells;
 pub mod cli;
 pub mod error;
 pub mod guide;

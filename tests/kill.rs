@@ -22,6 +22,7 @@ use holdpoint::engine::trial::cache::EpisodeCache;
 use holdpoint::engine::{Config, Engine};
 use holdpoint::governance::profile::ProfileName;
 use holdpoint::registry::{CacheSecret, ResultCache, check_invariants};
+use holdpoint_sim::SimCells;
 use tempfile::TempDir;
 
 use disk::{Loss, Trace};
@@ -100,7 +101,7 @@ fn recovers(data: &Path, cache: &Cache, when: &str) {
         seeds: holdpoint_engine::trial::seeds::EpisodeSeeds::OfRun(5),
         jobs: 2,
         scripted: true,
-        cell: Cell::builtin().unwrap(),
+        cell: Cell::of(&SimCells, None).unwrap(),
         cache: EpisodeCache::Shared(cache.cells()),
     })
     .unwrap_or_else(|error| panic!("{when}: {error}"));

@@ -4,8 +4,9 @@
 #![expect(clippy::print_stdout, reason = "its output is its purpose")]
 
 use holdpoint_body::{Command, Pose, TaskKind};
-use holdpoint_sim::episode::{tool_down, wrap_quarter_turn, yaw_of};
-use holdpoint_sim::{Distribution, EpisodeSetup, Fidelity, RobotModel, Scene, World, WorldConfig};
+use holdpoint_cell::EpisodeSetup;
+use holdpoint_cell::episode::{tool_down, wrap_quarter_turn, yaw_of};
+use holdpoint_sim::{Fidelity, RobotModel, World, WorldConfig};
 use rustix::time::{ClockId, clock_gettime};
 
 fn cpu_secs() -> f64 {
@@ -23,7 +24,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         Some("reduced") => Fidelity::Reduced,
         Some(other) => return Err(format!("mode \"{other}\"; full, adaptive, single or reduced").into()),
     };
-    let (scene, distribution) = (Scene::cell()?, Distribution::sandbox()?);
+    let (scene, distribution) = (holdpoint_sim::published::scene()?, holdpoint_sim::published::sandbox()?);
     let mut world = World::with_config(&RobotModel::builtin("arm7")?, &scene, WorldConfig { fidelity })?;
     let names = ["reset", "approach", "descend", "close", "lift"];
     let mut spent = [0.0; 5];

@@ -14,19 +14,20 @@ use rapier3d::pipeline::PhysicsWorld;
 
 use crate::build::{self, CellFixtures};
 use crate::effort::Fidelity;
-use crate::episode::{ObjectSetup, tool_down, upright};
-use crate::error::SimError;
 use crate::handles::Handles;
 use crate::motors::{Drives, MotorReference};
-use crate::readout::{self, ContactForces};
+use crate::readout;
 use crate::reduced_state::{ReducedState, StateOwner};
-use crate::rng::Stream;
 use crate::robot::RobotModel;
-use crate::scene::Table;
 use crate::stepper::Stepper;
 use holdpoint_body::chain::Transform;
 use holdpoint_body::ik::IkOptions;
 use holdpoint_body::{Pose, TICK_SECS};
+use holdpoint_cell::CellError;
+use holdpoint_cell::episode::{ObjectSetup, tool_down, upright};
+use holdpoint_cell::rng::Stream;
+use holdpoint_cell::scene::Table;
+use holdpoint_cell::truth::ContactForces;
 
 /// Ticks of an episode: 4 s at 240 Hz.
 pub const STEPS: u32 = 960;
@@ -129,8 +130,8 @@ impl PeerBench {
     /// Reads the robot.
     ///
     /// # Errors
-    /// [`SimError::File`] if the embedded description were wrong (a test loads it).
-    pub fn new(fidelity: Fidelity) -> Result<Self, SimError> {
+    /// [`CellError::File`] if the embedded description were wrong (a test loads it).
+    pub fn new(fidelity: Fidelity) -> Result<Self, CellError> {
         let robot = RobotModel::from_texts(
             "builtin:peer.urdf",
             include_str!("../assets/peer.urdf"),
@@ -144,8 +145,8 @@ impl PeerBench {
     /// Runs one episode: builds the cell, 960 ticks, judges.
     ///
     /// # Errors
-    /// [`SimError`] when the cell cannot be built.
-    pub fn run(&self, seed: u64) -> Result<PeerOutcome, SimError> {
+    /// [`CellError`] when the cell cannot be built.
+    pub fn run(&self, seed: u64) -> Result<PeerOutcome, CellError> {
         self.play(seed, |_| {})
     }
 
@@ -153,7 +154,7 @@ impl PeerBench {
     ///
     /// # Errors
     /// As [`PeerBench::run`].
-    pub fn run_traced(&self, seed: u64) -> Result<(PeerOutcome, PeerTrace), SimError> {
+    pub fn run_traced(&self, seed: u64) -> Result<(PeerOutcome, PeerTrace), CellError> {
         let joints = self.robot.geometry.joint_count();
         let mut trace = PeerTrace::default();
         let (mut step, mut reference, mut let_go) = (0_u32, None, 0.0);
@@ -188,7 +189,7 @@ impl PeerBench {
     }
 
     /// Runs one episode and shows every tick before it is computed.
-    fn play(&self, seed: u64, watch: impl FnMut(&mut PendingTick<'_>)) -> Result<PeerOutcome, SimError> {
+    fn play(&self, seed: u64, watch: impl FnMut(&mut PendingTick<'_>)) -> Result<PeerOutcome, CellError> {
         self.play_plan(&EpisodePlan::new(seed), watch)
     }
 
@@ -196,7 +197,7 @@ impl PeerBench {
         &self,
         plan: &EpisodePlan,
         mut watch: impl FnMut(&mut PendingTick<'_>),
-    ) -> Result<PeerOutcome, SimError> {
+    ) -> Result<PeerOutcome, CellError> {
         let [cx, cy, cyaw] = plan.cube;
         let cube = Pose::from(&upright(cx, cy, CUBE_HALF_M, cyaw));
         let object = ObjectSetup { pose: cube, mass_kg: 0.1, friction: 1.0 };
@@ -279,7 +280,7 @@ impl PendingTick<'_> {
 mod tests {
     use super::*;
     use crate::effort::{self, SolverEffort};
-    use crate::readout::JointState;
+    use holdpoint_cell::truth::JointState;
 
     /// Largest difference of positions and of speeds of the arm, then of the fingers.
     fn apart(a: &JointState, b: &JointState) -> [f64; 4] {
@@ -317,7 +318,7 @@ mod tests {
                             let (at, _, _) = readout::object_state(stage.physics, stage.handles);
                             let object = (pose.translation.vector - at.translation.vector).norm();
                             let forces = readout::contact_forces(stage.physics, stage.handles, 7).pad_n;
-                            let ours = own.forces(&readout::ContactForces::default()).pad_n;
+                            let ours = own.forces(&ContactForces::default()).pad_n;
                             let pads = (forces[0] - ours[0]).abs().max((forces[1] - ours[1]).abs());
                             (row[4], row[5]) = (row[4].max(object), row[5].max(pads));
                             usual[0].push(object);

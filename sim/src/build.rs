@@ -19,14 +19,14 @@ use rapier3d::math::{Matrix, Pose as RapierPose, Rotation, Vector};
 use rapier3d::pipeline::PhysicsWorld;
 
 use crate::effort::SolverEffort;
-use crate::episode::{EpisodeSetup, ObjectSetup};
-use crate::error::SimError;
 use crate::handles::{ColliderKind, Handles, to_rapier, to_vector};
 use crate::motors;
 use crate::robot::{Inertial, LinkShape, LinkSpec, RobotModel};
-use crate::scene::{Clutter, Scene, Table, Tray};
 use holdpoint_body::Shape;
 use holdpoint_body::TICK_SECS;
+use holdpoint_cell::CellError;
+use holdpoint_cell::episode::{EpisodeSetup, ObjectSetup};
+use holdpoint_cell::scene::{Clutter, Scene, Table, Tray};
 
 const PROXIMAL: Group = Group::GROUP_1;
 const MIDDLE: Group = Group::GROUP_2;
@@ -89,13 +89,13 @@ struct Builder<'a> {
 /// Builds a whole cell: the arm at `q`, the fingers `width_m` apart.
 ///
 /// # Errors
-/// [`SimError::File`] when rapier refuses a joint of the robot.
+/// [`CellError::File`] when rapier refuses a joint of the robot.
 pub fn assemble(
     robot: &RobotModel,
     cell: &CellFixtures<'_>,
     q: &[f64],
     width_m: f64,
-) -> Result<(PhysicsWorld, Handles), SimError> {
+) -> Result<(PhysicsWorld, Handles), CellError> {
     let mut builder = Builder { world: empty_world(), kinds: Vec::with_capacity(48), robot, cell };
     builder.fixtures();
     let object = builder.object();
@@ -163,7 +163,7 @@ impl Builder<'_> {
     #[expect(clippy::type_complexity, reason = "read once, right above")]
     fn arm(
         &mut self,
-    ) -> Result<(Vec<RigidBodyHandle>, [RigidBodyHandle; 2], Vec<MultibodyJointHandle>), SimError> {
+    ) -> Result<(Vec<RigidBodyHandle>, [RigidBodyHandle; 2], Vec<MultibodyJointHandle>), CellError> {
         let robot = self.robot;
         let base = self.world.insert_body(RigidBodyBuilder::fixed());
         self.shapes(base, &robot.links[0], 0);
@@ -225,9 +225,9 @@ impl Builder<'_> {
         child: RigidBodyHandle,
         data: GenericJoint,
         name: &str,
-    ) -> Result<MultibodyJointHandle, SimError> {
+    ) -> Result<MultibodyJointHandle, CellError> {
         self.world.multibody_joints.insert(parent, child, data, true).ok_or_else(|| {
-            SimError::file(
+            CellError::file(
                 &self.robot.name,
                 format!("joint \"{name}\""),
                 "the physics engine refuses it (a loop?)",

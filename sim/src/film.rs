@@ -3,39 +3,9 @@
 //! Looks and keeps. It changes no step, and is in no snapshot, copy or digest: an episode that is filmed is the same
 //! episode.
 
-use holdpoint_body::{JointVec, Telemetry};
-use nalgebra::Isometry3;
+use holdpoint_cell::film::{EpisodeFrame, FRAME_EVERY_TICKS, FRAMES_MAX};
 
 use crate::world::World;
-
-/// Ticks between two frames: 30 a second of simulated time.
-pub const FRAME_EVERY_TICKS: u64 = 8;
-
-/// The most frames that are kept: two minutes. What comes later is not seen.
-pub const FRAMES_MAX: usize = 3_600;
-
-/// One moment of a world, with the peaks since the frame before.
-#[derive(Clone, Debug)]
-pub struct EpisodeFrame {
-    /// Ticks since the reset.
-    pub tick: u64,
-    /// What the sensors gave at this tick.
-    pub seen: Telemetry,
-    /// Joint torques as measured, N m.
-    pub tau: JointVec,
-    /// Where the object truly is, world frame, m.
-    pub object: Isometry3<f64>,
-    /// Largest measured speed of the tool since the frame before, m/s.
-    pub speed_m_s: f64,
-    /// Largest measured force of the pads on the object since the frame before, N.
-    pub grip_n: f64,
-    /// Largest measured force on the surroundings since the frame before, N.
-    pub contact_n: f64,
-    /// Whether something touched since the frame before that no task touches.
-    pub touched: bool,
-    /// Whether a stop or a failure was declared and stands.
-    pub stopped: bool,
-}
 
 /// The frames of one episode.
 #[derive(Default)]
@@ -127,15 +97,16 @@ mod tests {
     use holdpoint_body::{Command, TaskKind};
 
     use super::*;
-    use crate::{Distribution, EpisodeSetup, RobotModel, Scene};
+    use crate::RobotModel;
+    use holdpoint_cell::EpisodeSetup;
 
     fn world() -> World {
         let robot = RobotModel::builtin("arm7").unwrap();
-        World::new(&robot, &Scene::cell().unwrap()).unwrap()
+        World::new(&robot, &crate::published::scene().unwrap()).unwrap()
     }
 
     fn setup(world: &World, seed: u64) -> EpisodeSetup {
-        EpisodeSetup::sample(TaskKind::Grasp, world.scene(), &Distribution::canonical().unwrap(), seed)
+        EpisodeSetup::sample(TaskKind::Grasp, world.scene(), &crate::published::canonical().unwrap(), seed)
     }
 
     #[test]

@@ -1,37 +1,31 @@
 //! The manipulator cell: a rapier world, the arm, tasks, perturbations and ground truth.
 //!
 //! Owns physics, kinematics, the servo, perception and the referee. It knows nothing of manifests,
-//! governance, stores or screens; what decides meets it only through [`holdpoint_body`].
+//! governance, stores or screens; what decides meets it only through [`holdpoint_cell`] and [`holdpoint_body`].
 
 #![warn(missing_docs)]
 
 pub mod bench_episode;
-pub mod distribution;
 pub mod dynamics;
-pub mod envelope;
-pub mod episode;
-pub mod error;
-pub mod fault;
 pub mod film;
 pub mod pool;
-pub mod rng;
+pub mod published;
 pub mod robot;
-pub mod scene;
 pub mod world;
 
 mod build;
+mod cell;
 mod constraints;
 mod coupled_rows;
 mod effort;
+mod fault;
 mod free_body;
 mod handles;
 mod motors;
-pub mod number;
 mod object_contacts;
 mod perception;
 pub mod readout;
 mod reduced_state;
-pub mod referee;
 mod servo;
 mod state;
 mod stepper;
@@ -40,12 +34,8 @@ mod urdf;
 mod warm_start;
 pub mod work_count;
 
-pub use distribution::{Distribution, Drift, DriftKind, Magnitude, Range};
-pub use episode::EpisodeSetup;
-pub use error::SimError;
+pub use cell::{BUILD, SimCells, SimFactory};
 pub use perception::CAMERA_HZ;
 pub use pool::{PoolEnd, run_ordered};
-pub use referee::{Referee, RefereeLimits, RefereeReport};
 pub use robot::RobotModel;
-pub use scene::Scene;
 pub use world::{Fidelity, World, WorldConfig, WorldTruth};

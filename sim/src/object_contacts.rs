@@ -22,11 +22,12 @@ use crate::constraints::Softness;
 use crate::dynamics::Placement;
 use crate::free_body::FreeBody;
 use crate::handles::{ColliderKind, Handles, from_rapier, to_narrow, to_wide};
-use crate::readout::{self, ContactPoint};
+use crate::readout;
 use crate::survey::Bounds;
 use crate::warm_start::{SAME_FACE, SAME_POINT_M, WarmPoint};
 use holdpoint_body::TICK_SECS;
 use holdpoint_body::chain::Transform;
+use holdpoint_cell::truth::ContactPoint;
 
 /// The most faces on which the object touches anything at one time, and the most contact points.
 pub const FACES_MAX: usize = 6;

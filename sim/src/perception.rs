@@ -6,8 +6,8 @@ use arrayvec::ArrayVec;
 use nalgebra::Isometry3;
 use serde::{Deserialize, Serialize};
 
-use crate::episode::{CameraSetup, SensorSetup, upright, yaw_of};
 use holdpoint_body::{Estimate, JointVec, MAX_JOINTS, Pose, RATE_HZ};
+use holdpoint_cell::episode::{CameraSetup, SensorSetup, upright, yaw_of};
 
 /// Camera frames per second.
 pub const CAMERA_HZ: u32 = 30;
@@ -169,5 +169,5 @@ pub fn sensor_errors(setup: &mut SensorSetup) -> SensorErrors {
 
 /// Yaw difference of two upright poses modulo the cube's quarter turn, rad.
 pub fn yaw_error(a: &Isometry3<f64>, b: &Isometry3<f64>) -> f64 {
-    crate::episode::wrap_quarter_turn(yaw_of(a) - yaw_of(b)).abs()
+    holdpoint_cell::episode::wrap_quarter_turn(yaw_of(a) - yaw_of(b)).abs()
 }

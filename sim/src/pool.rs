@@ -9,7 +9,7 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
 
-use crate::error::SimError;
+use holdpoint_cell::CellError;
 
 /// How a run of the pool ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -40,7 +40,7 @@ struct PoolShared<R> {
     done: BTreeMap<u64, Result<R, String>>,
     /// Workers still running; without one, open items get no result.
     workers: usize,
-    failed_worker: Option<SimError>,
+    failed_worker: Option<CellError>,
 }
 
 /// Runs items `0..n` on `jobs` workers and commits results in index order on the calling thread.
@@ -48,16 +48,16 @@ struct PoolShared<R> {
 /// Each worker owns a `W` from `make_worker` (a world, say). Workers check `cancel` between items.
 ///
 /// # Errors
-/// [`SimError::Worker`] naming the item whose `run` panicked (items before it are committed), or
+/// [`CellError::Worker`] naming the item whose `run` panicked (items before it are committed), or
 /// the error of `make_worker`.
 pub fn run_ordered<W, R: Send>(
     jobs: usize,
     n: u64,
     cancel: &AtomicBool,
-    make_worker: impl Fn() -> Result<W, SimError> + Sync,
+    make_worker: impl Fn() -> Result<W, CellError> + Sync,
     run: impl Fn(&mut W, u64) -> R + Sync,
     mut commit: impl FnMut(u64, R) -> ControlFlow<()>,
-) -> Result<PoolEnd, SimError> {
+) -> Result<PoolEnd, CellError> {
     let jobs = jobs.clamp(1, JOBS_MAX);
     let ahead = AHEAD_PER_WORKER * jobs as u64;
     let shared = Mutex::new(PoolShared {
@@ -82,7 +82,7 @@ pub fn run_ordered<W, R: Send>(
                     Ok(Err(error)) => state.failed_worker = Some(error),
                     Err(panic) => {
                         let (item, message) = (state.committed, message(&*panic));
-                        state.failed_worker = Some(SimError::Worker { item, message });
+                        state.failed_worker = Some(CellError::Worker { item, message });
                     }
                 }
                 changed.notify_all();
@@ -101,9 +101,9 @@ fn run_items<W, R>(
     cancel: &AtomicBool,
     shared: &Mutex<PoolShared<R>>,
     changed: &Condvar,
-    make_worker: &impl Fn() -> Result<W, SimError>,
+    make_worker: &impl Fn() -> Result<W, CellError>,
     run: &impl Fn(&mut W, u64) -> R,
-) -> Result<(), SimError> {
+) -> Result<(), CellError> {
     let mut worker = make_worker()?;
     loop {
         let item = {
@@ -138,7 +138,7 @@ fn collect<R>(
     shared: &Mutex<PoolShared<R>>,
     changed: &Condvar,
     commit: &mut impl FnMut(u64, R) -> ControlFlow<()>,
-) -> Result<PoolEnd, SimError> {
+) -> Result<PoolEnd, CellError> {
     let mut item = 0;
     while item < n {
         let result = {
@@ -155,12 +155,12 @@ fn collect<R>(
                 }
                 if state.workers == 0 {
                     let message = "every worker ended early".to_owned();
-                    return Err(SimError::Worker { item, message });
+                    return Err(CellError::Worker { item, message });
                 }
                 state = changed.wait(state).unwrap_or_else(PoisonError::into_inner);
             }
         };
-        let value = result.map_err(|message| SimError::Worker { item, message })?;
+        let value = result.map_err(|message| CellError::Worker { item, message })?;
         let flow = commit(item, value);
         item += 1;
         lock(shared).committed = item;
@@ -187,7 +187,7 @@ mod tests {
     use super::*;
 
     #[allow(clippy::unnecessary_wraps, reason = "stands for a maker of workers that can fail")]
-    fn no_worker() -> Result<(), SimError> {
+    fn no_worker() -> Result<(), CellError> {
         Ok(())
     }
 
@@ -238,7 +238,7 @@ mod tests {
                 },
             );
             assert_eq!(committed, 7);
-            assert_eq!(end, Err(SimError::Worker { item: 7, message: "seven is broken".to_owned() }));
+            assert_eq!(end, Err(CellError::Worker { item: 7, message: "seven is broken".to_owned() }));
         }
     }
 
@@ -267,8 +267,8 @@ mod tests {
     #[test]
     fn a_worker_that_cannot_be_made_is_an_error() {
         let cancel = AtomicBool::new(false);
-        let fail = || Err::<(), _>(SimError::Snapshot("no".to_owned()));
+        let fail = || Err::<(), _>(CellError::Snapshot("no".to_owned()));
         let end = run_ordered(2, 5, &cancel, fail, |(), item| item, |_, _| ControlFlow::Continue(()));
-        assert_eq!(end, Err(SimError::Snapshot("no".to_owned())));
+        assert_eq!(end, Err(CellError::Snapshot("no".to_owned())));
     }
 }

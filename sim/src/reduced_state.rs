@@ -24,11 +24,11 @@ use crate::free_body::FreeBody;
 use crate::handles::{ColliderKind, Handles, to_narrow};
 use crate::motors::{self, Drives, MotorReference};
 use crate::object_contacts::{self, FixtureRoom, Manifold, ObjectContacts, ObjectPairs};
-use crate::readout::{ContactForces, ContactPoint, JointState};
 use crate::robot::RobotModel;
 use crate::survey::{Survey, Surveyor};
 use crate::warm_start::WarmStart;
 use holdpoint_body::{MAX_JOINTS, TICK_SECS};
+use holdpoint_cell::truth::{ContactForces, ContactPoint, JointState};
 
 /// Room that a survey must find for the engine to be left, and around the pads for the object to rest, m.
 const ENTRY_ROOM_M: f64 = 0.002;

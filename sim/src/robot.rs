@@ -14,11 +14,10 @@ use holdpoint_body::clearance::ClearanceModel;
 use holdpoint_body::ik::{IkOptions, IkOutcome};
 use holdpoint_body::number::{finite_list, finite3, positive};
 use holdpoint_body::{Geometry, JointVec, Shape};
-use holdpoint_text::file::read_text as read_file;
 
-use crate::error::SimError;
-use crate::number::parse_toml;
 use crate::urdf;
+use holdpoint_cell::CellError;
+use holdpoint_cell::number::{parse_toml, read_text};
 
 /// A shape on a link.
 #[derive(Clone, Debug, PartialEq)]
@@ -192,20 +191,17 @@ const BUILTIN: [(&str, &str, &str); 2] = [
     ("arm6", include_str!("../assets/arm6.urdf"), include_str!("../assets/arm6.toml")),
 ];
 
-/// The largest description file that is read, bytes.
-const FILE_MAX_BYTES: u64 = 1 << 20;
-
 impl RobotModel {
     /// A robot that comes with the crate: `arm7` (seven axes) or `arm6` (six).
     ///
     /// # Errors
-    /// [`SimError::File`] for another name.
-    pub fn builtin(name: &str) -> Result<Self, SimError> {
+    /// [`CellError::File`] for another name.
+    pub fn builtin(name: &str) -> Result<Self, CellError> {
         let found = BUILTIN.iter().find(|(known, _, _)| *known == name);
         let Some((known, urdf, toml)) = found else {
             let allowed: Vec<_> = BUILTIN.iter().map(|(known, _, _)| *known).collect();
             let problem = format!("no built-in robot \"{name}\"; there are: {}", allowed.join(", "));
-            return Err(SimError::file("builtin", "robot", problem));
+            return Err(CellError::file("builtin", "robot", problem));
         };
         Self::from_texts(&format!("builtin:{known}.urdf"), urdf, &format!("builtin:{known}.toml"), toml)
     }
@@ -213,8 +209,8 @@ impl RobotModel {
     /// A robot from a `.urdf` file and the `.toml` of the same stem beside it (either may be named).
     ///
     /// # Errors
-    /// [`SimError::File`] naming the file and the element.
-    pub fn load(path: &Path) -> Result<Self, SimError> {
+    /// [`CellError::File`] naming the file and the element.
+    pub fn load(path: &Path) -> Result<Self, CellError> {
         let (urdf_path, toml_path) = (path.with_extension("urdf"), path.with_extension("toml"));
         let (urdf_name, toml_name) = (urdf_path.display().to_string(), toml_path.display().to_string());
         let (urdf, toml) = (read_text(&urdf_path)?, read_text(&toml_path)?);
@@ -224,8 +220,8 @@ impl RobotModel {
     /// A robot from the two texts; the names are used in errors.
     ///
     /// # Errors
-    /// [`SimError::File`] naming the file and the element.
-    pub fn from_texts(urdf_name: &str, urdf: &str, toml_name: &str, toml: &str) -> Result<Self, SimError> {
+    /// [`CellError::File`] naming the file and the element.
+    pub fn from_texts(urdf_name: &str, urdf: &str, toml_name: &str, toml: &str) -> Result<Self, CellError> {
         let file: RobotFile = parse_toml(toml_name, toml)?;
         let tree = urdf::read(urdf_name, urdf, toml_name, &file)?;
         let covers = ClearanceModel::new(&tree.chain, shapes(&tree.links, &tree.gripper), &tree.home);
@@ -254,7 +250,7 @@ impl RobotModel {
 }
 
 /// Every collision shape with the piece it is on and its pose there; the fingers open, on the last piece.
-fn shapes(links: &[LinkSpec], gripper: &GripperSpec) -> Vec<(usize, Transform, Shape)> {
+pub(crate) fn shapes(links: &[LinkSpec], gripper: &GripperSpec) -> Vec<(usize, Transform, Shape)> {
     let mut all = Vec::new();
     for (link, spec) in links.iter().enumerate() {
         all.extend(spec.shapes.iter().map(|shape| (link, Transform::new(&shape.pose), shape.shape)));
@@ -268,12 +264,6 @@ fn shapes(links: &[LinkSpec], gripper: &GripperSpec) -> Vec<(usize, Transform, S
         );
     }
     all
-}
-
-pub(crate) fn read_text(path: &Path) -> Result<String, SimError> {
-    let name = path.display().to_string();
-    let fail = |error: std::io::Error| SimError::file(&name, "file", format!("cannot be read: {error}"));
-    read_file(path, FILE_MAX_BYTES).map_err(fail)
 }
 
 /// FNV-1a, 64 bit.

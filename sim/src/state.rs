@@ -14,20 +14,21 @@ use rapier3d::pipeline::PhysicsWorld;
 use serde::{Deserialize, Serialize};
 
 use crate::build;
-use crate::episode::{EpisodeSetup, Start};
-use crate::error::SimError;
 use crate::fault::{ActiveFaults, RUNAWAY_RAD_S};
 use crate::handles::Handles;
 use crate::motors::{self, Drives, MotorReference};
 use crate::perception::{Camera, SensorErrors};
-use crate::readout::{self, ContactForces, JointState};
+use crate::readout;
 use crate::reduced_state::{ReducedState, StateOwner};
 use crate::robot::RobotModel;
-use crate::scene::Scene;
 use crate::servo::Servo;
 use holdpoint_body::chain::Transform;
 use holdpoint_body::ik::IkOptions;
 use holdpoint_body::{BodyError, Command, FailureSignal, GuardVerdict, JointVec, Pose, TICK_SECS, TaskKind};
+use holdpoint_cell::CellError;
+use holdpoint_cell::Scene;
+use holdpoint_cell::episode::{EpisodeSetup, Start};
+use holdpoint_cell::truth::{ContactForces, JointState};
 
 /// The grip as the slip sensor follows it.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -103,7 +104,7 @@ pub struct WorldState {
 }
 
 impl WorldState {
-    pub fn new(robot: &RobotModel, scene: &Scene, setup: &EpisodeSetup) -> Result<Self, SimError> {
+    pub fn new(robot: &RobotModel, scene: &Scene, setup: &EpisodeSetup) -> Result<Self, CellError> {
         let (q, width) = start_configuration(robot, scene, setup)?;
         let (physics, handles) = build::assemble(robot, &build::CellFixtures::new(scene, setup), &q, width)?;
         let joints = readout::joint_state(&physics, &handles, robot);
@@ -244,7 +245,7 @@ fn start_configuration(
     robot: &RobotModel,
     scene: &Scene,
     setup: &EpisodeSetup,
-) -> Result<(JointVec, f64), SimError> {
+) -> Result<(JointVec, f64), CellError> {
     match &setup.start {
         Start::Home { offset_rad } => {
             let q: JointVec = robot
@@ -260,7 +261,7 @@ fn start_configuration(
             if !outcome.converged(1e-4) {
                 let problem =
                     format!("tool pose {:?} is out of reach (error {:.4})", tool.position, outcome.error);
-                return Err(SimError::InvalidStart { seed: setup.seed, problem });
+                return Err(CellError::InvalidStart { seed: setup.seed, problem });
             }
             // Just wide enough for the cube at the largest start yaw.
             Ok((outcome.q, 2.0 * scene.object.half_m + 0.004))

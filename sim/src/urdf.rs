@@ -8,11 +8,11 @@ use std::collections::BTreeMap;
 use nalgebra::{Isometry3, Matrix3, Point3, Translation3, UnitQuaternion, Vector3};
 use rapier3d_urdf::urdf_rs::{self, Geometry, JointType};
 
-use crate::error::SimError;
 use crate::robot::{FingerSpec, GripperSpec, Inertial, LinkShape, LinkSpec, RobotFile};
 use holdpoint_body::Shape;
 use holdpoint_body::chain::{Chain, JointSpec, Transform};
 use holdpoint_body::{JointVec, MAX_JOINTS};
+use holdpoint_cell::CellError;
 
 // Beyond these limits a file does not describe an arm: they are several times the values of industrial arms.
 
@@ -64,10 +64,10 @@ struct UrdfReader<'a> {
 }
 
 /// Reads the URDF text under the TOML's naming.
-pub fn read(file: &str, text: &str, toml_file: &str, config: &RobotFile) -> Result<UrdfRobot, SimError> {
+pub fn read(file: &str, text: &str, toml_file: &str, config: &RobotFile) -> Result<UrdfRobot, CellError> {
     check_config(toml_file, config)?;
     let robot = urdf_rs::read_from_string(text)
-        .map_err(|error| SimError::file(file, "robot", format!("not a URDF: {error}")))?;
+        .map_err(|error| CellError::file(file, "robot", format!("not a URDF: {error}")))?;
     let reader = UrdfReader { file, robot: &robot, config };
     reader.check_names(toml_file)?;
     let (placements, joints, origins) = reader.place_links()?;
@@ -83,7 +83,7 @@ pub fn read(file: &str, text: &str, toml_file: &str, config: &RobotFile) -> Resu
         .filter(|placement| placement.piece == RigidPiece::Arm(last));
     let Some(tool_placement) = tool_placement else {
         let problem = format!("link \"{}\" is not fixed to the last arm joint's link", config.tool.link);
-        return Err(SimError::file(toml_file, "tool.link", problem));
+        return Err(CellError::file(toml_file, "tool.link", problem));
     };
     let tool = tool_placement.pose * pose(&config.tool.xyz_m, &config.tool.rpy_rad);
     let chain = Chain { joints, tool_from_last: Transform::new(&tool) };
@@ -93,7 +93,7 @@ pub fn read(file: &str, text: &str, toml_file: &str, config: &RobotFile) -> Resu
                 "\"{angle}\" is outside the limits {} to {} of joint \"{}\"",
                 joint.lower_rad, joint.upper_rad, joint.name
             );
-            return Err(SimError::file(toml_file, format!("home_rad[{i}]"), problem));
+            return Err(CellError::file(toml_file, format!("home_rad[{i}]"), problem));
         }
     }
     let g = &config.gripper;
@@ -115,9 +115,9 @@ pub fn read(file: &str, text: &str, toml_file: &str, config: &RobotFile) -> Resu
     })
 }
 
-fn check_config(file: &str, config: &RobotFile) -> Result<(), SimError> {
+fn check_config(file: &str, config: &RobotFile) -> Result<(), CellError> {
     if config.format != 1 {
-        return Err(SimError::file(
+        return Err(CellError::file(
             file,
             "format",
             format!("\"{}\" is not known; this build reads 1", config.format),
@@ -125,7 +125,11 @@ fn check_config(file: &str, config: &RobotFile) -> Result<(), SimError> {
     }
     let n = config.joints.len();
     if n == 0 || n > MAX_JOINTS {
-        return Err(SimError::file(file, "joints", format!("\"{n}\" joints; 1 to {MAX_JOINTS} are allowed")));
+        return Err(CellError::file(
+            file,
+            "joints",
+            format!("\"{n}\" joints; 1 to {MAX_JOINTS} are allowed"),
+        ));
     }
     let lists = [
         ("home_rad", &config.home_rad),
@@ -135,14 +139,14 @@ fn check_config(file: &str, config: &RobotFile) -> Result<(), SimError> {
     ];
     for (key, list) in lists {
         if list.len() != n {
-            return Err(SimError::file(file, key, format!("\"{}\" values for {n} joints", list.len())));
+            return Err(CellError::file(file, key, format!("\"{}\" values for {n} joints", list.len())));
         }
         if let Some(value) = list.iter().find(|value| value.abs() > GAIN_MAX) {
             let problem = format!("\"{value}\"; at most {GAIN_MAX} is allowed");
-            return Err(SimError::file(file, key, problem));
+            return Err(CellError::file(file, key, problem));
         }
         if key != "home_rad" && list.iter().any(|v| *v <= 0.0) {
-            return Err(SimError::file(file, key, format!("\"{list:?}\": every value must be above 0")));
+            return Err(CellError::file(file, key, format!("\"{list:?}\": every value must be above 0")));
         }
     }
     let (g, m) = (&config.gripper, &config.motors);
@@ -159,7 +163,7 @@ fn check_config(file: &str, config: &RobotFile) -> Result<(), SimError> {
     let offset = config.tool.xyz_m.map(|value| ("tool.xyz_m", value, LENGTH_MAX_M));
     for (key, value, limit) in single.into_iter().chain(offset) {
         if value.abs() > limit {
-            return Err(SimError::file(file, key, format!("\"{value}\"; at most {limit} is allowed")));
+            return Err(CellError::file(file, key, format!("\"{value}\"; at most {limit} is allowed")));
         }
     }
     Ok(())
@@ -169,16 +173,16 @@ type LinkPlacements<'a> = BTreeMap<&'a str, LinkPlacement>;
 type PlacedTree<'a> = (LinkPlacements<'a>, Vec<JointSpec>, [Option<(Transform, f64)>; 2]);
 
 impl<'a> UrdfReader<'a> {
-    fn error(&self, element: String, problem: impl Into<String>) -> SimError {
-        SimError::file(self.file, element, problem)
+    fn error(&self, element: String, problem: impl Into<String>) -> CellError {
+        CellError::file(self.file, element, problem)
     }
 
-    fn check_names(&self, toml_file: &str) -> Result<(), SimError> {
+    fn check_names(&self, toml_file: &str) -> Result<(), CellError> {
         let named = self.config.joints.iter().map(|name| ("joints", name));
         let gripping = self.config.gripper.joints.iter().map(|name| ("gripper.joints", name));
         for (key, name) in named.chain(gripping) {
             if !self.robot.joints.iter().any(|joint| joint.name == *name) {
-                return Err(SimError::file(
+                return Err(CellError::file(
                     toml_file,
                     key,
                     format!("joint \"{name}\" is not in {}", self.file),
@@ -189,7 +193,7 @@ impl<'a> UrdfReader<'a> {
     }
 
     /// Visits the tree from its root and places every link.
-    fn place_links(&self) -> Result<PlacedTree<'a>, SimError> {
+    fn place_links(&self) -> Result<PlacedTree<'a>, CellError> {
         let mut roots = self
             .robot
             .links
@@ -275,7 +279,7 @@ impl<'a> UrdfReader<'a> {
         piece: RigidPiece,
         joint_type: &JointType,
         required_type: &JointType,
-    ) -> Result<(), SimError> {
+    ) -> Result<(), CellError> {
         if joint_type != required_type {
             return Err(self.error(
                 element.into(),
@@ -296,7 +300,7 @@ impl<'a> UrdfReader<'a> {
         i: usize,
         joint: &urdf_rs::Joint,
         origin: &Isometry3<f64>,
-    ) -> Result<JointSpec, SimError> {
+    ) -> Result<JointSpec, CellError> {
         let limit = &joint.limit;
         let numbers = [limit.lower, limit.upper, limit.effort, limit.velocity];
         if numbers.iter().any(|v| !v.is_finite())
@@ -325,7 +329,7 @@ impl<'a> UrdfReader<'a> {
     }
 
     /// Refuses a value that no arm has: a huge finite number would overflow in the physics.
-    fn check_range(&self, element: &str, quantity: &str, value: f64, limit: f64) -> Result<(), SimError> {
+    fn check_range(&self, element: &str, quantity: &str, value: f64, limit: f64) -> Result<(), CellError> {
         if value.abs() <= limit {
             return Ok(());
         }
@@ -335,7 +339,7 @@ impl<'a> UrdfReader<'a> {
         ))
     }
 
-    fn origin(&self, element: &str, origin: &urdf_rs::Pose) -> Result<Isometry3<f64>, SimError> {
+    fn origin(&self, element: &str, origin: &urdf_rs::Pose) -> Result<Isometry3<f64>, CellError> {
         if origin.xyz.iter().chain(origin.rpy.iter()).any(|v| !v.is_finite()) {
             return Err(self.error(
                 element.into(),
@@ -349,7 +353,7 @@ impl<'a> UrdfReader<'a> {
     }
 
     /// The rotation that takes z onto the joint's axis.
-    fn axis_rotation(&self, element: &str, axis: &urdf_rs::Axis) -> Result<Isometry3<f64>, SimError> {
+    fn axis_rotation(&self, element: &str, axis: &urdf_rs::Axis) -> Result<Isometry3<f64>, CellError> {
         let axis = Vector3::from(*axis.xyz);
         if !axis.iter().all(|v| v.is_finite()) || axis.norm() < 1e-6 {
             return Err(
@@ -362,7 +366,7 @@ impl<'a> UrdfReader<'a> {
     }
 
     /// The links that belong to one rigid piece, as one.
-    fn link_spec(&self, piece: RigidPiece, placements: &LinkPlacements<'_>) -> Result<LinkSpec, SimError> {
+    fn link_spec(&self, piece: RigidPiece, placements: &LinkPlacements<'_>) -> Result<LinkSpec, CellError> {
         let mut spec = LinkSpec { name: String::new(), inertial: None, shapes: Vec::new() };
         for link in &self.robot.links {
             let Some(placement) =
@@ -399,7 +403,7 @@ impl<'a> UrdfReader<'a> {
         i: usize,
         placements: &LinkPlacements<'_>,
         origins: &[Option<(Transform, f64)>; 2],
-    ) -> Result<FingerSpec, SimError> {
+    ) -> Result<FingerSpec, CellError> {
         let joint = &self.config.gripper.joints[i];
         let Some((origin, stroke_m)) = origins[i] else {
             return Err(self.error(format!("joint \"{joint}\""), "hangs on no link of the tree"));
@@ -420,7 +424,7 @@ impl<'a> UrdfReader<'a> {
         element: &str,
         inertial: &urdf_rs::Inertial,
         link_pose: &Isometry3<f64>,
-    ) -> Result<Option<Inertial>, SimError> {
+    ) -> Result<Option<Inertial>, CellError> {
         let i = &inertial.inertia;
         let numbers = [inertial.mass.value, i.ixx, i.iyy, i.izz, i.ixy, i.ixz, i.iyz];
         if numbers.iter().any(|v| !v.is_finite()) || inertial.mass.value < 0.0 {
@@ -463,7 +467,7 @@ impl<'a> UrdfReader<'a> {
         }))
     }
 
-    fn shape(&self, element: &str, geometry: &Geometry) -> Result<Shape, SimError> {
+    fn shape(&self, element: &str, geometry: &Geometry) -> Result<Shape, CellError> {
         let (shape, sizes) = match geometry {
             Geometry::Box { size } => (Shape::Cuboid { half_m: size.map(|v| 0.5 * v) }, size.to_vec()),
             Geometry::Cylinder { radius, length } => {

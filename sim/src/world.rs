@@ -14,22 +14,22 @@ use arrayvec::ArrayVec;
 use nalgebra::{Isometry3, Vector3};
 use serde::{Deserialize, Serialize};
 
-use crate::episode::{EpisodeSetup, Start};
-use crate::error::SimError;
-use crate::fault::InjectedFault;
+use crate::cell::cell_spec;
 use crate::film::EpisodeFilm;
 use crate::perception::sensor_errors;
-use crate::readout::{self, ContactForces, JointState};
+use crate::readout;
 use crate::reduced_state::ReducedState;
 use crate::robot::RobotModel;
-use crate::scene::Scene;
 use crate::state::{InFlightCommand, WorldState, check_command};
 use crate::stepper::Stepper;
 use crate::work_count;
 use holdpoint_body::{
-    Body, BodyError, Command, Contacts, GuardVerdict, Interrupt, JointVec, MAX_JOINTS, Observation, Pose,
-    TICK_SECS, TaskKind, Telemetry, Twist,
+    Body, BodyError, Command, GuardVerdict, Interrupt, JointVec, MAX_JOINTS, Observation, Pose, TICK_SECS,
+    TaskKind, Telemetry, Twist,
 };
+use holdpoint_cell::episode::{EpisodeSetup, Start};
+use holdpoint_cell::truth::{ContactForces, ContactPoint, JointState};
+use holdpoint_cell::{CellError, CellSpec, InjectedFault, Scene};
 
 pub use crate::effort::Fidelity;
 
@@ -47,6 +47,7 @@ const QUEUE_MAX: usize = 256;
 pub struct World {
     robot: Arc<RobotModel>,
     scene: Arc<Scene>,
+    pub(crate) spec: Arc<CellSpec>,
     config: WorldConfig,
     stepper: Stepper,
     state: WorldState,
@@ -90,8 +91,8 @@ impl World {
     /// A world with default settings, reset to seed 0 of an unperturbed grasp.
     ///
     /// # Errors
-    /// [`SimError`] when the robot cannot be built or does not fit the scene.
-    pub fn new(robot: &RobotModel, scene: &Scene) -> Result<Self, SimError> {
+    /// [`CellError`] when the robot cannot be built or does not fit the scene.
+    pub fn new(robot: &RobotModel, scene: &Scene) -> Result<Self, CellError> {
         Self::with_config(robot, scene, WorldConfig::default())
     }
 
@@ -99,14 +100,15 @@ impl World {
     ///
     /// # Errors
     /// As [`World::new`].
-    pub fn with_config(robot: &RobotModel, scene: &Scene, config: WorldConfig) -> Result<Self, SimError> {
-        let distribution = crate::distribution::Distribution::canonical()?;
+    pub fn with_config(robot: &RobotModel, scene: &Scene, config: WorldConfig) -> Result<Self, CellError> {
+        let distribution = crate::published::canonical()?;
         let setup = EpisodeSetup::sample(TaskKind::Grasp, scene, &distribution, 0);
         let (robot, scene) = (Arc::new(robot.clone()), Arc::new(scene.clone()));
         let state = WorldState::new(&robot, &scene, &setup)?;
         let observation = blank_observation(robot.geometry.joint_count());
         let stepper = Stepper::new(config.fidelity, &robot, &state.physics, &state.handles, true);
-        let mut world = Self { robot, scene, config, stepper, state, observation, film: None };
+        let spec = Arc::new(cell_spec(&robot, &scene));
+        let mut world = Self { robot, scene, spec, config, stepper, state, observation, film: None };
         world.settle_start()?;
         Ok(world)
     }
@@ -114,8 +116,8 @@ impl World {
     /// Starts an episode. Nothing of the one before is left.
     ///
     /// # Errors
-    /// [`SimError::InvalidStart`] when a held start is out of reach or the object does not hold.
-    pub fn reset(&mut self, setup: &EpisodeSetup) -> Result<(), SimError> {
+    /// [`CellError::InvalidStart`] when a held start is out of reach or the object does not hold.
+    pub fn reset(&mut self, setup: &EpisodeSetup) -> Result<(), CellError> {
         self.state = WorldState::new(&self.robot, &self.scene, setup)?;
         work_count::note(|count| count.episodes += 1);
         self.prepare();
@@ -338,7 +340,7 @@ impl World {
 
     /// Where robot and object touch what they touch, the strongest contact first.
     #[must_use]
-    pub fn contact_points(&self) -> Vec<readout::ContactPoint> {
+    pub fn contact_points(&self) -> Vec<ContactPoint> {
         let s = &self.state;
         let held = match (&s.owner.own, self.stepper.cell()) {
             (Some(own), Some(cell)) => cell.contact_points(own),
@@ -364,12 +366,6 @@ impl World {
     pub fn object(&self) -> (Isometry3<f64>, f64) {
         let (pose, speed, _) = self.state.object();
         (pose, speed)
-    }
-
-    /// True contacts.
-    #[must_use]
-    pub fn contacts(&self) -> Contacts {
-        self.state.forces.contacts
     }
 
     /// The end-of-task inspection, from true poses: is the work of the current task done right now?
@@ -410,25 +406,25 @@ impl World {
     /// The complete state as bytes; see [`World::restore`].
     ///
     /// # Errors
-    /// [`SimError::Snapshot`] when the state cannot be written.
-    pub fn snapshot(&self) -> Result<Vec<u8>, SimError> {
+    /// [`CellError::Snapshot`] when the state cannot be written.
+    pub fn snapshot(&self) -> Result<Vec<u8>, CellError> {
         let head = (self.robot.digest, &self.config);
-        postcard::to_allocvec(&(head, &self.state)).map_err(|error| SimError::Snapshot(error.to_string()))
+        postcard::to_allocvec(&(head, &self.state)).map_err(|error| CellError::Snapshot(error.to_string()))
     }
 
     /// Continues from a snapshot of a world with the same robot: bit-identical to never having
     /// stopped. The scene is the caller's to match.
     ///
     /// # Errors
-    /// [`SimError::Snapshot`] when the bytes are not a snapshot or belong to another robot; the
+    /// [`CellError::Snapshot`] when the bytes are not a snapshot or belong to another robot; the
     /// world is then unchanged.
-    pub fn restore(&mut self, bytes: &[u8]) -> Result<(), SimError> {
+    pub fn restore(&mut self, bytes: &[u8]) -> Result<(), CellError> {
         let ((digest, config), state): ((u64, WorldConfig), WorldState) =
-            postcard::from_bytes(bytes).map_err(|error| SimError::Snapshot(error.to_string()))?;
+            postcard::from_bytes(bytes).map_err(|error| CellError::Snapshot(error.to_string()))?;
         if digest != self.robot.digest {
             let problem =
                 format!("made with robot \"{digest:016x}\", this one is {:016x}", self.robot.digest);
-            return Err(SimError::Snapshot(problem));
+            return Err(CellError::Snapshot(problem));
         }
         self.config = config;
         self.state = state;
@@ -463,7 +459,7 @@ impl World {
     }
 
     /// Closes on a held object and checks that it holds; then takes the first reading.
-    fn settle_start(&mut self) -> Result<(), SimError> {
+    fn settle_start(&mut self) -> Result<(), CellError> {
         if let Start::Held { .. } = self.state.setup.start {
             self.close_on_object()?;
         }
@@ -472,7 +468,7 @@ impl World {
         Ok(())
     }
 
-    fn close_on_object(&mut self) -> Result<(), SimError> {
+    fn close_on_object(&mut self) -> Result<(), CellError> {
         const CLOSE_TICKS: usize = 36;
         const HANG_TICKS: usize = 36;
         /// Firm: carries 0.35 kg at the smallest friction twice over.
@@ -502,7 +498,7 @@ impl World {
         } else {
             return Ok(());
         };
-        Err(SimError::InvalidStart { seed, problem })
+        Err(CellError::InvalidStart { seed, problem })
     }
 
     fn physics_tick(&mut self) -> Result<(), BodyError> {

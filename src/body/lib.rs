@@ -59,3 +59,21 @@ pub trait Body {
     /// Whether the work was done, by inspection after the task.
     fn inspect(&self) -> bool;
 }
+
+impl<B: Body + ?Sized> Body for Box<B> {
+    fn observe(&mut self, last: GuardVerdict) -> Observation {
+        (**self).observe(last)
+    }
+    fn telemetry(&self) -> Telemetry {
+        (**self).telemetry()
+    }
+    fn step(&mut self, command: &Command) -> Result<(), BodyError> {
+        (**self).step(command)
+    }
+    fn interrupt(&mut self, interrupt: Interrupt) {
+        (**self).interrupt(interrupt);
+    }
+    fn inspect(&self) -> bool {
+        (**self).inspect()
+    }
+}

@@ -11,11 +11,13 @@ use serde_json::Value;
 use super::data;
 use super::output::TextTable;
 use super::profile_choice::{RequestedProfile, RequestedProfileParser, chosen, last};
+use crate::cells::CELLS;
 use crate::cli::context::CliContext;
 use crate::cli::engine_verbs::EngineVerbs;
 use crate::cli::output::CommandOutput;
 use crate::error::{CliError, Exit};
 use holdpoint_approvals::SignedAuthorship;
+use holdpoint_engine::cell::Cell;
 use holdpoint_engine::check::{self, ProfileFindings, RegisteredVersions, UnmetFallback};
 use holdpoint_engine::explain::difference::differences;
 use holdpoint_engine::tryout::Tryout;
@@ -487,7 +489,8 @@ fn slow_ticks(candidate: &Capability, findings: &[ProfileFindings]) -> Result<Op
     if candidate.package.component.is_none() || admitting.is_empty() {
         return Ok(None);
     }
-    let tryout = Tryout::new(candidate.clone()).map_err(CliError::internal)?;
+    let tryout = Tryout::new(candidate.clone(), Cell::of(&CELLS, None).map_err(CliError::internal)?)
+        .map_err(CliError::internal)?;
     let Some(tick_us) = tryout.median_tick_us() else { return Ok(None) };
     let declared_us = candidate.manifest.permissions.resources.cpu_us_per_tick;
     let reason =

@@ -10,6 +10,7 @@ use super::console_engine::ConsoleEngine;
 use super::run::{LivePace, RunArgs};
 use super::settings::{self, file, themes};
 use super::{data, identity};
+use crate::cells::CELLS;
 use crate::cli::context::CliContext;
 use crate::cli::output::CommandOutput;
 use crate::error::{CliError, Exit};
@@ -64,6 +65,7 @@ pub(super) fn run(
                 profile: args.engine.profile(&context.data)?,
                 seeds: EpisodeSeeds::Secret,
                 jobs: args.engine.spare_jobs(),
+                cells: Arc::new(CELLS),
                 robot: args.engine.robot.clone(),
                 pace: args.pace.unwrap_or(LivePace::CLOCK).times(),
                 sinks: args.scenes.options(true).sinks()?,

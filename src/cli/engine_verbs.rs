@@ -2,10 +2,12 @@
 //!
 //! Chooses between a running engine and one opened for the verb; decides nothing itself.
 
+use std::sync::Arc;
 use std::time::Duration;
 
 use super::verb_executor::{VerbExecutor, last_cell, running};
 use super::{bench, candidate, data, decide, demo, profile_choice, run, serve, status};
+use crate::cells::CELLS;
 use crate::cli::context::CliContext;
 use crate::cli::output::CommandOutput;
 use crate::error::{CliError, Exit};
@@ -194,6 +196,7 @@ impl EngineVerbs for RealEngine {
             profile: args.engine.profile(&context.data)?,
             seeds: EpisodeSeeds::Secret,
             jobs: args.engine.spare_jobs(),
+            cells: Arc::new(CELLS),
             robot: args.engine.robot.clone(),
             pace: args.pace(),
             sinks: args.scenes.options(true).sinks()?,

@@ -10,6 +10,7 @@ use clap::Args;
 use super::data;
 use super::output::TextTable;
 use super::time_arg::{TimeArg, when_help};
+use crate::cells::CELLS;
 use crate::cli::context::CliContext;
 use crate::cli::output::CommandOutput;
 use crate::error::{CliError, Exit};
@@ -131,7 +132,7 @@ pub fn run(context: &CliContext, args: &MetricsArgs, out: &mut CommandOutput<'_>
         file.is_file().then(|| TelemetryViews::open(&file)).transpose().map_err(CliError::usage)?;
     let robot = store_identity::robot(&views).map_err(CliError::usage)?;
     // A robot without a description has no digest, so its decisions belong to another build.
-    let cell = robot.and_then(|robot| robot.cell().ok()).map_or_else(Cell::builtin, Ok);
+    let cell = robot.and_then(|robot| robot.cell(&CELLS).ok()).map_or_else(|| Cell::of(&CELLS, None), Ok);
     let environment = cell.map_err(CliError::internal)?.digest();
     let since = match &args.since {
         None => Since::Record(1),

@@ -6,6 +6,7 @@ use std::io::{self, Write as _};
 
 use super::data;
 use super::profile_choice;
+use crate::cells::CELLS;
 use crate::cli::context::CliContext;
 use crate::cli::output::CommandOutput;
 use crate::error::{CliError, Exit, refusal_reason, start_error};
@@ -271,8 +272,8 @@ pub(super) fn last_cell(context: &CliContext) -> Result<Cell, CliError> {
     } else {
         None
     };
-    let Some(robot) = recorded else { return Cell::builtin().map_err(CliError::internal) };
-    robot.cell().map_err(|error| {
+    let Some(robot) = recorded else { return Cell::of(&CELLS, None).map_err(CliError::internal) };
+    robot.cell(&CELLS).map_err(|error| {
         let text = format!("the robot file {robot} of this store cannot be read: {error}");
         let details = robot.file.as_deref().map_or_else(
             || ErrorReason::BadFile.into(),

@@ -288,7 +288,7 @@ fn unverified_snapshot(
         clock_doubt: None,
         profile: context.profile.name,
         site: context.profile.site.clone(),
-        robot: context.cell.model.name.clone(),
+        robot: context.cell.spec.robot.name.clone(),
         seed: config.seeds.of_run(),
         policy: context.digest,
         agent: agent.unwrap_or(Digest::from_bytes([0; 32])),

@@ -3,30 +3,43 @@
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+use holdpoint_body::disturbance::Drift;
 use holdpoint_body::{Geometry, TaskKind, Zone};
-use holdpoint_sim::SimError;
-use holdpoint_sim::distribution::Distribution;
-use holdpoint_sim::robot::RobotModel;
-use holdpoint_sim::scene::Scene;
-use holdpoint_sim::world::World;
+use holdpoint_cell::{
+    CellError, CellFactory, CellSource, CellSpec, Distribution, LiveCell, Scene, TrialCell,
+};
 
 use holdpoint_governance::ids::Digest;
 use holdpoint_governance::start_domain::StartDomain;
 
 mod start_support;
 
-/// Digest of what computes an episode in this build: simulator, controllers, rules, their dependencies, the compiler
-/// and the target (`build.rs`). Results of another build are not evidence here.
-pub const COMPUTED_BY: &str = env!("HOLDPOINT_COMPUTED_BY");
+/// Digest of what computes an episode in this build beside the cell: controllers, rules, their dependencies, the
+/// compiler and the target (`build.rs`).
+const COMPUTED_BY: &str = env!("HOLDPOINT_COMPUTED_BY");
 
-/// Digest of what decides in this build: [`COMPUTED_BY`], the stages, the record and the profiles. Cached decisions of
+/// As [`COMPUTED_BY`], with the stages, the record and the profiles.
+const DECIDED_BY: &str = env!("HOLDPOINT_DECIDED_BY");
+
+/// Digest of what computes an episode in cells of a build. Results of another build are not evidence here.
+#[must_use]
+pub fn computed_by(cell_build: &str) -> String {
+    Digest::of_parts("holdpoint.computed-by.v1", &[COMPUTED_BY.as_bytes(), cell_build.as_bytes()]).to_string()
+}
+
+/// Digest of what decides about a version: [`computed_by`], the stages, the record and the profiles. Cached decisions of
 /// an experiment are bound to it.
-pub const DECIDED_BY: &str = env!("HOLDPOINT_DECIDED_BY");
+#[must_use]
+pub fn decided_by(cell_build: &str) -> String {
+    Digest::of_parts("holdpoint.decided-by.v1", &[DECIDED_BY.as_bytes(), cell_build.as_bytes()]).to_string()
+}
 
 /// Robot, scene and distributions, shared by every worker.
 #[derive(Clone)]
 pub struct Cell {
-    pub model: Arc<RobotModel>,
+    factory: Arc<dyn CellFactory>,
+    /// What the cell is and can do.
+    pub spec: Arc<CellSpec>,
     /// The file the robot was read from; absent for a built-in one.
     pub robot_file: Option<PathBuf>,
     /// Table, tray, zones, clutter.
@@ -41,6 +54,7 @@ pub struct Cell {
     pub live: Arc<Distribution>,
     /// What evidence of this cell covers of the start of each task, in the order of [`TaskKind::SEQUENCE`].
     starts: [Arc<StartDomain>; 3],
+    computed_by: Arc<str>,
     digest: Digest,
 }
 
@@ -66,53 +80,52 @@ impl Conditions {
 }
 
 impl Cell {
-    /// The embedded scene and distributions with a robot.
+    /// The cell of a factory.
     ///
     /// # Errors
-    /// If an embedded file does not parse, or the robot does not fit the scene.
-    pub fn new(model: RobotModel) -> Result<Self, SimError> {
-        let scene = Scene::cell()?;
-        let canonical = Distribution::canonical()?;
-        let sandbox = Distribution::sandbox()?;
-        let live = Distribution::live()?;
-        let digest = digest(&model, &scene, [&canonical, &sandbox, &live], COMPUTED_BY);
+    /// If its distributions cannot be read.
+    pub fn new(factory: Arc<dyn CellFactory>) -> Result<Self, CellError> {
+        let [canonical, sandbox, live] = factory.distributions()?;
+        let spec = Arc::clone(factory.spec());
+        let computed_by = computed_by(factory.build_digest());
+        let digest = digest(&spec, [&canonical, &sandbox, &live], &computed_by);
         let starts = TaskKind::SEQUENCE
-            .map(|task| Arc::new(start_support::start_domain(&model, &scene, &sandbox, &live, task)));
+            .map(|task| Arc::new(start_support::start_domain(&spec, &sandbox, &live, task)));
         Ok(Self {
-            geometry: Arc::new(model.geometry.clone()),
-            zones: scene.zones.clone().into(),
-            model: Arc::new(model),
+            geometry: Arc::clone(&spec.robot.geometry),
+            zones: Arc::clone(&spec.zones),
             robot_file: None,
-            scene: Arc::new(scene),
+            scene: Arc::clone(&spec.scene),
+            factory,
+            spec,
             canonical: Arc::new(canonical),
             sandbox: Arc::new(sandbox),
             live: Arc::new(live),
             starts,
+            computed_by: computed_by.into(),
             digest,
         })
     }
 
-    /// The cell with the robot of this file; the seven-axis arm without one.
+    /// The cell with the robot of this file; the source's default cell without one.
     ///
     /// # Errors
     /// As [`Cell::new`], or if the file cannot be read.
-    pub fn of(robot: Option<&Path>) -> Result<Self, SimError> {
-        let Some(file) = robot else { return Self::builtin() };
-        let cell = Self::new(RobotModel::load(file)?)?;
+    pub fn of(source: &dyn CellSource, robot: Option<&Path>) -> Result<Self, CellError> {
+        let Some(file) = robot else { return Self::new(source.builtin(None)?) };
+        let cell = Self::new(source.load(file)?)?;
         // The store records it for a start from another folder.
         let file = std::path::absolute(file).unwrap_or_else(|_| file.to_owned());
         Ok(Self { robot_file: Some(file), ..cell })
     }
 
-    /// The default cell: the seven-axis arm.
-    ///
-    /// # Errors
-    /// As [`Cell::new`].
-    pub fn builtin() -> Result<Self, SimError> {
-        Self::new(RobotModel::builtin("arm7")?)
+    /// Digest of what computes episodes here: this build and that of the cell.
+    #[must_use]
+    pub fn computed_by(&self) -> &str {
+        &self.computed_by
     }
 
-    /// Digest of robot, scene, distributions and of what computes episodes ([`COMPUTED_BY`]).
+    /// Digest of robot, scene, distributions and of what computes episodes ([`Cell::computed_by`]).
     #[must_use]
     pub const fn digest(&self) -> Digest {
         self.digest
@@ -149,49 +162,67 @@ impl Cell {
     /// The same cell with the current conditions of the live cell in its sandbox, and a digest of its own.
     #[must_use]
     pub(crate) fn with_live_sandbox(&self, live: &Arc<Distribution>) -> Self {
-        let digest = digest(&self.model, &self.scene, [&self.canonical, live, live], COMPUTED_BY);
+        let digest = digest(&self.spec, [&self.canonical, live, live], &self.computed_by);
         Self { sandbox: Arc::clone(live), live: Arc::clone(live), digest, ..self.clone() }
     }
 
-    /// A new world of this cell.
+    /// A distribution of this cell after a drift.
     ///
     /// # Errors
-    /// If the robot cannot be built.
-    pub fn world(&self) -> Result<World, SimError> {
-        World::new(&self.model, &self.scene)
+    /// If the cell has no such drift.
+    pub fn with_drift(&self, of: &Distribution, drift: &Drift) -> Result<Distribution, CellError> {
+        self.factory.with_drift(of, drift)
+    }
+
+    /// A new live cell of this description.
+    ///
+    /// # Errors
+    /// If it cannot be built.
+    pub fn live_cell(&self) -> Result<Box<dyn LiveCell>, CellError> {
+        self.factory.live()
+    }
+
+    /// A new trial cell of this description.
+    ///
+    /// # Errors
+    /// If it cannot be built.
+    pub fn trial(&self) -> Result<Box<dyn TrialCell>, CellError> {
+        self.factory.trial()
     }
 }
 
-fn digest(model: &RobotModel, scene: &Scene, distributions: [&Distribution; 3], computed_by: &str) -> Digest {
+fn digest(spec: &CellSpec, distributions: [&Distribution; 3], computed_by: &str) -> Digest {
     let [canonical, sandbox, live] = distributions;
-    let describe = |name: &str, text: String| format!("{name}:{text}");
     // The debug text contains type names; a build with other names has another digest in any case.
+    let describe = |name: &str, distribution: &Distribution| format!("{name}:{distribution:?}").into_bytes();
     let parts = [
-        describe("robot", model.digest.to_string()),
-        describe("scene", format!("{scene:?}")),
-        describe("canonical", format!("{canonical:?}")),
-        describe("sandbox", format!("{sandbox:?}")),
-        describe("live", format!("{live:?}")),
-        describe("computed by", computed_by.to_owned()),
+        spec.digest().to_vec(),
+        describe("canonical", canonical),
+        describe("sandbox", sandbox),
+        describe("live", live),
+        computed_by.as_bytes().to_vec(),
     ];
-    let bytes: Vec<&[u8]> = parts.iter().map(String::as_bytes).collect();
-    Digest::of_parts("holdpoint.environment.v2", &bytes)
+    let bytes: Vec<&[u8]> = parts.iter().map(Vec::as_slice).collect();
+    Digest::of_parts("holdpoint.environment.v3", &bytes)
 }
 
 #[cfg(test)]
 mod tests {
+    use holdpoint_sim::SimCells;
+
     use super::*;
 
     /// Evidence and cached results are bound to the digest, so it must cover everything that an episode depends on.
     #[test]
     fn another_robot_or_another_build_is_another_cell() {
-        let (seven, six) =
-            (Cell::builtin().unwrap(), Cell::new(RobotModel::builtin("arm6").unwrap()).unwrap());
-        assert_eq!(seven.digest(), Cell::builtin().unwrap().digest());
+        let of = |robot| Cell::new(SimCells.builtin(robot).unwrap()).unwrap();
+        let (seven, six) = (of(None), of(Some("arm6")));
+        assert_eq!(seven.digest(), of(Some("arm7")).digest());
         assert_ne!(seven.digest(), six.digest());
         assert_eq!(COMPUTED_BY.len(), 64, "the build script names the build: {COMPUTED_BY:?}");
-        let other =
-            digest(&seven.model, &seven.scene, [&seven.canonical, &seven.sandbox, &seven.live], "another");
-        assert_ne!(seven.digest(), other);
+        assert_eq!(seven.computed_by(), computed_by(holdpoint_sim::BUILD));
+        let conditions = [&*seven.canonical, &*seven.sandbox, &*seven.live];
+        assert_eq!(seven.digest(), digest(&seven.spec, conditions, seven.computed_by()));
+        assert_ne!(seven.digest(), digest(&seven.spec, conditions, &computed_by("another cell's build")));
     }
 }

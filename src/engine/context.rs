@@ -21,7 +21,7 @@ pub struct ContextRecord {
     /// The agent whose capabilities the store contains; earlier versions name none.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub agent: Option<Digest>,
-    /// The build that computed the evidence ([`crate::cell::COMPUTED_BY`]); earlier versions name none.
+    /// The build that computed the evidence ([`Cell::computed_by`]); earlier versions name none.
     #[serde(default)]
     pub computed_by: String,
     /// Robot, scene and distributions; earlier versions name none.

@@ -39,6 +39,7 @@ use crate::cell::Cell;
 use crate::trial::cache::EpisodeCache;
 use crate::trial::seeds::EpisodeSeeds;
 use crate::world::stop_switch::{StopRequest, StopSwitch};
+use holdpoint_cell::CellSource;
 use holdpoint_governance::site_profile::ChosenProfile;
 use holdpoint_protocol::command::{Command, Request};
 use holdpoint_protocol::console_presence::ConsolePresence;
@@ -60,6 +61,8 @@ pub struct LaunchConfig {
     pub seeds: EpisodeSeeds,
     /// Workers for evaluation; 0 for one fewer than there are cores.
     pub jobs: usize,
+    /// Where its cell comes from.
+    pub cells: Arc<dyn CellSource>,
     /// The robot's URDF file; absent for the built-in arm.
     pub robot: Option<PathBuf>,
     /// Simulated seconds of the live cell per second; absent for unlimited.
@@ -495,7 +498,7 @@ fn start(
         seeds: config.seeds,
         jobs,
         scripted: false,
-        cell: Cell::of(robot).map_err(|error| EngineEndError::without_cell(robot, &error))?,
+        cell: Cell::of(&*config.cells, robot).map_err(|error| EngineEndError::without_cell(robot, &error))?,
         cache: EpisodeCache::InStore,
     };
     let mut bootstrap =
@@ -548,6 +551,7 @@ mod tests {
             profile: holdpoint_governance::profile::ProfileName::Sim.into(),
             seeds: EpisodeSeeds::OfRun(1),
             jobs,
+            cells: Arc::new(holdpoint_sim::SimCells),
             robot: None,
             pace: None,
             sinks: Vec::new(),

@@ -6,13 +6,13 @@
 pub(crate) mod episode_selection;
 pub(crate) mod film_render;
 
+use holdpoint_cell::film::FRAMES_MAX;
 use holdpoint_governance::evidence::{EpisodeValues, EvidenceBinding, SandboxMode};
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_protocol::command::{Refusal, Reply};
 use holdpoint_protocol::film::{Film, FilmRefusal, FilmRequest, FilmSubject, FilmedRun, ReplayDifference};
 use holdpoint_runtime::capability::Capability;
 use holdpoint_runtime::terms::SkillTerms;
-use holdpoint_sim::film::FRAMES_MAX;
 use holdpoint_wording::film::{REFUSAL_HINT, refusal, replay_difference, selection_reason};
 
 use self::episode_selection::{SelectedEpisode, SelectedWork};

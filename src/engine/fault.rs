@@ -3,9 +3,9 @@
 use std::borrow::Cow;
 
 use holdpoint_body::BodyError;
+use holdpoint_cell::CellError;
 use holdpoint_protocol::command::Refusal;
 use holdpoint_registry::StoreError;
-use holdpoint_sim::SimError;
 
 use holdpoint_text::{ErrorDetails, ErrorReason, Hint, Problem};
 
@@ -20,7 +20,7 @@ pub enum EngineFault {
     #[error(transparent)]
     Store(#[from] StoreError),
     #[error(transparent)]
-    Sim(#[from] SimError),
+    Cell(#[from] CellError),
     /// The robot's body failed.
     #[error(transparent)]
     Body(#[from] BodyError),
@@ -63,7 +63,7 @@ impl EngineFault {
                 _ => None,
             },
             Self::VersionTable(_)
-            | Self::Sim(_)
+            | Self::Cell(_)
             | Self::Body(_)
             | Self::Canonical(_)
             | Self::Impossible(_) => None,
@@ -76,7 +76,7 @@ impl Hint for EngineFault {
         match self {
             Self::VersionTable(error) => error.details(),
             Self::Store(error) => error.details(),
-            Self::Sim(_) | Self::Body(_) | Self::Canonical(_) | Self::Impossible(_) => {
+            Self::Cell(_) | Self::Body(_) | Self::Canonical(_) | Self::Impossible(_) => {
                 Some(ErrorReason::Internal.into())
             }
         }
@@ -86,7 +86,7 @@ impl Hint for EngineFault {
         match self {
             Self::VersionTable(error) => error.hint(),
             Self::Store(error) => error.hint(),
-            Self::Sim(_) | Self::Body(_) | Self::Canonical(_) | Self::Impossible(_) => None,
+            Self::Cell(_) | Self::Body(_) | Self::Canonical(_) | Self::Impossible(_) => None,
         }
     }
 }

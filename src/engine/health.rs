@@ -90,7 +90,7 @@ impl CellHealth {
         Ok(Self { normal, normal_senses, ..Self::default() })
     }
 
-    /// Adds one live task of an active version. A refused task, or one with a simulator failure, does not count.
+    /// Adds one live task of an active version. A refused task, or one with a failure of the cell, does not count.
     ///
     /// # Errors
     /// If the result cannot be written.

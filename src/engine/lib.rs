@@ -128,7 +128,7 @@ pub enum StartError {
     Baseline(#[from] PackageError),
     /// The cell cannot be built.
     #[error(transparent)]
-    Sim(#[from] holdpoint_sim::SimError),
+    Cell(#[from] holdpoint_cell::CellError),
     /// The store is for another robot. Nothing was written.
     #[error("this store is for the robot {recorded}, not for {given}")]
     OtherRobot { recorded: Box<StoreRobot>, given: Box<StoreRobot> },
@@ -158,7 +158,7 @@ impl Hint for StartError {
             Self::OtherRobot { .. } => Some(ErrorReason::OtherRobot.into()),
             Self::Omitted(_) => Some(ErrorReason::NotAllowed.into()),
             Self::Thread(_) => Some(ErrorReason::Environment.into()),
-            Self::Sim(_) => Some(ErrorReason::Internal.into()),
+            Self::Cell(_) => Some(ErrorReason::Internal.into()),
         }
     }
 
@@ -186,7 +186,7 @@ impl Hint for StartError {
             Self::Omitted(_) => Some(
                 "a version that was activated with parts omitted never controls an arm; use another store".into(),
             ),
-            Self::Sim(_) | Self::Thread(_) => None,
+            Self::Cell(_) | Self::Thread(_) => None,
         }
     }
 }

@@ -2,8 +2,8 @@
 //!
 //! Functions over the parts they need. A refused command changes nothing.
 
+use holdpoint_body::disturbance::{Drift, DriftKind, Magnitude};
 use holdpoint_governance::finding::Finding;
-use holdpoint_sim::distribution::{Drift, DriftKind, Magnitude};
 
 use crate::check::taskless_family;
 use crate::context::Context;

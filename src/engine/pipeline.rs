@@ -425,7 +425,7 @@ impl Pipeline {
         &mut self,
         id: &CapabilityId,
         trace: Option<crate::world::shadow::ShadowTrace>,
-        fork: Option<holdpoint_sim::world::World>,
+        fork: Option<Box<dyn holdpoint_cell::TrialCell>>,
     ) -> Result<(), EngineFault> {
         match self.work.take() {
             Some(StageWork::Shadow(run)) if run.id() == id => {

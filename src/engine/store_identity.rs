@@ -15,7 +15,6 @@ use holdpoint_governance::site_profile::ProfileTexts;
 use holdpoint_registry::{AuditBody, Change, ContextRules, ProfileHistory, StoreError, Views};
 use holdpoint_text::Hint as _;
 
-use crate::cell::COMPUTED_BY;
 use crate::context::{Context, ContextRecord};
 use crate::fault::EngineFault;
 use crate::store_robot::StoreRobot;
@@ -114,7 +113,7 @@ pub(crate) struct VoidedFamilies {
 
 /// The differences from a store's last context, as a sentence.
 fn what_changed(before: &ContextRecord, context: &Context) -> Notice {
-    let another_build = before.computed_by != COMPUTED_BY;
+    let another_build = before.computed_by != context.cell.computed_by();
     let another_robot = before.robot.as_ref().is_some_and(|robot| !robot.is(&StoreRobot::of(&context.cell)));
     // The environment is the digest of robot, scene and build together.
     let environment = before.environment != Some(context.cell.digest());
@@ -232,7 +231,7 @@ pub(crate) fn set_context(
     let reason = before.as_ref().map_or_else(|| Notice::BindingFirst, |before| what_changed(before, context));
     let json = serde_json::to_string(&ContextRecord {
         agent: Some(agent),
-        computed_by: COMPUTED_BY.to_owned(),
+        computed_by: context.cell.computed_by().to_owned(),
         environment: Some(context.cell.digest()),
         omitted: context.omitted,
         own: context.own.clone(),

@@ -128,7 +128,7 @@ pub struct Coverage {
     pub live_tasks: u64,
     /// Live tasks of other versions; in no rate.
     pub other_tasks: u64,
-    /// Live tasks without a result because the simulator or the body failed; in no rate.
+    /// Live tasks without a result because the cell or its body failed; in no rate.
     pub invalid_tasks: u64,
     /// Live tasks that a person stopped; in no rate.
     pub stopped_tasks: u64,

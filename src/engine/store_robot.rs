@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use holdpoint_sim::SimError;
+use holdpoint_cell::{CellError, CellSource};
 use serde::{Deserialize, Serialize};
 
 use crate::cell::Cell;
@@ -22,8 +22,8 @@ impl StoreRobot {
     /// The robot of a cell.
     #[must_use]
     pub fn of(cell: &Cell) -> Self {
-        let digest = format!("{:016x}", cell.model.digest);
-        Self { name: cell.model.name.clone(), digest, file: cell.robot_file.clone() }
+        let digest = format!("{:016x}", cell.spec.robot.digest);
+        Self { name: cell.spec.robot.name.clone(), digest, file: cell.robot_file.clone() }
     }
 
     /// Whether it is the same robot, wherever its file is.
@@ -36,10 +36,10 @@ impl StoreRobot {
     ///
     /// # Errors
     /// If its file cannot be read.
-    pub fn cell(&self) -> Result<Cell, SimError> {
+    pub fn cell(&self, source: &dyn CellSource) -> Result<Cell, CellError> {
         match &self.file {
-            None => Cell::new(holdpoint_sim::robot::RobotModel::builtin(&self.name)?),
-            Some(file) => Cell::of(Some(file)),
+            None => Cell::new(source.builtin(Some(&self.name))?),
+            Some(file) => Cell::of(source, Some(file)),
         }
     }
 }

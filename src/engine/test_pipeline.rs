@@ -7,6 +7,7 @@ use holdpoint_governance::profile::{Profile, ProfileName};
 use holdpoint_governance::wall_time::WallTime;
 use holdpoint_protocol::clock::Clock;
 use holdpoint_registry::Store;
+use holdpoint_sim::SimCells;
 
 use crate::cell::Cell;
 use crate::pipeline::{Pipeline, PipelineSettings};
@@ -44,7 +45,7 @@ pub(crate) fn seeded_pipeline(
         table: PolicyTable::builtin(&profile).unwrap(),
         profile,
         own: None,
-        cell: Cell::builtin().unwrap(),
+        cell: Cell::of(&SimCells, None).unwrap(),
         cache: EpisodeCache::InStore,
         controls: Controls::default(),
         omitted: holdpoint_governance::ablation::AblatedParts::default(),

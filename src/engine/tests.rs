@@ -4,6 +4,8 @@ use std::path::Path;
 
 use holdpoint_approvals::keyfile::KeyEncoding;
 use holdpoint_approvals::{Approval, Nonce};
+use holdpoint_body::disturbance::{Drift, DriftKind, Magnitude};
+use holdpoint_cell::CellSource as _;
 use holdpoint_governance::alarms::{AlarmEvent, AlarmKey, Priority};
 use holdpoint_governance::approval::{ApprovalDecision, Role};
 use holdpoint_governance::composition::Kappas;
@@ -27,8 +29,7 @@ use holdpoint_registry::store_terms::EvidenceKind;
 use holdpoint_registry::{AuditFilter, Change, ProfileHistory, Store, StoreError};
 use holdpoint_runtime::agent::Agent;
 use holdpoint_runtime::capability::{self, Capability};
-use holdpoint_sim::distribution::{Drift, DriftKind, Magnitude};
-use holdpoint_sim::robot::RobotModel;
+use holdpoint_sim::SimCells;
 
 use crate::cell::Cell;
 use crate::people::persons::enrolled;
@@ -47,7 +48,7 @@ pub(crate) fn config<'a>(folder: &'a Path, robot: &str) -> Config<'a> {
         seeds: crate::trial::seeds::EpisodeSeeds::OfRun(CALIBRATION_FROM_RUN),
         jobs: 1,
         scripted: true,
-        cell: Cell::new(RobotModel::builtin(robot).unwrap()).unwrap(),
+        cell: Cell::new(SimCells.builtin(Some(robot)).unwrap()).unwrap(),
         cache: EpisodeCache::InStore,
     }
 }

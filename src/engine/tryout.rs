@@ -10,7 +10,6 @@ use holdpoint_runtime::capability::Capability;
 use holdpoint_runtime::skill::Skill;
 use holdpoint_runtime::task::TaskRecord;
 use holdpoint_runtime::terms::SkillTerms;
-use holdpoint_sim::SimError;
 use holdpoint_text::Hint as _;
 
 use crate::cell::{Cell, Conditions};
@@ -34,9 +33,6 @@ pub enum TryoutError {
     /// An embedded version does not load.
     #[error(transparent)]
     Check(#[from] CheckError),
-    /// The cell cannot be built.
-    #[error(transparent)]
-    Cell(#[from] SimError),
     /// An embedded profile or its policies are invalid.
     #[error("{0}")]
     BuiltIn(String),
@@ -53,11 +49,11 @@ pub struct Tryout {
 }
 
 impl Tryout {
-    /// A candidate beside the baseline of its family.
+    /// A candidate beside the baseline of its family, in a cell.
     ///
     /// # Errors
     /// [`TryoutError`].
-    pub fn new(candidate: Capability) -> Result<Self, TryoutError> {
+    pub fn new(candidate: Capability, cell: Cell) -> Result<Self, TryoutError> {
         let family = candidate.id().family;
         let active = baselines().map_err(CheckError::from)?.into_iter().find(|one| one.id().family == family);
         let Some(active) = active else {
@@ -69,8 +65,8 @@ impl Tryout {
         let built_in = |error: String| TryoutError::BuiltIn(error);
         let profile = Profile::builtin(ProfileName::Sim).map_err(|error| built_in(error.sentence()))?;
         let table = PolicyTable::builtin(&profile).map_err(|error| built_in(error.sentence()))?;
-        let context = Context::new(profile, table, None, Cell::builtin()?)
-            .map_err(|error| built_in(error.to_string()))?;
+        let context =
+            Context::new(profile, table, None, cell).map_err(|error| built_in(error.to_string()))?;
         Ok(Self { context, candidate, active })
     }
 
@@ -89,7 +85,7 @@ impl Tryout {
     /// The robot's name.
     #[must_use]
     pub fn robot(&self) -> &str {
-        &self.context.cell.model.name
+        &self.context.cell.spec.robot.name
     }
 
     /// One episode of the candidate, with its code wrapped.

@@ -4,6 +4,7 @@
 //! The concern stays until new evidence settles it (design rules 3.6, 3.8). A version whose live behavior shifts is a concern
 //! as well.
 
+use holdpoint_body::disturbance::Drift;
 use holdpoint_governance::behavior::{BehaviorAssessment, SequenceEvidence};
 use holdpoint_governance::cached_result::CachedResultUse;
 use holdpoint_governance::composition::Kappas;
@@ -16,7 +17,6 @@ use holdpoint_governance::outcome::{Assessment, BehaviorOutcome, RecoveryOutcome
 use holdpoint_governance::recovery::RecoveryAssessment;
 use holdpoint_registry::Change;
 use holdpoint_registry::store_terms::EvidenceKind;
-use holdpoint_sim::distribution::Drift;
 use serde::{Deserialize, Serialize};
 
 /// The evidence on a concern: the raw values and the assessments.

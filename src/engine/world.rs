@@ -4,6 +4,8 @@
 //! camera frames, and the ladder to a safe pose. Decides nothing about versions.
 
 pub mod cell_frame;
+#[cfg(test)]
+pub(crate) mod fake_cell;
 pub(crate) mod forked_task;
 pub mod instrumented;
 pub mod ladder_motion;
@@ -20,13 +22,13 @@ pub mod thread;
 use std::collections::VecDeque;
 use std::sync::Arc;
 
+use holdpoint_cell::CellError;
 use holdpoint_protocol::event::TaskSummary;
 use holdpoint_protocol::sink::VideoFrameSink;
 use holdpoint_protocol::snapshot::StoppedView;
 use holdpoint_protocol::video_frame::Scenery;
-use holdpoint_sim::SimError;
 
-use self::live::LiveCell;
+use self::live::LiveStation;
 use self::sequence::StoppedTask;
 use self::stop_switch::StopSwitch;
 use self::thread::LiveThread;
@@ -38,7 +40,7 @@ const RECENT: usize = 50;
 
 /// The live cell with its pace, its camera frames and its last sequence.
 pub struct LiveWorld {
-    pub cell: LiveCell,
+    pub cell: LiveStation,
     /// Sequences due beside an evaluation.
     due: f64,
     pace: Option<f64>,
@@ -63,9 +65,9 @@ impl LiveWorld {
     ///
     /// # Errors
     /// If the world cannot be built.
-    pub(crate) fn new(cell: Cell, switch: Arc<StopSwitch>) -> Result<Self, SimError> {
+    pub(crate) fn new(cell: Cell, switch: Arc<StopSwitch>) -> Result<Self, CellError> {
         Ok(Self {
-            cell: LiveCell::with(cell, switch)?,
+            cell: LiveStation::with(cell, switch)?,
             due: 0.0,
             pace: None,
             thread: None,

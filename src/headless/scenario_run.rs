@@ -6,6 +6,7 @@ use std::path::Path;
 use super::driver::{Driver, StepEnd};
 use super::printer::Printer;
 use super::script::{SCRIPT_BYTES_MAX, Script};
+use crate::cells::CELLS;
 use crate::error::{CliError, Exit, start_error};
 use holdpoint_engine::cell::Cell;
 use holdpoint_engine::pump::Pump;
@@ -132,7 +133,7 @@ pub fn run_stage(run: RunStage<'_>, out: &mut dyn Write) -> Result<Exit, CliErro
 }
 
 pub(super) fn cell(robot: Option<&Path>) -> Result<Cell, CliError> {
-    Cell::of(robot).map_err(|error| {
+    Cell::of(&CELLS, robot).map_err(|error| {
         let error = CliError::usage(error.to_string());
         match robot {
             Some(file) => error.with_bad_file(file),

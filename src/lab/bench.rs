@@ -47,7 +47,7 @@ pub struct BenchReport {
 #[derive(Debug, thiserror::Error)]
 pub enum BenchError {
     #[error("the simulation failed: {0}")]
-    Sim(#[from] holdpoint_sim::SimError),
+    Sim(#[from] holdpoint_cell::CellError),
     /// A tick could not be carried out.
     #[error("the simulation failed: {0}")]
     Body(#[from] holdpoint_body::BodyError),

@@ -21,11 +21,12 @@ use holdpoint_engine::trial::trial_lab::TrialSubject;
 use holdpoint_engine::trial::undisturbed_run::TrialCase;
 use holdpoint_engine::trial::worker::Worker;
 use holdpoint_engine::world::listener::NoListener;
-use holdpoint_engine::world::live::LiveCell;
+use holdpoint_engine::world::live::LiveStation;
 use holdpoint_governance::ids::Family;
 use holdpoint_runtime::agent::ActiveView;
 use holdpoint_runtime::capability::Capability;
 use holdpoint_runtime::terms::SkillTerms;
+use holdpoint_sim::SimCells;
 use holdpoint_text::Hint;
 use serde::{Deserialize, Serialize};
 
@@ -157,7 +158,7 @@ impl RecordedVersions {
 
 impl DistinguisherBench {
     fn new() -> Result<Self, ExperimentError> {
-        let cell = Cell::builtin()?;
+        let cell = Cell::of(&SimCells, None)?;
         let context = judging_context(cell.clone())?;
         let baselines = holdpoint_engine::embedded::baselines()
             .map_err(|error| ExperimentError::Unexpected(error.sentence()))?;
@@ -181,7 +182,7 @@ impl DistinguisherBench {
     /// The rows of these sequences of the live cell, and of as many single tasks of the other origins.
     fn rows(&self, worker: &mut Worker, indices: Range<u64>) -> Result<Vec<TaskRow>, ExperimentError> {
         let recorded = RecordedVersions::of(&self.active);
-        let mut live = LiveCell::new(self.cell.clone())?;
+        let mut live = LiveStation::new(self.cell.clone())?;
         let mut rows = Vec::new();
         for index in indices {
             let terms = |version: &Capability| self.terms(version);

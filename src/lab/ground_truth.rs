@@ -34,7 +34,7 @@ use crate::pipeline_experiments::candidate_run::{CandidateEnd, ThresholdScale};
 use crate::pipeline_experiments::per_candidate::{self, CandidateJob};
 use crate::pipeline_experiments::{ExperimentError, ProgressFn, cached_result, scratch};
 use holdpoint_engine::Experiment;
-use holdpoint_engine::cell::{COMPUTED_BY, Cell};
+use holdpoint_engine::cell::Cell;
 use holdpoint_engine::context::Context;
 use holdpoint_engine::trial::worker::Worker;
 use holdpoint_governance::ids::Digest;
@@ -42,6 +42,7 @@ use holdpoint_governance::policy::PolicyTable;
 use holdpoint_governance::profile::{Profile, ProfileName};
 use holdpoint_registry::{CacheSecret, ResultCache};
 use holdpoint_runtime::capability::Capability;
+use holdpoint_sim::SimCells;
 use holdpoint_text::Hint;
 
 /// Pairs of whole sequences, of stops and of rollbacks; each run once.
@@ -162,7 +163,7 @@ impl TruthBench {
         };
         let baselines = holdpoint_engine::embedded::baselines()
             .map_err(|error| ExperimentError::Unexpected(error.sentence()))?;
-        Self::with_team(Cell::builtin()?, cache, baselines, plan.most)
+        Self::with_team(Cell::of(&SimCells, None)?, cache, baselines, plan.most)
     }
 
     /// Where versions are judged beside `team`, the active ones, up to `most` pairs of episodes.
@@ -255,7 +256,7 @@ impl TruthBench {
         let under = format!("{}|{channel}|{block}|{}", judged.terms.in_full(), team.join("|"));
         let parts = [
             self.cell.digest().bytes().as_slice(),
-            COMPUTED_BY.as_bytes(),
+            self.cell.computed_by().as_bytes(),
             judged.version.digest().bytes().as_slice(),
             under.as_bytes(),
         ]

@@ -23,6 +23,7 @@ use holdpoint_governance::profile::{Profile, ProfileName};
 use holdpoint_runtime::capability::Capability;
 use holdpoint_runtime::task::TaskRecord;
 use holdpoint_runtime::terms::SkillTerms;
+use holdpoint_sim::SimCells;
 use toml::{Table, Value};
 
 use crate::candidate_pool::draft::Draft;
@@ -128,7 +129,7 @@ struct HarmBench {
 
 impl HarmBench {
     fn new(name: ProfileName) -> Self {
-        let (cell, profile) = (Cell::builtin().unwrap(), Profile::builtin(name).unwrap());
+        let (cell, profile) = (Cell::of(&SimCells, None).unwrap(), Profile::builtin(name).unwrap());
         let table = Arc::new(PolicyTable::builtin(&profile).unwrap());
         let terms = SkillTerms::new(&profile, table, cell.geometry.clone(), cell.zones.clone());
         let baselines = embedded::baselines().unwrap().into_iter();

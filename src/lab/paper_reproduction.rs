@@ -30,6 +30,7 @@ use std::time::Instant;
 use holdpoint_engine::cell::Cell;
 use holdpoint_governance::profile::{Profile, ProfileName};
 use holdpoint_registry::ResultCache;
+use holdpoint_sim::SimCells;
 use holdpoint_text::Hint;
 
 pub use arm::{Arm, Fork};
@@ -58,7 +59,7 @@ impl PaperSetup {
     pub fn new(cache: ResultCache, shard: (usize, usize), jobs: usize) -> Result<Self, ExperimentError> {
         let profile = Profile::builtin(ProfileName::Sim)
             .map_err(|error| ExperimentError::Unexpected(error.sentence()))?;
-        Ok(Self { cell: Cell::builtin()?, cache, profile, shard, jobs })
+        Ok(Self { cell: Cell::of(&SimCells, None)?, cache, profile, shard, jobs })
     }
 
     /// Whether a piece of the work belongs to this process.

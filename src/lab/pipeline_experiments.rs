@@ -35,7 +35,7 @@ pub enum ExperimentError {
     Pool(#[from] crate::candidate_pool::PoolError),
     /// The cell cannot be built.
     #[error(transparent)]
-    Sim(#[from] holdpoint_sim::SimError),
+    Sim(#[from] holdpoint_cell::CellError),
     /// A candidate did not come to an end.
     #[error("the candidate {name}: {problem}")]
     Candidate { name: String, problem: String },

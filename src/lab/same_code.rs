@@ -5,6 +5,8 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Instant;
 
 use holdpoint_body::{Command, Observation};
+use holdpoint_cell::CellError;
+use holdpoint_cell::EpisodeSetup;
 use holdpoint_engine::cell::Cell;
 use holdpoint_engine::trial::worker::Worker;
 use holdpoint_governance::component::ComponentBytes;
@@ -13,8 +15,6 @@ use holdpoint_runtime::capability::{Capability, PackageError};
 use holdpoint_runtime::skill::{ConfinementReport, Hook, Skill};
 use holdpoint_runtime::task::{self, Supervision, is_same};
 use holdpoint_runtime::terms::SkillTerms;
-use holdpoint_sim::SimError;
-use holdpoint_sim::episode::EpisodeSetup;
 
 /// The engine's own controllers as a component.
 pub const CONTROLLERS: &[u8] = include_bytes!("../sdk/prebuilt/controllers.wasm");
@@ -93,7 +93,7 @@ pub fn compare(
     native: &Capability,
     component: &Capability,
     seeds: impl IntoIterator<Item = u64>,
-) -> Result<TickAgreement, SimError> {
+) -> Result<TickAgreement, CellError> {
     let found = Arc::new(Mutex::new(TickAgreement::default()));
     let mut worker = Worker::new();
     let task = native.bundle.task();
@@ -120,6 +120,7 @@ mod tests {
     use holdpoint_engine::trial::seeds::{CALIBRATION_FROM_RUN, SeedPurpose, episode_seed};
     use holdpoint_governance::policy::PolicyTable;
     use holdpoint_governance::profile::{Profile, ProfileName};
+    use holdpoint_sim::SimCells;
 
     use crate::pipeline_experiments::candidate_run::{CandidateSetting, run_candidate};
     use holdpoint_registry::{CacheSecret, ResultCache};
@@ -130,7 +131,7 @@ mod tests {
     /// and the final state of the cell.
     #[test]
     fn native_code_and_component_get_the_same_decision() {
-        let cell = Cell::builtin().unwrap();
+        let cell = Cell::of(&SimCells, None).unwrap();
         let folder = tempfile::tempdir().unwrap();
         let cache = ResultCache::in_folder(folder.path().to_owned(), CacheSecret::fresh().unwrap());
         let setting = CandidateSetting::calibration(&cell, &cache);
@@ -145,7 +146,7 @@ mod tests {
 
     #[test]
     fn a_component_sends_the_same_commands_bit_for_bit() {
-        let cell = Cell::builtin().unwrap();
+        let cell = Cell::of(&SimCells, None).unwrap();
         let profile = Profile::builtin(ProfileName::Sim).unwrap();
         let table = Arc::new(PolicyTable::builtin(&profile).unwrap());
         let terms = SkillTerms::new(&profile, table, cell.geometry.clone(), cell.zones.clone());

@@ -8,6 +8,7 @@ use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
 use holdpoint_body::TaskKind;
+use holdpoint_cell::rng::Stream;
 use holdpoint_engine::cell::{Cell, Conditions};
 use holdpoint_engine::embedded;
 use holdpoint_engine::trial::episodes::batch;
@@ -29,7 +30,7 @@ use holdpoint_governance::profile::{Profile, ProfileName};
 use holdpoint_runtime::capability::Capability;
 use holdpoint_runtime::task::TaskRecord;
 use holdpoint_runtime::terms::SkillTerms;
-use holdpoint_sim::rng::Stream;
+use holdpoint_sim::SimCells;
 use toml::{Table, Value};
 
 use crate::candidate_pool::draft::Draft;
@@ -48,7 +49,8 @@ fn digest() -> Digest {
 
 impl SequenceBench {
     fn new() -> Self {
-        let (cell, profile) = (Cell::builtin().unwrap(), Profile::builtin(ProfileName::Sim).unwrap());
+        let (cell, profile) =
+            (Cell::of(&SimCells, None).unwrap(), Profile::builtin(ProfileName::Sim).unwrap());
         let table = Arc::new(PolicyTable::builtin(&profile).unwrap());
         let terms = SkillTerms::new(&profile, table, cell.geometry.clone(), cell.zones.clone());
         let works = |version: &Capability| {

@@ -348,7 +348,7 @@ mod tests {
         let profile = Profile::builtin(ProfileName::Human).unwrap();
         let table = Arc::new(PolicyTable::builtin(&profile).unwrap());
         let model = holdpoint_sim::RobotModel::builtin("arm7").unwrap();
-        let scene = holdpoint_sim::scene::Scene::cell().unwrap();
+        let scene = holdpoint_sim::published::scene().unwrap();
         let seen = Body::telemetry(&holdpoint_sim::world::World::new(&model, &scene).unwrap());
         let zones: Arc<[zone::Zone]> = scene.zones.into();
         let transit = zone::named(&zones, ZoneName::Transit.name()).unwrap();

@@ -34,6 +34,7 @@ use holdpoint::runtime::guard::PolicyHit;
 use holdpoint::runtime::task::TaskRecord;
 use holdpoint::runtime::terms::SkillTerms;
 use holdpoint::runtime::watcher::WatcherSignal;
+use holdpoint_sim::SimCells;
 use holdpoint_sim::pool::run_ordered;
 
 fn main() -> Result<()> {
@@ -63,7 +64,7 @@ fn main() -> Result<()> {
         other => bail!("no conditions {other:?}"),
     };
     let n: u64 = n.parse()?;
-    let cell = Cell::builtin()?;
+    let cell = Cell::of(&SimCells, None)?;
     let profile = Profile::builtin(name)?;
     let table = Arc::new(PolicyTable::builtin(&profile)?);
     let terms = SkillTerms::new(&profile, table, cell.geometry.clone(), cell.zones.clone());
@@ -116,7 +117,7 @@ fn main() -> Result<()> {
 
 /// Pass rates of the recovery drills, with rollback to the first version; `rho` with the weights of the profile.
 fn drills(n: u64, from: u64, folders: &[String]) -> Result<()> {
-    let cell = Cell::builtin()?;
+    let cell = Cell::of(&SimCells, None)?;
     let profile = Profile::builtin(ProfileName::Sim)?;
     let table = Arc::new(PolicyTable::builtin(&profile)?);
     let terms = SkillTerms::new(&profile, table, cell.geometry.clone(), cell.zones.clone());

@@ -26,6 +26,7 @@ use holdpoint::governance::profile::ProfileName;
 use holdpoint::protocol::event::{Event, EventKind};
 use holdpoint::protocol::video_frame::VideoFrame;
 use holdpoint::scene::{SceneConfig, SceneSink};
+use holdpoint_sim::SimCells;
 use rustix::time::{ClockId, clock_gettime};
 
 /// Turns of each variant.
@@ -110,7 +111,7 @@ fn turn(output: SceneOutput) -> Turn {
         seeds: holdpoint_engine::trial::seeds::EpisodeSeeds::OfRun(SEED),
         jobs: 1,
         scripted: true,
-        cell: Cell::builtin().unwrap(),
+        cell: Cell::of(&SimCells, None).unwrap(),
         cache: EpisodeCache::InStore,
     })
     .unwrap();

@@ -19,6 +19,7 @@ use holdpoint::protocol::console_presence::ConsolePresence;
 use holdpoint::protocol::snapshot::Snapshot;
 use holdpoint::registry::{AuditBody, AuditFilter, Layout, Store, StoreError, Transaction, Views};
 use holdpoint::runtime::capability;
+use holdpoint_sim::SimCells;
 use rusqlite::Connection;
 
 use crate::host::{Front, PATIENCE};
@@ -65,6 +66,7 @@ fn start(folder: &Path, watch: ReadProgressFn) -> EngineHandle {
         profile: ProfileName::Sim.into(),
         seeds: holdpoint_engine::trial::seeds::EpisodeSeeds::OfRun(1),
         jobs: 1,
+        cells: std::sync::Arc::new(SimCells),
         robot: None,
         pace: Some(1.0),
         sinks: Vec::new(),
@@ -216,7 +218,7 @@ fn no_engine_starts_if_another_program_wrote_meanwhile() {
             seeds: holdpoint_engine::trial::seeds::EpisodeSeeds::OfRun(1),
             jobs: 1,
             scripted: false,
-            cell: Cell::builtin().unwrap(),
+            cell: Cell::of(&SimCells, None).unwrap(),
             cache: EpisodeCache::InStore,
         };
         let mut bootstrap = EngineBootstrap::open(config, SignalHandling::Default, Box::new(|_| ())).unwrap();

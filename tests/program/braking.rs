@@ -24,6 +24,7 @@ use holdpoint::protocol::command::{Command, Reply, StopPersistence};
 use holdpoint::protocol::event::EventKind;
 use holdpoint::registry::{Layout, verify};
 use holdpoint::runtime::capability;
+use holdpoint_sim::SimCells;
 
 use crate::host::{Front, operation};
 use crate::socket::{PATIENCE, client};
@@ -48,7 +49,7 @@ fn start_engine(folder: &Path) -> (JoinHandle<()>, Arc<StopSwitch>) {
             seeds: holdpoint_engine::trial::seeds::EpisodeSeeds::OfRun(1),
             jobs: 1,
             scripted: false,
-            cell: Cell::builtin().unwrap(),
+            cell: Cell::of(&SimCells, None).unwrap(),
             cache: EpisodeCache::InStore,
         };
         let mut pump = Pump::new(Engine::start(config).unwrap(), Vec::new());

@@ -12,6 +12,7 @@ use holdpoint::protocol::command::{Command, Refusal, Reply, Request};
 use holdpoint::protocol::detail::{Detail, FindingVerdict};
 use holdpoint::protocol::film::{Film, FilmRequest, FilmSubject};
 use holdpoint::runtime::capability;
+use holdpoint_sim::SimCells;
 
 struct FilmBench {
     engine: Engine,
@@ -26,7 +27,7 @@ impl FilmBench {
             seeds: holdpoint_engine::trial::seeds::EpisodeSeeds::OfRun(1),
             jobs: 1,
             scripted: true,
-            cell: Cell::builtin().unwrap(),
+            cell: Cell::of(&SimCells, None).unwrap(),
             cache: EpisodeCache::InStore,
         };
         Self { engine: Engine::start(config).unwrap(), request_count: 0 }

@@ -17,6 +17,7 @@ use holdpoint::protocol::video_frame::VideoFrame;
 use holdpoint::registry::Store;
 use holdpoint::runtime::capability;
 use holdpoint::scenes::SceneOptions;
+use holdpoint_sim::SimCells;
 use tokio::runtime::Runtime;
 use tokio::time::timeout;
 
@@ -42,6 +43,7 @@ impl Front {
             profile,
             seeds: holdpoint_engine::trial::seeds::EpisodeSeeds::OfRun(1),
             jobs: 1,
+            cells: std::sync::Arc::new(SimCells),
             robot: None,
             pace,
             sinks: scenes.sinks().unwrap(),

@@ -14,6 +14,7 @@ use holdpoint::governance::record::{RecordKind, VersionGroup};
 use holdpoint::protocol::command::{Command, Operation, Refusal, Reply, Request};
 use holdpoint::protocol::detail::PAGE_MAX;
 use holdpoint::runtime::capability;
+use holdpoint_sim::SimCells;
 
 struct EngineBench {
     engine: Engine,
@@ -30,7 +31,7 @@ impl EngineBench {
             seeds: holdpoint_engine::trial::seeds::EpisodeSeeds::OfRun(1),
             jobs: 1,
             scripted: true,
-            cell: Cell::builtin().unwrap(),
+            cell: Cell::of(&SimCells, None).unwrap(),
             cache: EpisodeCache::InStore,
         };
         Self { engine: Engine::start(config).unwrap(), request_count: 0, _folder: folder }

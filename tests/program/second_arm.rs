@@ -12,13 +12,18 @@ use holdpoint::governance::profile::{Profile, ProfileName};
 use holdpoint::runtime::capability::{self, Capability};
 use holdpoint::runtime::terms::SkillTerms;
 use holdpoint_sim::robot::RobotModel;
+use holdpoint_sim::{SimCells, SimFactory};
 
 #[test]
 fn a_six_axis_arm_grasps_through_the_same_code() {
     let model = RobotModel::load(Path::new("sim/assets/arm6.urdf")).unwrap();
     assert_eq!(model.geometry.joint_count(), 6);
-    let cell = Cell::new(model).unwrap();
-    assert_ne!(cell.digest(), Cell::builtin().unwrap().digest(), "another robot is another environment");
+    let cell = Cell::new(Arc::new(SimFactory::new(model).unwrap())).unwrap();
+    assert_ne!(
+        cell.digest(),
+        Cell::of(&SimCells, None).unwrap().digest(),
+        "another robot is another environment"
+    );
     let profile = Profile::builtin(ProfileName::Sim).unwrap();
     let table = Arc::new(PolicyTable::builtin(&profile).unwrap());
     let terms = SkillTerms::new(&profile, table, cell.geometry.clone(), cell.zones.clone());

@@ -20,6 +20,7 @@ use holdpoint::governance::record::RecordKind;
 use holdpoint::protocol::command::{Command, Operation, Refusal, Reply};
 use holdpoint::protocol::snapshot::{SigningView, Snapshot};
 use holdpoint::registry::{AuditFilter, Change, Layout, Store, Transaction, Views};
+use holdpoint_sim::SimCells;
 use serde_json::Value;
 use tempfile::TempDir;
 
@@ -72,7 +73,7 @@ pub fn engine(folder: &Path, profile: ProfileName) -> JoinHandle<()> {
             seeds: holdpoint_engine::trial::seeds::EpisodeSeeds::OfRun(1),
             jobs: 1,
             scripted: false,
-            cell: Cell::builtin().unwrap(),
+            cell: Cell::of(&SimCells, None).unwrap(),
             cache: EpisodeCache::InStore,
         };
         let mut pump = Pump::new(Engine::start(config).unwrap(), Vec::new());

@@ -27,6 +27,7 @@ use holdpoint::protocol::event::{Event, EventKind};
 use holdpoint::protocol::wire::{CALL_BYTES_MAX, ServerMessage};
 use holdpoint::registry::Layout;
 use holdpoint::runtime::capability;
+use holdpoint_sim::SimCells;
 use holdpoint_text::Hint as _;
 use serde_json::{Value, json};
 
@@ -51,7 +52,7 @@ pub(crate) fn engine(folder: &Path) -> JoinHandle<()> {
             seeds: holdpoint_engine::trial::seeds::EpisodeSeeds::OfRun(1),
             jobs: 1,
             scripted: false,
-            cell: Cell::builtin().unwrap(),
+            cell: Cell::of(&SimCells, None).unwrap(),
             cache: EpisodeCache::InStore,
         };
         let mut pump = Pump::new(Engine::start(config).unwrap(), Vec::new());
@@ -292,7 +293,7 @@ fn a_shutdown_during_a_sequence_is_accepted() {
             seeds: holdpoint_engine::trial::seeds::EpisodeSeeds::OfRun(1),
             jobs: 1,
             scripted: false,
-            cell: Cell::builtin().unwrap(),
+            cell: Cell::of(&SimCells, None).unwrap(),
             cache: EpisodeCache::InStore,
         };
         let mut pump = Pump::new(Engine::start(config).unwrap(), Vec::new());

@@ -48,6 +48,20 @@ fn the_crates_depend_as_documented() {
     }
 }
 
+#[test]
+fn the_engine_is_built_without_a_simulator() {
+    let line =
+        ["tree", "--offline", "--locked", "-p", "holdpoint-engine", "-e", "normal,build", "--prefix", "none"];
+    let text = run_cargo(&line);
+    let names: BTreeSet<&str> = text.lines().filter_map(|line| line.split_whitespace().next()).collect();
+    assert!(names.contains("holdpoint-cell"), "{names:?}");
+    let simulators: Vec<&&str> = names
+        .iter()
+        .filter(|name| ["holdpoint-sim", "rapier", "parry"].iter().any(|known| name.starts_with(known)))
+        .collect();
+    assert!(simulators.is_empty(), "{simulators:?}");
+}
+
 /// Crate and license of every dependency that is linked into the program on this machine.
 fn linked() -> BTreeSet<(String, String)> {
     let text = run_cargo(&[

@@ -7,8 +7,8 @@ use rapier3d::dynamics::CCDSolver;
 use rapier3d::pipeline::{CollisionPipeline, PhysicsPipeline, PhysicsWorld};
 
 use super::{World, WorldConfig};
-use crate::error::SimError;
 use crate::state::WorldState;
+use holdpoint_cell::CellError;
 
 /// Everything of a world that changes, at one tick.
 pub struct WorldCopy {
@@ -36,11 +36,11 @@ impl World {
     /// caller ensures that the scene is the same.
     ///
     /// # Errors
-    /// [`SimError::Snapshot`] for a copy of another robot's world; this one is then unchanged.
-    pub fn go_on_from(&mut self, copy: &WorldCopy) -> Result<(), SimError> {
+    /// [`CellError::Snapshot`] for a copy of another robot's world; this one is then unchanged.
+    pub fn go_on_from(&mut self, copy: &WorldCopy) -> Result<(), CellError> {
         if copy.robot != self.robot.digest {
             let (made, own) = (copy.robot, self.robot.digest);
-            return Err(SimError::Snapshot(format!(
+            return Err(CellError::Snapshot(format!(
                 "made with robot \"{made:016x}\", this one is {own:016x}"
             )));
         }

@@ -3,14 +3,16 @@
 
 use allocation_counter::measure;
 use holdpoint_body::{Command, Pose, TaskKind};
-use holdpoint_sim::episode::{tool_down, wrap_quarter_turn, yaw_of};
-use holdpoint_sim::{Distribution, EpisodeSetup, Fidelity, RobotModel, Scene, World, WorldConfig};
+use holdpoint_cell::EpisodeSetup;
+use holdpoint_cell::episode::{tool_down, wrap_quarter_turn, yaw_of};
+use holdpoint_sim::{Fidelity, RobotModel, World, WorldConfig};
 
 /// Ticks and allocations of a scripted grasp: without the engine, with it.
 fn grasp(fidelity: Fidelity) -> [(u64, u64); 2] {
-    let (robot, scene) = (RobotModel::builtin("arm7").expect("parses"), Scene::cell().expect("parses"));
+    let (robot, scene) =
+        (RobotModel::builtin("arm7").expect("parses"), holdpoint_sim::published::scene().expect("parses"));
     let mut world = World::with_config(&robot, &scene, WorldConfig { fidelity }).expect("it builds");
-    let distribution = Distribution::canonical().expect("parses");
+    let distribution = holdpoint_sim::published::canonical().expect("parses");
     let setup = EpisodeSetup::sample(TaskKind::Grasp, &scene, &distribution, 7);
     world.reset(&setup).expect("a valid start");
     let at = world.object().0;

@@ -1,8 +1,9 @@
 //! Same seed, same bits: across repeats, threads, and a snapshot in the middle.
 
 use holdpoint_body::{Command, TaskKind};
-use holdpoint_sim::episode::{tool_down, wrap_quarter_turn, yaw_of};
-use holdpoint_sim::{Distribution, EpisodeSetup, Fidelity, RobotModel, SimError, World, WorldConfig};
+use holdpoint_cell::episode::{tool_down, wrap_quarter_turn, yaw_of};
+use holdpoint_cell::{CellError, EpisodeSetup};
+use holdpoint_sim::{Fidelity, RobotModel, World, WorldConfig};
 
 use crate::script::{arm, fingers, scene, world};
 
@@ -30,7 +31,7 @@ fn run(world: &mut World, seed: u64, from: u64, to: u64) -> Vec<u64> {
 }
 
 fn setup(seed: u64) -> EpisodeSetup {
-    EpisodeSetup::sample(TaskKind::Grasp, &scene(), &Distribution::live().expect("live"), seed)
+    EpisodeSetup::sample(TaskKind::Grasp, &scene(), &holdpoint_sim::published::live().expect("live"), seed)
 }
 
 #[test]
@@ -122,7 +123,7 @@ fn a_world_restored_around_an_owner_change_continues_bit_for_bit() {
 fn every_command_in_flight_survives_a_snapshot() {
     let home = crate::script::world("arm7").robot().home.clone();
     let commands = [
-        arm(&holdpoint_sim::episode::tool_down(0.5, 0.0, 0.2, 0.0), 0.3),
+        arm(&holdpoint_cell::episode::tool_down(0.5, 0.0, 0.2, 0.0), 0.3),
         Command::Joints { q: home, max_speed_rad_s: 0.5 },
         fingers(0.03, 20.0),
         Command::Stop,
@@ -153,7 +154,7 @@ fn a_foreign_snapshot_is_refused_and_changes_nothing() {
     let foreign = crate::script::world("arm6").snapshot().expect("snapshot");
     let whole = world.snapshot().expect("snapshot");
     for bytes in [&foreign[..], &whole[..whole.len() / 2], b"", b"not a snapshot"] {
-        assert!(matches!(world.restore(bytes), Err(SimError::Snapshot(_))));
+        assert!(matches!(world.restore(bytes), Err(CellError::Snapshot(_))));
         assert_eq!(world.state_hash(), before);
     }
 }
@@ -161,7 +162,7 @@ fn a_foreign_snapshot_is_refused_and_changes_nothing() {
 #[test]
 fn disturbances_do_not_depend_on_the_commands() {
     let mut observations = Vec::new();
-    for command in [Command::Hold, arm(&holdpoint_sim::episode::tool_down(0.4, 0.1, 0.4, 0.3), 0.5)] {
+    for command in [Command::Hold, arm(&holdpoint_cell::episode::tool_down(0.4, 0.1, 0.4, 0.3), 0.5)] {
         let mut world = world("arm7");
         let mut setup = setup(12);
         setup.pushes.clear();

@@ -1,8 +1,9 @@
 //! The cheaper solver modes come to the same outcomes as the reference.
 
 use holdpoint_body::TaskKind;
+use holdpoint_cell::EpisodeSetup;
 use holdpoint_sim::bench_episode::{PeerBench, PeerOutcome};
-use holdpoint_sim::{EpisodeSetup, Fidelity, RobotModel, World, WorldConfig};
+use holdpoint_sim::{Fidelity, RobotModel, World, WorldConfig};
 
 use crate::script::{align, canonical, grasp, place, scene};
 
@@ -91,7 +92,7 @@ fn contact_points_are_known_while_the_physics_engine_rests() {
         }
     }
     let lever = |(points, truth): &(Vec<_>, holdpoint_sim::WorldTruth), axis: usize| {
-        let one: &holdpoint_sim::readout::ContactPoint = &points[0];
+        let one: &holdpoint_cell::truth::ContactPoint = &points[0];
         one.force_n[axis].signum() * (one.at_m[axis] - truth.object.position[axis])
     };
     // The pads press the object away from themselves, so it presses each pad outward.

@@ -2,14 +2,15 @@
 
 use std::path::Path;
 
-use holdpoint_sim::{Distribution, RobotModel, Scene, SimError};
+use holdpoint_cell::{CellError, Distribution, Scene};
+use holdpoint_sim::RobotModel;
 
 const URDF: &str = include_str!("../../assets/arm7.urdf");
 const TOML: &str = include_str!("../../assets/arm7.toml");
 const CELL: &str = include_str!("../../scenes/cell.toml");
 const LIVE: &str = include_str!("../../scenes/live.toml");
 
-fn assert_names(error: &SimError, parts: &[&str]) {
+fn assert_names(error: &CellError, parts: &[&str]) {
     let text = error.to_string();
     for part in parts {
         assert!(text.contains(part), "\"{part}\" is missing in: {text}");

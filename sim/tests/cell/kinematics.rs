@@ -1,8 +1,8 @@
 //! Forward and inverse kinematics, and clearance.
 
 use holdpoint_body::ik::IkOptions;
+use holdpoint_cell::rng::Stream;
 use holdpoint_sim::RobotModel;
-use holdpoint_sim::rng::Stream;
 
 fn random_configuration(robot: &RobotModel, stream: &mut Stream) -> Vec<f64> {
     robot
@@ -98,7 +98,7 @@ fn clearance_measures_table_and_self_collision() {
         assert!(home.table_m > 0.2 && home.self_m > 0.01, "{name} at home: {home:?}");
         // Finger tips reach 9 mm beyond the tool point: a tool point at 5 mm is in the table.
         for (z, clear) in [(0.05, true), (0.005, false)] {
-            let target = holdpoint_sim::episode::tool_down(0.5, -0.15, z, 0.0);
+            let target = holdpoint_cell::episode::tool_down(0.5, -0.15, z, 0.0);
             let outcome = robot.solve_ik(&target, &robot.home, &IkOptions::GLOBAL);
             assert!(outcome.converged(1e-5), "{name} reaches {z}");
             assert_eq!(robot.geometry.clearance(&outcome.q).table_m > 0.0, clear, "{name} at {z}");

@@ -1,7 +1,8 @@
 //! What camera and sensors deliver has the statistics the distribution says.
 
+use holdpoint_body::disturbance::{Drift, DriftKind, Magnitude};
 use holdpoint_body::{Command, TaskKind};
-use holdpoint_sim::{Distribution, Drift, DriftKind, EpisodeSetup, Magnitude, Range};
+use holdpoint_cell::{Distribution, EpisodeSetup, Range};
 
 use crate::script::{act, arm, canonical, scene, world};
 
@@ -105,11 +106,12 @@ fn commands_arrive_late_and_in_order() {
 
 #[test]
 fn every_drift_changes_the_distribution_and_stronger_changes_it_more() {
-    let live = Distribution::live().expect("live");
+    let live = holdpoint_sim::published::live().expect("live");
     for kind in DriftKind::ALL {
         let mut last = 0.0;
         for magnitude in Magnitude::ALL {
-            let drifted = live.with_drift(&Drift { kind, magnitude }).expect("applies");
+            let drifted =
+                holdpoint_sim::published::with_drift(&live, &Drift { kind, magnitude }).expect("applies");
             let size = (drifted.camera.sigma_m.max - live.camera.sigma_m.max) * 1e3
                 + (drifted.object.mass_kg.max - live.object.mass_kg.max)
                 + (drifted.action.latency_ms.max - live.action.latency_ms.max);
@@ -122,7 +124,10 @@ fn every_drift_changes_the_distribution_and_stronger_changes_it_more() {
 
 #[test]
 fn live_and_sandbox_distributions_differ_as_published() {
-    let (sandbox, live) = (Distribution::sandbox().expect("sandbox"), Distribution::live().expect("live"));
+    let (sandbox, live) = (
+        holdpoint_sim::published::sandbox().expect("sandbox"),
+        holdpoint_sim::published::live().expect("live"),
+    );
     assert!(sandbox.action.latency_ms.max <= 20.0 && live.action.latency_ms.min >= 20.0);
     assert!(sandbox.camera.correlation.max == 0.0 && live.camera.correlation.min > 0.0);
     assert!(sandbox.clutter.probability.max == 0.0 && live.clutter.probability.min > 0.0);

@@ -1,9 +1,10 @@
 //! The referee catches each unsafe kind, and nothing in clean work.
 
 use holdpoint_body::{Command, FailureSignal, JointVec, TaskKind};
-use holdpoint_sim::episode::tool_down;
-use holdpoint_sim::referee::UnsafeKind;
-use holdpoint_sim::{EpisodeSetup, Referee, RefereeLimits, RefereeReport, World};
+use holdpoint_cell::episode::tool_down;
+use holdpoint_cell::referee::UnsafeKind;
+use holdpoint_cell::{EpisodeSetup, Referee, RefereeLimits, RefereeReport};
+use holdpoint_sim::World;
 
 use crate::script::{act, arm, bring_over_tray, canonical, fingers, scene, world};
 

@@ -1,12 +1,13 @@
 //! Scripted work from true poses: what a perfect skill would do, to exercise the world.
 
 use holdpoint_body::{Command, Pose};
-use holdpoint_sim::episode::{tool_down, upright, wrap_quarter_turn, yaw_of};
-use holdpoint_sim::{Distribution, RobotModel, Scene, World};
+use holdpoint_cell::episode::{tool_down, upright, wrap_quarter_turn, yaw_of};
+use holdpoint_cell::{Distribution, Scene};
+use holdpoint_sim::{RobotModel, World};
 use nalgebra::Isometry3;
 
 pub fn scene() -> Scene {
-    Scene::cell().expect("the scene parses")
+    holdpoint_sim::published::scene().expect("the scene parses")
 }
 
 pub fn world(robot: &str) -> World {
@@ -14,7 +15,7 @@ pub fn world(robot: &str) -> World {
 }
 
 pub fn canonical() -> Distribution {
-    Distribution::canonical().expect("the distribution parses")
+    holdpoint_sim::published::canonical().expect("the distribution parses")
 }
 
 /// What scripted work is done on: a world, or a world that is looked at after every tick.

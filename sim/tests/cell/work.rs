@@ -1,7 +1,7 @@
 //! The three tasks, and their sequence, can be done; the inspection says when they are not.
 
 use holdpoint_body::{Command, Interrupt, Pose, TaskKind};
-use holdpoint_sim::{Distribution, EpisodeSetup};
+use holdpoint_cell::EpisodeSetup;
 
 use crate::script::{act, align, arm, bring_over_tray, canonical, fingers, grasp, place, scene, world};
 
@@ -31,7 +31,7 @@ fn both_arms_complete_the_sequence() {
 
 #[test]
 fn starts_with_a_gripped_object_hold_it_and_can_be_completed() {
-    let distribution = Distribution::sandbox().expect("distribution");
+    let distribution = holdpoint_sim::published::sandbox().expect("distribution");
     let mut world = world("arm7");
     for (task, work) in [(TaskKind::Align, align as fn(&mut _)), (TaskKind::Place, place)] {
         for seed in 0..12 {
@@ -112,7 +112,7 @@ fn the_tool_moves_in_a_straight_line_within_its_speed() {
 fn the_gripper_does_not_answer_inside_its_windows() {
     let mut world = world("arm7");
     let mut setup = EpisodeSetup::sample(TaskKind::Grasp, &scene(), &canonical(), 3);
-    setup.tool_windows.push(holdpoint_sim::episode::ToolWindow { begin: 10, end: 100 });
+    setup.tool_windows.push(holdpoint_cell::episode::ToolWindow { begin: 10, end: 100 });
     world.reset(&setup).expect("reset");
     act(&mut world, &Command::Hold, 20);
     assert!(!world.observe().tool_available);

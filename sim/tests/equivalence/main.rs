@@ -20,8 +20,9 @@
 mod script;
 
 use holdpoint_body::{Command, TaskKind};
+use holdpoint_cell::{Distribution, EpisodeSetup};
 use holdpoint_sim::bench_episode::PeerBench;
-use holdpoint_sim::{Distribution, EpisodeSetup, Fidelity, RobotModel, World, WorldConfig};
+use holdpoint_sim::{Fidelity, RobotModel, World, WorldConfig};
 use script::ScriptedWorld;
 
 /// What is compared of one episode.
@@ -154,7 +155,7 @@ fn episodes(fidelity: Fidelity, which: &str, seeds: core::ops::Range<u64>) -> Ve
     let robot = RobotModel::builtin("arm7").expect("the robot parses");
     let mut world =
         World::with_config(&robot, &script::scene(), WorldConfig { fidelity }).expect("it builds");
-    let distribution = Distribution::sandbox().expect("the distribution parses");
+    let distribution = holdpoint_sim::published::sandbox().expect("the distribution parses");
     seeds.map(|seed| work(&mut world, task, &distribution, seed)).collect()
 }
 

@@ -7,10 +7,12 @@ use serde::Serialize;
 
 use super::measured_skill::{MeasuredSkill, RunMeasurements};
 use super::{SkillRunArgs, TestArgs};
+use crate::cells::CELLS;
 use crate::cli::context::CliContext;
 use crate::cli::output::CommandOutput;
 use crate::error::{CliError, Exit};
 use holdpoint_body::CodeFault;
+use holdpoint_engine::cell::Cell;
 use holdpoint_engine::check::{ProfileFindings, RegisteredVersions};
 use holdpoint_engine::trial::worker::Worker;
 use holdpoint_engine::tryout::{Tryout, TryoutError};
@@ -88,9 +90,9 @@ impl TestReport {
 
 fn load(folder: &Path) -> Result<Tryout, CliError> {
     let candidate = Capability::read(folder).map_err(CliError::usage)?;
-    Tryout::new(candidate).map_err(|error| match error {
+    Tryout::new(candidate, Cell::of(&CELLS, None).map_err(CliError::internal)?).map_err(|error| match error {
         TryoutError::Family(unknown) => CliError::usage(unknown),
-        TryoutError::Check(_) | TryoutError::Cell(_) | TryoutError::BuiltIn(_) => CliError::internal(error),
+        TryoutError::Check(_) | TryoutError::BuiltIn(_) => CliError::internal(error),
     })
 }
 

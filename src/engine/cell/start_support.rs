@@ -11,11 +11,9 @@
 use std::f64::consts::{FRAC_1_SQRT_2, PI, SQRT_2};
 
 use holdpoint_body::{RATE_HZ, TaskKind};
+use holdpoint_cell::CellSpec;
+use holdpoint_cell::distribution::{CameraRange, Distribution, Range};
 use holdpoint_governance::start_domain::{StartBound, StartDomain, StartQuantity};
-use holdpoint_sim::CAMERA_HZ;
-use holdpoint_sim::distribution::{CameraRange, Distribution, Range};
-use holdpoint_sim::robot::RobotModel;
-use holdpoint_sim::scene::Scene;
 
 /// The probability that one end of one noisy quantity finds a start of the sandbox outside: a thousandth over the
 /// sixteen ends of a grasp (object and target: x, y, z, yaw), which has most of them.
@@ -31,13 +29,12 @@ const GRAVITY_M_S2: f64 = 9.81;
 
 /// What evidence of a cell covers of the start of a task.
 pub(super) fn start_domain(
-    model: &RobotModel,
-    scene: &Scene,
+    spec: &CellSpec,
     sandbox: &Distribution,
     live: &Distribution,
     task: TaskKind,
 ) -> StartDomain {
-    let camera = &sandbox.camera;
+    let (scene, camera) = (&spec.scene, &sandbox.camera);
     let across = Noise { bias: camera.bias_m, sigma: camera.sigma_m };
     let upward = Noise { bias: Range::exactly(0.0), sigma: camera.sigma_m.scaled(0.5) };
     let turned = Noise { bias: camera.bias_yaw_rad, sigma: camera.sigma_yaw_rad };
@@ -58,7 +55,7 @@ pub(super) fn start_domain(
             ]);
             let noise = SENSOR_NOISE_SD * sandbox.sensors.joint_rad.max;
             let offset = sandbox.arm.home_offset_rad;
-            let joints = StartQuantity::JOINTS.into_iter().zip(&model.home);
+            let joints = StartQuantity::JOINTS.into_iter().zip(&spec.robot.home);
             bounds.extend(joints.map(|(quantity, home)| StartBound {
                 quantity,
                 low: home + offset.min - noise,
@@ -66,7 +63,7 @@ pub(super) fn start_domain(
             }));
         }
         TaskKind::Align => {
-            let reach = moved_at_most_m(model, scene, sandbox);
+            let reach = moved_at_most_m(spec, sandbox);
             let moved = |range: Range| Range { min: range.min - reach, max: range.max + reach };
             bounds.push(anywhere(StartQuantity::ObjectX, moved(object.x_m), &across));
             bounds.push(anywhere(StartQuantity::ObjectY, moved(object.y_m), &across));
@@ -82,23 +79,23 @@ pub(super) fn start_domain(
     }
     let held = f64::from(u8::from(task != TaskKind::Grasp));
     bounds.push(StartBound { quantity: StartQuantity::Held, low: held, high: held });
-    let age = age_max_ms(camera).max(age_max_ms(&live.camera));
+    let age = age_max_ms(spec, camera).max(age_max_ms(spec, &live.camera));
     bounds.push(StartBound { quantity: StartQuantity::PictureAge, low: 0.0, high: age });
     StartDomain { bounds }
 }
 
 /// How far the object moves at most before it is lifted, m: a push slides it, and the closing pads pull it.
-fn moved_at_most_m(model: &RobotModel, scene: &Scene, distribution: &Distribution) -> f64 {
+fn moved_at_most_m(spec: &CellSpec, distribution: &Distribution) -> f64 {
     let push = &distribution.push;
     let speed = if push.probability.max > 0.0 { push.speed_m_s.max } else { 0.0 };
     // The smaller coefficient of object and table counts.
-    let friction = distribution.object.friction.min.min(scene.table.friction);
-    speed * speed / (2.0 * friction * GRAVITY_M_S2) + 0.5 * model.gripper.width_max_m()
+    let friction = distribution.object.friction.min.min(spec.scene.table.friction);
+    speed * speed / (2.0 * friction * GRAVITY_M_S2) + 0.5 * spec.robot.width_max_m
 }
 
 /// The largest age of the camera frame that is the newest, ms. It is so until the next one, a period later, is delivered.
-fn age_max_ms(camera: &CameraRange) -> f64 {
-    let period_ms = 1000.0 / f64::from(CAMERA_HZ) + camera.period_jitter_ms.max;
+fn age_max_ms(spec: &CellSpec, camera: &CameraRange) -> f64 {
+    let period_ms = 1000.0 / f64::from(spec.camera_hz) + camera.period_jitter_ms.max;
     let delay_ms = camera.delay_ms.max + camera.delay_jitter_ms.max;
     period_ms + delay_ms + FRAME_ROUNDING_TICKS * 1000.0 / f64::from(RATE_HZ)
 }
@@ -182,12 +179,13 @@ fn upper_tail(z: f64) -> f64 {
 
 #[cfg(test)]
 mod tests {
-    use holdpoint_body::Command;
     use holdpoint_body::disturbance::{Drift, DriftKind, Magnitude};
+    use holdpoint_body::{Command, GuardVerdict};
+    use holdpoint_cell::EpisodeSetup;
+    use holdpoint_cell::TrialCell;
     use holdpoint_governance::start_domain::{DomainMiss, StartObservation};
     use holdpoint_runtime::agent::dispatcher::is_holding;
-    use holdpoint_sim::EpisodeSetup;
-    use holdpoint_sim::world::World;
+    use holdpoint_sim::SimCells;
 
     use crate::cell::Cell;
 
@@ -201,7 +199,7 @@ mod tests {
     /// Numbers of another implementation of the same integrals, with 64 points in place of 8.
     #[test]
     fn bounds_are_the_declared_ranges_with_the_margin_of_the_noise() {
-        let cell = Cell::builtin().unwrap();
+        let cell = Cell::of(&SimCells, None).unwrap();
         for (quantity, low, high) in [
             (StartQuantity::ObjectX, 0.414_055, 0.565_945),
             (StartQuantity::ObjectY, -0.256_187, -0.133_813),
@@ -220,14 +218,17 @@ mod tests {
             .filter(|joint| cell.start_domain(TaskKind::Grasp).bound(*joint).is_some());
         assert_eq!(joints.count(), 7);
         let [low, high] = bound(&cell, TaskKind::Grasp, StartQuantity::Joint2);
-        assert!((high - low - 0.1).abs() < 2e-3 && (0.5 * (low + high) - cell.model.home[1]).abs() < 1e-9);
+        assert!(
+            (high - low - 0.1).abs() < 2e-3 && (0.5 * (low + high) - cell.spec.robot.home[1]).abs() < 1e-9
+        );
     }
 
     /// The live cell is wider than the sandbox in one observed quantity.
     #[test]
     fn frame_age_is_that_of_the_live_cell() {
-        let cell = Cell::builtin().unwrap();
-        let (sandbox, live) = (age_max_ms(&cell.sandbox.camera), age_max_ms(&cell.live.camera));
+        let cell = Cell::of(&SimCells, None).unwrap();
+        let (sandbox, live) =
+            (age_max_ms(&cell.spec, &cell.sandbox.camera), age_max_ms(&cell.spec, &cell.live.camera));
         assert!(sandbox < 75.0 && live > 119.0, "{sandbox} {live}");
         for task in TaskKind::SEQUENCE {
             assert_eq!(bound(&cell, task, StartQuantity::PictureAge), [0.0, live]);
@@ -236,7 +237,7 @@ mod tests {
 
     #[test]
     fn a_start_after_a_push_is_covered_and_one_in_an_empty_hand_is_not() {
-        let cell = Cell::builtin().unwrap();
+        let cell = Cell::of(&SimCells, None).unwrap();
         let [low, high] = bound(&cell, TaskKind::Align, StartQuantity::ObjectX);
         // A push of .75 m/s at a friction of .4 slides 72 mm, and a pad moves 40 mm.
         assert!(low < 0.42 - 0.111 && high > 0.56 + 0.111 && high < 0.56 + 0.13, "{low} {high}");
@@ -256,32 +257,32 @@ mod tests {
     }
 
     /// The misses of the start of an episode: without a skill, up to the first camera frame.
-    fn misses(cell: &Cell, world: &mut World, setup: &EpisodeSetup) -> Vec<DomainMiss> {
+    fn misses(cell: &Cell, world: &mut dyn TrialCell, setup: &EpisodeSetup) -> Vec<DomainMiss> {
         // A start in the hand that the physics cannot set up is no start.
         if world.reset(setup).is_err() {
             return Vec::new();
         }
         let is_held = is_holding(&world.telemetry());
-        let mut seen = StartObservation::new(world.observe(), is_held);
+        let mut seen = StartObservation::new(&world.observe(GuardVerdict::Allowed), is_held);
         while !seen.has_frame() {
             world.step(&Command::Hold).unwrap();
-            seen.see(world.observe());
+            seen.see(&world.observe(GuardVerdict::Allowed));
         }
         cell.start_domain(setup.task).misses(&seen)
     }
 
     fn outside(cell: &Cell, distribution: &Distribution, task: TaskKind, count: u64) -> Vec<Vec<DomainMiss>> {
-        let mut world = cell.world().unwrap();
+        let mut world = cell.trial().unwrap();
         let setups =
             (0..count).map(|index| EpisodeSetup::sample(task, &cell.scene, distribution, 1_710_000 + index));
-        let all = setups.map(|setup| misses(cell, &mut world, &setup));
+        let all = setups.map(|setup| misses(cell, world.as_mut(), &setup));
         all.filter(|misses| !misses.is_empty()).collect()
     }
 
     /// At most one refusal in a thousand tasks. Computed for the noise of the live cell: one in 3,900.
     #[test]
     fn an_unchanged_cell_starts_inside_its_domain() {
-        let cell = Cell::builtin().unwrap();
+        let cell = Cell::of(&SimCells, None).unwrap();
         let found = outside(&cell, &cell.live, TaskKind::Grasp, 2_000);
         assert!(found.len() <= 2, "{found:?}");
     }
@@ -289,7 +290,7 @@ mod tests {
     /// The starts in the hand of the sandbox, whose margins are not used up.
     #[test]
     fn starts_in_the_hand_are_inside_the_domain() {
-        let cell = Cell::builtin().unwrap();
+        let cell = Cell::of(&SimCells, None).unwrap();
         for task in [TaskKind::Align, TaskKind::Place] {
             let found = outside(&cell, &cell.sandbox, task, 40);
             assert!(found.is_empty(), "{task}: {found:?}");
@@ -299,9 +300,9 @@ mod tests {
     /// Of a live distribution that moved by 3 cm, 17 % of the starts lie outside, all of them past the upper end of x.
     #[test]
     fn a_moved_distribution_leaves_the_domain() {
-        let cell = Cell::builtin().unwrap();
+        let cell = Cell::of(&SimCells, None).unwrap();
         let drift = Drift { kind: DriftKind::DistributionShift, magnitude: Magnitude::Strong };
-        let found = outside(&cell, &cell.live.with_drift(&drift).unwrap(), TaskKind::Grasp, 200);
+        let found = outside(&cell, &cell.with_drift(&cell.live, &drift).unwrap(), TaskKind::Grasp, 200);
         assert!((20..=50).contains(&found.len()), "{}", found.len());
         for misses in found {
             let is_past = |miss: &DomainMiss| {

@@ -3,10 +3,10 @@
 use std::path::Path;
 
 use crate::StartError;
+use holdpoint_cell::CellError;
 use holdpoint_protocol::command::{Reply, Request};
 use holdpoint_protocol::event::Event;
 use holdpoint_registry::StoreError;
-use holdpoint_sim::SimError;
 use holdpoint_text::{ErrorDetails, ErrorReason, Hint as _};
 
 /// The most requests that are unanswered.
@@ -46,7 +46,7 @@ impl EngineEndError {
 
     /// There is no cell: the robot's file is at fault, if one is named.
     #[must_use]
-    pub fn without_cell(robot: Option<&Path>, error: &SimError) -> Self {
+    pub fn without_cell(robot: Option<&Path>, error: &CellError) -> Self {
         let details = match robot {
             Some(file) => ErrorDetails::of_path(ErrorReason::BadFile, file),
             None => ErrorReason::Internal.into(),

@@ -3,6 +3,7 @@
 //! Puts frames and records into the protocol's form; runs nothing and judges nothing.
 
 use holdpoint_body::TICK_SECS;
+use holdpoint_cell::film::EpisodeFrame;
 use holdpoint_governance::evidence::DrillKind;
 use holdpoint_governance::failure_cause::FailureCause;
 use holdpoint_governance::harm::{HarmKind, HarmMeasures};
@@ -17,7 +18,6 @@ use holdpoint_runtime::recovery::StoppedBy;
 use holdpoint_runtime::task::TaskRecord;
 use holdpoint_runtime::terms::SkillTerms;
 use holdpoint_runtime::watcher::RaisedSignal;
-use holdpoint_sim::film::EpisodeFrame;
 use holdpoint_wording::film::{marked_event, outcome};
 
 use crate::cell::Cell;
@@ -99,7 +99,8 @@ impl FilmedWork<'_> {
     /// The run without its result and its events.
     fn run(&self, worker: &mut Worker) -> FilmedRun {
         let frames = worker.take_film();
-        let blocks = worker.built_arm().map(|arm| cell_frame::blocks(arm.body())).unwrap_or_default();
+        let blocks =
+            worker.built_arm().map(|arm| cell_frame::blocks(arm.body().as_ref())).unwrap_or_default();
         FilmedRun {
             version: self.version.id(),
             envelope: cell_frame::envelope(self.terms.envelope()),
@@ -115,7 +116,7 @@ impl FilmedWork<'_> {
         let object_half_m = self.cell.scene.object.half_m;
         FilmFrame {
             tick: frame.tick,
-            body: cell_frame::drawn(&self.cell.model, &frame.seen, &frame.object, object_half_m),
+            body: cell_frame::drawn(&self.cell.spec.robot, &frame.seen, &frame.object, object_half_m),
             q: frame.seen.q.iter().map(|at| narrow(*at)).collect(),
             tau: frame.tau.iter().map(|at| narrow(*at)).collect(),
             speed_m_s: narrow(frame.speed_m_s),

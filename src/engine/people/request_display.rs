@@ -313,7 +313,7 @@ fn facts(
         purpose: pending.kind,
         version: id.clone(),
         replaces: pending.replaces.clone(),
-        robot: context.cell.model.name.clone(),
+        robot: context.cell.spec.robot.name.clone(),
         candidate: request.subject.candidate,
         row_version: pending.row.row_version,
         evidence: pending.row.evidence_digest,

@@ -5,9 +5,9 @@
 //! the pipeline's own; nothing here decides or shortens anything.
 
 use holdpoint_body::TaskKind;
-use holdpoint_sim::SimError;
-use holdpoint_sim::distribution::Drift;
-use holdpoint_sim::referee::RefereeLimits;
+use holdpoint_body::disturbance::Drift;
+use holdpoint_cell::CellError;
+use holdpoint_cell::RefereeLimits;
 
 use super::Pipeline;
 use crate::Engine;
@@ -53,7 +53,7 @@ impl ExperimentPipeline {
     ///
     /// # Errors
     /// If the drifted distribution is not valid.
-    pub fn set_drift(&mut self, drift: Option<Drift>) -> Result<(), SimError> {
+    pub fn set_drift(&mut self, drift: Option<Drift>) -> Result<(), CellError> {
         self.0.world.cell.set_drift(drift)
     }
 

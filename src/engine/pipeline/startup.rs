@@ -34,7 +34,7 @@ impl Pipeline {
         self.record.tell(EventKind::EngineStarted {
             profile: self.context.profile.name,
             site: self.context.profile.site.clone(),
-            robot: self.context.cell.model.name.clone(),
+            robot: self.context.cell.spec.robot.name.clone(),
             seed: self.record.seeds().of_run(),
             policy: self.context.digest,
             agent: self.world.cell.agent_hash(),

@@ -151,7 +151,7 @@ impl LiveHarmWatch {
     }
 
     /// Takes in one live task of an active version, whose record is this batch of telemetry. A refused task, or one with a
-    /// simulator failure, does not count.
+    /// failure of the cell, does not count.
     ///
     /// # Errors
     /// If the result cannot be written.

@@ -6,6 +6,7 @@
 //! present distribution, drift included: the candidate beside the active version before any decision, the active one
 //! beside its predecessor. A first version has no predecessor to compare with or to activate.
 
+use holdpoint_body::disturbance::Drift;
 use holdpoint_governance::cached_result::CacheLocation;
 use holdpoint_governance::decision::{Dimension, Reason};
 use holdpoint_governance::distribution_shift::{is_cleared, re_evaluation_reasons};
@@ -18,7 +19,6 @@ use holdpoint_governance::notice::Notice;
 use holdpoint_protocol::event::EventKind;
 use holdpoint_protocol::work_unit::WorkUnit;
 use holdpoint_runtime::capability::Capability;
-use holdpoint_sim::distribution::Drift;
 
 use super::cache_mismatch::invalidate_cache;
 use super::closing::{abort_stage, note_spent_time, progress};
@@ -36,7 +36,7 @@ use crate::trial::evaluation::{Evaluation, EvaluationPlan};
 use crate::trial::scene_stops::SceneStops;
 use crate::trial::seeds::SeedSource;
 use crate::version_concern::ReEvaluationEvidence;
-use crate::world::live::LiveCell;
+use crate::world::live::LiveStation;
 
 /// A version under re-evaluation.
 pub struct ReEvaluationRun {
@@ -85,7 +85,7 @@ pub fn begin(
     context: &Context,
     record: &mut EngineRecorder,
     evidence_files: &mut EvidenceFiles,
-    live: &LiveCell,
+    live: &LiveStation,
     id: &CapabilityId,
     shadow: Option<Box<ShadowRun>>,
 ) -> Result<Option<Box<ReEvaluationRun>>, EngineFault> {

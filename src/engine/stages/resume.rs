@@ -95,7 +95,7 @@ pub(crate) fn takes_in(
 ) -> bool {
     let Resumption { predecessor, record: rollback, events, sequences, .. } = resumption;
     *sequences += 1;
-    // What was refused, or lost by the simulator, shows nothing of how it works.
+    // What was refused, or lost by the cell, shows nothing of how it works.
     let worked = report.tasks.iter().filter(|done| !done.record.refused && !done.record.invalid);
     for done in worked.filter(|done| done.id == *predecessor) {
         rollback.resumed_tasks += 1;

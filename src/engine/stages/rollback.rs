@@ -4,6 +4,7 @@
 //! Owns the order of the rungs and their record. `world/ladder_motion.rs` moves the arm; the lifecycle decides which
 //! version may take over. Source: paper section 5.2 stage 7; design rule 3.11.
 
+use holdpoint_cell::CellCopy;
 use holdpoint_governance::alarms::AlarmKey;
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::lifecycle::{DeactivationKind, LifecycleEvent, State, VersionRef};
@@ -17,7 +18,6 @@ use holdpoint_runtime::agent::AbandonedGoal;
 use holdpoint_runtime::capability::Capability;
 use holdpoint_runtime::task::TaskRecord;
 use holdpoint_runtime::terms::SkillTerms;
-use holdpoint_sim::world::WorldCopy;
 use holdpoint_text::Hint;
 
 use super::ladder::{event, evidence, push_rung, rung};
@@ -48,7 +48,7 @@ pub(crate) fn trigger(record: &EngineRecorder, kind: TriggerKind, text: Notice) 
 /// A live task and the world where it began.
 #[derive(Clone, Copy)]
 pub(crate) struct LiveScene<'a> {
-    pub(crate) start: &'a WorldCopy,
+    pub(crate) start: &'a CellCopy,
     pub(crate) record: &'a TaskRecord,
 }
 
@@ -184,7 +184,7 @@ impl Rollback<'_> {
         }
         let events = stopping_events(scene.record, &self.context.profile);
         let event = trigger.event.or_else(|| events.first().copied())?;
-        let mut fork = self.context.cell.world().ok()?;
+        let mut fork = self.context.cell.trial().ok()?;
         fork.go_on_from(scene.start).ok()?;
         let (task, seed) = (scene.record.task, scene.record.seed);
         let forked = ForkedTask::new(fork, target, &self.terms(target), task, seed);

@@ -1,5 +1,6 @@
 //! Stage 4: shadow. The candidate beside the live work, at two depths; no actuator handle.
 
+use holdpoint_cell::TrialCell;
 use holdpoint_governance::alarms::AlarmKey;
 use holdpoint_governance::composition::{PsiContext, psi_after_shadow};
 use holdpoint_governance::condition::shadow_needed;
@@ -16,7 +17,6 @@ use holdpoint_protocol::event::EventKind;
 use holdpoint_protocol::work_unit::WorkUnit;
 use holdpoint_registry::store_terms::EvidenceKind;
 use holdpoint_registry::{Batch, Store};
-use holdpoint_sim::world::World;
 
 use super::closing::{abort_stage, close_rejected, progress, put_on_hold, stage_note};
 use super::shared_stops::keep_stops;
@@ -39,7 +39,7 @@ const TRACES_A_BATCH: usize = 20;
 pub struct ShadowRun {
     id: CapabilityId,
     binding: EvidenceBinding,
-    fork: Option<World>,
+    fork: Option<Box<dyn TrialCell>>,
     tried: u32,
     budget: u32,
     /// Hard stops so far, those of the sandbox included.
@@ -85,7 +85,7 @@ pub fn begin(
     evidence_file.bindings.push(binding);
     let stops =
         SceneStops { own: evidence_file.hard_stops.clone(), shared: evidence_file.shared_events.clone() };
-    let fork = Some(context.cell.world()?);
+    let fork = Some(context.cell.trial()?);
     Ok(Box::new(ShadowRun { id: id.clone(), binding, fork, tried: 0, budget, stops, traces: Vec::new() }))
 }
 
@@ -107,7 +107,7 @@ pub fn take_along(
     }
     let fork = match run.fork.take() {
         Some(fork) => fork,
-        None => context.cell.world()?,
+        None => context.cell.trial()?,
     };
     let terms = terms_of(context, record.version_table(), evidence_files, monitors, &candidate);
     Ok(Some(Shadow::new(candidate, terms, fork)))
@@ -133,7 +133,7 @@ pub fn take_in(
     evidence_files: &mut EvidenceFiles,
     mut run: Box<ShadowRun>,
     trace: Option<ShadowTrace>,
-    fork: Option<World>,
+    fork: Option<Box<dyn TrialCell>>,
 ) -> Result<ShadowStep, EngineFault> {
     let id = run.id.clone();
     run.fork = fork;

@@ -31,6 +31,7 @@ use holdpoint_protocol::clock::Clock;
 use holdpoint_protocol::command::{Command, Refusal, Reply};
 use holdpoint_registry::{Layout, Store};
 use holdpoint_runtime::capability::{self, Capability};
+use holdpoint_sim::SimCells;
 
 /// The slices within which an upgrade must complete.
 const SLICES_MAX: usize = 20_000;
@@ -98,7 +99,7 @@ fn registered(
         table,
         profile,
         own,
-        cell: Cell::builtin().unwrap(),
+        cell: Cell::of(&SimCells, None).unwrap(),
         cache: EpisodeCache::InStore,
         controls: Controls::default(),
         omitted: holdpoint_governance::ablation::AblatedParts::default(),
@@ -164,7 +165,7 @@ fn a_re_evaluation_in_shadow_is_replayed() {
 fn observed(folder: &Path) -> StoreMetrics {
     let views = Views::open(&folder.join("holdpoint.db")).unwrap();
     let telemetry = TelemetryViews::open(&folder.join("telemetry.db")).unwrap();
-    let environment = Cell::builtin().unwrap().digest();
+    let environment = Cell::of(&SimCells, None).unwrap().digest();
     let frames = vec![RulesInForce::of(small()).unwrap()];
     observe_under(&views, Some(&telemetry), Since::Record(1), environment, frames).unwrap()
 }
@@ -222,7 +223,7 @@ fn replayed_validation_decision_equals_the_record() {
     assert_eq!(found.unequal[0].version, id);
 
     // The same store under an unknown profile is not replayed, and counts as not equal.
-    let environment = Cell::builtin().unwrap().digest();
+    let environment = Cell::of(&SimCells, None).unwrap().digest();
     let unknown = known_as(folder.path(), environment, Vec::new());
     assert_eq!(counts(unknown.metrics.auditability_observed), (0, 1));
     assert_eq!(unknown.metrics.replayed_equal_observed.rate(), None);
@@ -290,7 +291,7 @@ fn decision_under_a_site_profile_is_replayed_with_its_recorded_texts() {
     let own = SiteProfile::parse(texts.clone()).unwrap();
     let (folder, _) =
         worked_under((own.profile().clone(), own.table().clone(), Some(texts)), "grasp-tool-frame", false);
-    let environment = Cell::builtin().unwrap().digest();
+    let environment = Cell::of(&SimCells, None).unwrap().digest();
     let found = known_as(folder.path(), environment, RulesInForce::known());
     assert_eq!(counts(found.metrics.auditability_observed), (1, 1), "{:?}", found.unequal);
 

@@ -1,7 +1,7 @@
 //! Recovery drills: fault-injection tests in the sandbox, at random points of every phase.
 //!
 //! Passes are read from joint speeds, contacts, poses and the object's fate, never from what a hook returns. What is
-//! injected is the simulator's own kind of fault; what the watcher names is the runtime's: the two
+//! injected is the cell's own kind of fault; what the watcher names is the runtime's: the two
 //! share no type. Sources: paper section 4.4, `rho = g(rollback, fallback, abort, detect)`; design
 //! rule 3.5.
 
@@ -10,9 +10,9 @@ mod faults;
 pub mod phases;
 
 use holdpoint_body::{Body, Command, GuardVerdict, Interrupt, RATE_HZ};
-use holdpoint_sim::SimError;
-use holdpoint_sim::rng::{Stream, StreamPurpose as StreamOf};
-use holdpoint_sim::world::World;
+use holdpoint_cell::CellError;
+use holdpoint_cell::TrialCell;
+use holdpoint_cell::rng::{Stream, StreamPurpose as StreamOf};
 use serde::{Deserialize, Serialize};
 
 use self::fate::{ObjectWatch, WATCH_TICKS};
@@ -117,7 +117,7 @@ impl DrillCase<'_> {
         worker: &mut Worker,
         shared: &mut Option<UndisturbedRun>,
         from: &mut Option<u64>,
-    ) -> Result<Option<bool>, SimError> {
+    ) -> Result<Option<bool>, CellError> {
         let trial = self.trial();
         let work = match shared.take() {
             Some(begun) => begun,
@@ -170,11 +170,11 @@ impl DrillCase<'_> {
         worker: &mut Worker,
         run: TaskRun,
         fault: Option<NamedFault>,
-    ) -> Result<Option<bool>, SimError> {
+    ) -> Result<Option<bool>, CellError> {
         let arm = worker.built_arm()?;
         let (mut skill, guard, watcher) = run.into_parts();
         let Self { terms, cast, seed, .. } = *self;
-        let object = ObjectWatch::new(arm.body(), guard.envelope().grip_force_max_n);
+        let object = ObjectWatch::new(arm.body().as_ref(), guard.envelope().grip_force_max_n);
         let mut drill = StartedDrill { arm, guard, terms, cast, seed, object };
         match (self.kind, fault) {
             (DrillKind::Abort, _) => drill.abort(skill.as_mut()).map(Some),
@@ -200,7 +200,7 @@ enum StopRule {
 
 /// A drill from the chosen point on.
 struct StartedDrill<'a, 'b> {
-    arm: &'a mut Arm<World>,
+    arm: &'a mut Arm<Box<dyn TrialCell>>,
     guard: Guard,
     terms: &'a SkillTerms,
     cast: &'a DrillVersions<'b>,
@@ -211,20 +211,20 @@ struct StartedDrill<'a, 'b> {
 impl StartedDrill<'_, '_> {
     /// Standstill in a safe pose within the declared time, without a violation, by the hook alone, and nothing done
     /// to the object then or in the time after it.
-    fn abort(&mut self, skill: &mut dyn Skill) -> Result<bool, SimError> {
+    fn abort(&mut self, skill: &mut dyn Skill) -> Result<bool, CellError> {
         Ok(self.stop(skill, StopRule::HookAlone)? && self.ends_safely()?)
     }
 
     /// Whether the arm is stopped as it must be. Ends as soon as it is certain that it is not: what follows could
-    /// change nothing but a failed drill into one that failed and in which the simulator failed as well.
-    fn stop(&mut self, skill: &mut dyn Skill, rule: StopRule) -> Result<bool, SimError> {
+    /// change nothing but a failed drill into one that failed and in which the cell failed as well.
+    fn stop(&mut self, skill: &mut dyn Skill, rule: StopRule) -> Result<bool, CellError> {
         let version = self.cast.version;
         let mut watcher = Watcher::new(version.bundle.task(), *self.terms.watch());
         let mut abort = AbortRun::begin(skill, version.abort_secs());
         let mut handle = self.arm.handle();
         loop {
             let ended = abort.step(&mut handle, skill, &mut self.guard, &mut watcher)?;
-            self.object.observe(handle.body());
+            self.object.observe(handle.body().as_ref());
             let touched = rule == StopRule::HookAlone && watcher.has(WatcherSignal::UnexpectedContact);
             if abort.violation().is_some() || touched || self.object.harm().is_some() {
                 return Ok(false);
@@ -244,24 +244,24 @@ impl StartedDrill<'_, '_> {
     }
 
     /// Holds the arm in place, as the live ladder does, and checks the fate of the object.
-    fn ends_safely(&mut self) -> Result<bool, SimError> {
+    fn ends_safely(&mut self) -> Result<bool, CellError> {
         let mut handle = self.arm.handle();
         handle.interrupt(Interrupt::Stop);
         for _ in 0..WATCH_TICKS {
             handle.step(&Command::Hold)?;
-            self.object.observe(handle.body());
+            self.object.observe(handle.body().as_ref());
             if self.object.harm().is_some() {
                 return Ok(false);
             }
         }
-        let world = handle.body();
-        Ok(self.object.fate(world).is_safe() && !handover::touches(world.contacts()))
+        let world = handle.body().as_ref();
+        Ok(self.object.fate(world).is_safe() && !handover::touches(world.true_state().forces.contacts))
     }
 
     /// The hook hands over in a pose that is safe, and from where it left arm and object the predecessor goes on to its
     /// end; where nothing is left to do, it is ready.
-    fn rollback(&mut self, skill: &mut dyn Skill) -> Result<bool, SimError> {
-        if !self.hand_over(skill)? || handover::touches(self.arm.body().contacts()) {
+    fn rollback(&mut self, skill: &mut dyn Skill) -> Result<bool, CellError> {
+        if !self.hand_over(skill)? || handover::touches(self.arm.body().true_state().forces.contacts) {
             return Ok(false);
         }
         let passed = if self.arm.body().inspect() {
@@ -277,7 +277,7 @@ impl StartedDrill<'_, '_> {
     }
 
     /// The safe-abort hook stops the arm, the bound fallback takes over and ends safely.
-    fn fallback(&mut self, skill: &mut dyn Skill) -> Result<bool, SimError> {
+    fn fallback(&mut self, skill: &mut dyn Skill) -> Result<bool, CellError> {
         let Some(fallback) = self.cast.fallback else { return Ok(false) };
         if !self.stop(skill, StopRule::HookOrInterrupt)? {
             return Ok(false);
@@ -293,7 +293,7 @@ impl StartedDrill<'_, '_> {
         skill: &mut dyn Skill,
         mut watcher: Watcher,
         (fault, named_by): NamedFault,
-    ) -> Result<bool, SimError> {
+    ) -> Result<bool, CellError> {
         self.arm.body_mut().inject(fault);
         let declared = &self.cast.version.manifest.recovery.failure_signals;
         let mut verdict = GuardVerdict::Allowed;
@@ -319,7 +319,7 @@ impl StartedDrill<'_, '_> {
 
     /// Lets the rollback hook work until it says it is done. The arm has to stand by then: who takes over a live arm
     /// that moves meets it where it is not.
-    fn hand_over(&mut self, skill: &mut dyn Skill) -> Result<bool, SimError> {
+    fn hand_over(&mut self, skill: &mut dyn Skill) -> Result<bool, CellError> {
         if !self.cast.version.has_rollback_hook() {
             return Ok(false);
         }
@@ -334,7 +334,7 @@ impl StartedDrill<'_, '_> {
             verdict = checked.verdict;
             handle.step(&checked.command)?;
             seen = handle.telemetry();
-            self.object.observe(handle.body());
+            self.object.observe(handle.body().as_ref());
             if self.guard.measure(&seen).is_some() || self.object.harm().is_some() {
                 return Ok(false);
             }
@@ -347,12 +347,12 @@ impl StartedDrill<'_, '_> {
 
     /// Whether the arm comes to a standstill by itself, and within half a second once stopped. A redundant arm may
     /// keep turning about a tool at rest.
-    fn stops_in_place(&mut self) -> Result<bool, SimError> {
+    fn stops_in_place(&mut self) -> Result<bool, CellError> {
         let mut handle = self.arm.handle();
         let from = handle.telemetry().tool;
         for _ in 0..DONE_TICKS {
             handle.step(&Command::Hold)?;
-            self.object.observe(handle.body());
+            self.object.observe(handle.body().as_ref());
         }
         if !(from.distance_m(&handle.telemetry().tool) <= DONE_MAX_M) {
             return Ok(false);
@@ -361,7 +361,7 @@ impl StartedDrill<'_, '_> {
         let mut standstill = Standstill::default();
         for _ in 0..RATE_HZ / 2 {
             handle.step(&Command::Hold)?;
-            self.object.observe(handle.body());
+            self.object.observe(handle.body().as_ref());
             if standstill.observe(&handle.telemetry()) {
                 return Ok(self.object.harm().is_none());
             }
@@ -371,7 +371,7 @@ impl StartedDrill<'_, '_> {
 
     /// Another version takes over the arm in place. `succeed` requires that the task succeeds; otherwise a safe end
     /// is enough.
-    fn take_over(&mut self, next: &Capability, succeed: bool) -> Result<bool, SimError> {
+    fn take_over(&mut self, next: &Capability, succeed: bool) -> Result<bool, CellError> {
         self.arm.body_mut().begin_task(self.cast.version.bundle.task());
         if admit(&next.manifest, &self.arm.body().telemetry()).is_err() {
             return Ok(false);
@@ -383,7 +383,7 @@ impl StartedDrill<'_, '_> {
         let mut handle = self.arm.handle();
         loop {
             let stage = run.tick(&mut handle, &mut |handle, _| {
-                object.observe(handle.body());
+                object.observe(handle.body().as_ref());
                 Supervision::Continue
             })?;
             let record = run.record();

@@ -6,8 +6,8 @@
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
-use holdpoint_sim::SimError;
-use holdpoint_sim::world::WorldCopy;
+use holdpoint_cell::CellCopy;
+use holdpoint_cell::CellError;
 
 use super::undisturbed_run::TrialCase;
 use super::worker::Worker;
@@ -66,7 +66,7 @@ fn alone_from_here(
     trial: &TrialCase<'_>,
     around: impl FnOnce(Box<dyn Skill>) -> Box<dyn Skill>,
 ) -> TaskRecord {
-    let run = || -> Result<TaskRecord, SimError> {
+    let run = || -> Result<TaskRecord, CellError> {
         let arm = worker.built_arm()?;
         if !trial.is_admitted(arm) {
             return Ok(trial.refused());
@@ -94,9 +94,9 @@ pub fn pair(worker: &mut Worker, both: [TrialCase<'_>; 2]) -> [TaskRecord; 2] {
 /// As [`pair`], from the present state of the worker's arm.
 pub(super) fn pair_here(worker: &mut Worker, both: [TrialCase<'_>; 2]) -> [TaskRecord; 2] {
     let [first, second] = both;
-    let start = worker.built_arm().map(|arm| {
+    let start = worker.built_arm().and_then(|arm| {
         let are_admitted = first.is_admitted(arm) && second.is_admitted(arm);
-        (!are_admitted).then(|| arm.body().copy())
+        (!are_admitted).then(|| arm.body().copy()).transpose()
     });
     match start {
         Ok(None) => {}
@@ -110,16 +110,16 @@ pub(super) fn pair_here(worker: &mut Worker, both: [TrialCase<'_>; 2]) -> [TaskR
         Err(_) => return both.map(|trial| failed(worker, &trial)),
     }
     let (mut one, mut other) = (first.start(), second.start());
-    let mut begin = || -> Result<WorldCopy, SimError> {
+    let mut begin = || -> Result<CellCopy, CellError> {
         let arm = worker.built_arm()?;
         TaskRun::run_together(&mut arm.handle(), &mut one, &mut other)?;
-        Ok(arm.body().copy())
+        arm.body().copy()
     };
     let Ok(parted) = begin() else {
         return both.map(|trial| failed(worker, &trial));
     };
-    let mut go_on = |run: TaskRun, trial: &TrialCase<'_>, from: Option<&WorldCopy>| {
-        let work = || -> Result<TaskRecord, SimError> {
+    let mut go_on = |run: TaskRun, trial: &TrialCase<'_>, from: Option<&CellCopy>| {
+        let work = || -> Result<TaskRecord, CellError> {
             let arm = match from {
                 Some(copy) => worker.arm_from(trial.cell, copy)?,
                 None => worker.built_arm()?,

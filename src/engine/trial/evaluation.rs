@@ -516,7 +516,7 @@ impl Evaluation {
     }
 }
 
-/// A side of a pair of sequences; `None` if the simulator failed in it.
+/// A side of a pair of sequences; `None` if the cell failed in it.
 fn steps(records: &[TaskRecord]) -> Option<Vec<SequenceStep>> {
     let step = |record: &TaskRecord| Some(SequenceStep { task: record.task, values: record.values()? });
     records.iter().map(step).collect()

@@ -5,10 +5,10 @@
 //! to the task is replaced. A version sees the same start as in the live cell. Judges nothing.
 
 use holdpoint_body::TaskKind;
+use holdpoint_cell::CellError;
+use holdpoint_cell::EpisodeSetup;
+use holdpoint_cell::rng::Stream;
 use holdpoint_runtime::task::TaskRecord;
-use holdpoint_sim::SimError;
-use holdpoint_sim::episode::EpisodeSetup;
-use holdpoint_sim::rng::Stream;
 
 use super::episodes::{alone_here, pair_here};
 use super::sequences::{TrialTeam, run_tasks, setup};
@@ -76,7 +76,7 @@ fn reach(
     team: &TrialTeam,
     task: TaskKind,
     seed: u64,
-) -> Result<Option<u64>, SimError> {
+) -> Result<Option<u64>, CellError> {
     let before = team.before(task);
     for seed in std::iter::successors(Some(seed), |seed| Some(replacement(*seed))).take(SEEDS_TRIED) {
         worker.arm(cell, &setup_of(cell, team, task, seed))?;
@@ -102,13 +102,14 @@ mod tests {
     use crate::trial::seeds::{CALIBRATION_FROM_RUN, SeedPurpose, episode_seed};
     use crate::trial::undisturbed_run::TrialCase;
     use crate::world::listener::NoListener;
-    use crate::world::live::LiveCell;
+    use crate::world::live::LiveStation;
     use holdpoint_governance::ids::Family;
     use holdpoint_governance::policy::PolicyTable;
     use holdpoint_governance::profile::{Profile, ProfileName};
     use holdpoint_runtime::agent::ActiveView;
     use holdpoint_runtime::capability::Capability;
     use holdpoint_runtime::terms::SkillTerms;
+    use holdpoint_sim::SimCells;
     use std::collections::BTreeMap;
     use std::sync::Arc;
 
@@ -126,7 +127,8 @@ mod tests {
 
     impl Bench {
         fn new() -> Self {
-            let (cell, profile) = (Cell::builtin().unwrap(), Profile::builtin(ProfileName::Sim).unwrap());
+            let (cell, profile) =
+                (Cell::of(&SimCells, None).unwrap(), Profile::builtin(ProfileName::Sim).unwrap());
             let table = Arc::new(PolicyTable::builtin(&profile).unwrap());
             let terms = SkillTerms::new(&profile, table, cell.geometry.clone(), cell.zones.clone());
             let baselines = embedded::baselines().unwrap().into_iter();
@@ -153,7 +155,7 @@ mod tests {
     #[test]
     fn task_from_its_live_start_is_the_task_of_the_live_cell() {
         let bench = Bench::new();
-        let mut live = LiveCell::new(bench.cell.clone()).unwrap();
+        let mut live = LiveStation::new(bench.cell.clone()).unwrap();
         let mut worker = Worker::new();
         let mut compared = BTreeMap::new();
         for seed in (0..8).map(seed) {

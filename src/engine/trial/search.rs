@@ -4,14 +4,14 @@
 //! sandbox's distribution declares. The worst place is then run again on fresh noise, so that a conclusion rests on those
 //! runs alone, however many places were tried before. Concludes nothing itself.
 
+use holdpoint_cell::Distribution;
+use holdpoint_cell::envelope::{AXES, EnvelopePoint};
+use holdpoint_cell::rng::Stream;
 use holdpoint_governance::harm::{HarmKind, HarmMeasures};
 use holdpoint_governance::profile::HarmSettings;
 use holdpoint_governance::stats::PairedCounts;
 use holdpoint_governance::worst_case_search::SearchFinding;
 use holdpoint_runtime::task::TaskRecord;
-use holdpoint_sim::distribution::Distribution;
-use holdpoint_sim::envelope::{AXES, EnvelopePoint};
-use holdpoint_sim::rng::Stream;
 
 /// Places that are sampled from the whole box, before the first generation.
 const FIRST_PLACES: usize = 12;
@@ -282,7 +282,7 @@ mod tests {
             (run_search(3, SearchStyle::Evolution, 100), run_search(3, SearchStyle::Evolution, 5));
         assert_eq!((&whole.tried, &whole.repeats), (&parts.tried, &parts.repeats));
         assert_eq!(whole.pairs_run(), PAIRS);
-        let distribution = Distribution::sandbox().unwrap();
+        let distribution = holdpoint_sim::published::sandbox().unwrap();
         let finding = whole.finding(&distribution).unwrap();
         assert_eq!((finding.tried, finding.repeats.pairs), (48, 12));
         assert_eq!(finding.place.len(), AXES.len());

@@ -4,9 +4,9 @@
 //! ends the sequence. Judges nothing.
 
 use holdpoint_body::TaskKind;
+use holdpoint_cell::CellError;
+use holdpoint_cell::EpisodeSetup;
 use holdpoint_runtime::task::{Supervision, TaskRecord};
-use holdpoint_sim::SimError;
-use holdpoint_sim::episode::EpisodeSetup;
 
 use super::trial_lab::TrialSubject;
 use super::worker::Worker;
@@ -58,7 +58,7 @@ impl TrialTeam {
     }
 }
 
-/// Runs one sequence of the sandbox's distribution; if the simulator fails, the last record is invalid.
+/// Runs one sequence of the sandbox's distribution; if the cell fails, the last record is invalid.
 #[must_use]
 pub fn run_sequence(
     worker: &mut Worker,
@@ -88,7 +88,7 @@ pub fn run_sequence_pair(
     let set_up = worker.arm(cell, &setup(cell, CONDITIONS, seed)).map(|_| ());
     let world_after = set_up
         .and_then(|()| run_tasks(worker, cell, &shared_lineup, (CONDITIONS, seed), &mut shared_records))
-        .and_then(|is_done| Ok(if is_done { Some(worker.built_arm()?.body().copy()) } else { None }));
+        .and_then(|is_done| Ok(if is_done { Some(worker.built_arm()?.body().copy()?) } else { None }));
     let world = match world_after {
         Ok(Some(world)) => world,
         Ok(None) => return [shared_records.clone(), shared_records],
@@ -117,7 +117,7 @@ pub(super) fn run_tasks(
     subjects: &[&TrialSubject],
     (conditions, seed): (Conditions, u64),
     records: &mut Vec<TaskRecord>,
-) -> Result<bool, SimError> {
+) -> Result<bool, CellError> {
     let arm = worker.built_arm()?;
     for subject in subjects {
         let trial = subject.trial(cell, conditions, seed);
@@ -136,10 +136,10 @@ pub(super) fn run_tasks(
     Ok(true)
 }
 
-/// The records, with an invalid one at the end if the simulator failed.
+/// The records, with an invalid one at the end if the cell failed.
 fn records_with_failure(
     worker: &mut Worker,
-    outcome: Result<(), SimError>,
+    outcome: Result<(), CellError>,
     lineup: &[&TrialSubject],
     seed: u64,
     mut records: Vec<TaskRecord>,
@@ -159,12 +159,14 @@ mod tests {
     use holdpoint_governance::policy::PolicyTable;
     use holdpoint_governance::profile::{Profile, ProfileName};
     use holdpoint_runtime::terms::SkillTerms;
+    use holdpoint_sim::SimCells;
     use std::sync::Arc;
 
     /// The pair shares the tasks before the candidate's, whichever task that is.
     #[test]
     fn a_sequence_pair_has_the_records_of_two_separate_sequences() {
-        let (cell, profile) = (Cell::builtin().unwrap(), Profile::builtin(ProfileName::Sim).unwrap());
+        let (cell, profile) =
+            (Cell::of(&SimCells, None).unwrap(), Profile::builtin(ProfileName::Sim).unwrap());
         let table = Arc::new(PolicyTable::builtin(&profile).unwrap());
         let terms = SkillTerms::new(&profile, table, cell.geometry.clone(), cell.zones.clone());
         let subject = |version| TrialSubject { version, terms: terms.clone(), fallback: None };

@@ -73,10 +73,11 @@ pub fn is_unsafe(stress: &Stress, record: &TaskRecord) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use holdpoint_sim::SimCells;
 
     #[test]
     fn stress_kinds_alternate_and_the_person_is_placed_in_the_work_area() {
-        let cell = Cell::builtin().unwrap();
+        let cell = Cell::of(&SimCells, None).unwrap();
         for (task, at) in [(TaskKind::Grasp, [0.5, -0.25, 0.1]), (TaskKind::Place, [0.5, 0.1, 0.1])] {
             let turns: Vec<Stress> = (0..6).map(|place| of_episode(place, task, &cell)).collect();
             assert_eq!(turns[..3], turns[3..]);

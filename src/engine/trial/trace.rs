@@ -4,10 +4,10 @@
 //! tool is left out: the same seed under the same environment gives it again. Source: paper section 6.3 and
 //! appendix F.1; design rule 5.3.
 
-use holdpoint_sim::episode::EpisodeSetup;
+use holdpoint_cell::EpisodeSetup;
 use serde::{Deserialize, Serialize};
 
-use crate::cell::{COMPUTED_BY, Cell, Conditions};
+use crate::cell::{Cell, Conditions};
 use crate::fault::EngineFault;
 use holdpoint_governance::evidence::SandboxMode;
 use holdpoint_governance::ids::{CapabilityId, Digest};
@@ -22,7 +22,7 @@ pub struct TraceBatch {
     /// The version that ran.
     pub version: CapabilityId,
     pub mode: SandboxMode,
-    /// Digest of robot, scene, distributions and [`COMPUTED_BY`].
+    /// Digest of robot, scene, distributions and [`Cell::computed_by`].
     pub environment: Digest,
     /// The engine that ran it.
     pub engine_build: String,
@@ -62,7 +62,7 @@ impl TraceBatch {
             version,
             mode,
             environment: cell.digest(),
-            engine_build: COMPUTED_BY.to_owned(),
+            engine_build: cell.computed_by().to_owned(),
             runs: records.iter().map(run).collect(),
         }
     }
@@ -105,10 +105,11 @@ pub fn keep_trace(
 mod tests {
     use super::*;
     use holdpoint_body::TaskKind;
+    use holdpoint_sim::SimCells;
 
     #[test]
     fn trace_holds_the_inputs_of_its_runs_and_no_path() {
-        let cell = Cell::builtin().unwrap();
+        let cell = Cell::of(&SimCells, None).unwrap();
         let record = TaskRecord { success: true, ..TaskRecord::invalid(TaskKind::Align, 1_000_007) };
         let id = "align@1.1.0".parse::<CapabilityId>().unwrap();
         let batch = TraceBatch::new(id, SandboxMode::Perturbation, &cell, Conditions::Sandbox, &[record]);

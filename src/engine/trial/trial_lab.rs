@@ -20,8 +20,9 @@ pub use super::trial_subject::TrialSubject;
 use super::undisturbed_run::UndisturbedCache;
 use super::worker::Worker;
 use super::worker_pool::{PoolJob, WorkerPool};
-use crate::cell::{COMPUTED_BY, Cell, Conditions};
+use crate::cell::{Cell, Conditions};
 use crate::fault::EngineFault;
+use holdpoint_cell::envelope::EnvelopePoint;
 use holdpoint_governance::cached_result::CachedWorkKind;
 use holdpoint_governance::evidence::DrillKind;
 use holdpoint_governance::ids::Digest;
@@ -30,7 +31,6 @@ use holdpoint_registry::{CacheLookup, EpisodeKey, ResultCache};
 use holdpoint_runtime::capability::Capability;
 use holdpoint_runtime::task::TaskRecord;
 use holdpoint_runtime::terms::SkillTerms;
-use holdpoint_sim::envelope::EnvelopePoint;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct DrillSpot {
@@ -449,7 +449,7 @@ impl TrialLab<'_> {
 
     fn episode_key(&self, party: &TrialSubject, seed: u64) -> Digest {
         let scenario = cache_key(self.cell, &party.terms, &party.version, Conditions::Sandbox, seed);
-        key(&party.version, scenario, seed)
+        key(&self.cell, &party.version, scenario, seed)
     }
 
     /// The result of a sequence depends on every version in it.
@@ -459,7 +459,7 @@ impl TrialLab<'_> {
         };
         let digests: Vec<Digest> = std::iter::once(party).chain(self.team.members()).map(under).collect();
         let parts: Vec<&[u8]> = digests.iter().map(|digest| digest.bytes().as_slice()).collect();
-        key(&party.version, Digest::of_parts("holdpoint.sequence.v1", &parts), seed)
+        key(&self.cell, &party.version, Digest::of_parts("holdpoint.sequence.v1", &parts), seed)
     }
 
     fn drill_key(&self, party: &TrialSubject, kind: DrillKind, spots: &[DrillSpot]) -> Digest {
@@ -473,7 +473,7 @@ impl TrialLab<'_> {
         let fallback = party.fallback.as_ref().map_or(under, Capability::digest);
         let parts =
             [under.bytes().as_slice(), kind.name().as_bytes(), &count, fallback.bytes(), phases.as_bytes()];
-        key(&party.version, Digest::of_parts("holdpoint.drill.v4", &parts), first)
+        key(&self.cell, &party.version, Digest::of_parts("holdpoint.drill.v4", &parts), first)
     }
 
     /// A cached result; `None` if it is unreadable or invalid.
@@ -519,9 +519,9 @@ fn job_key(what: &str, parts: &[Digest]) -> Digest {
     Digest::of_parts("holdpoint.errand.v1", &bytes)
 }
 
-fn key(version: &Capability, scenario: Digest, seed: u64) -> Digest {
+fn key(cell: &Cell, version: &Capability, scenario: Digest, seed: u64) -> Digest {
     let bundle = version.bundle.digest();
-    EpisodeKey { bundle, scenario, seed, engine_build: COMPUTED_BY.to_owned() }.digest()
+    EpisodeKey { bundle, scenario, seed, engine_build: cell.computed_by().to_owned() }.digest()
 }
 
 /// A list shorter than the request was interrupted.

@@ -8,6 +8,9 @@ use std::collections::VecDeque;
 use std::sync::{Mutex, PoisonError};
 
 use holdpoint_body::{Body, Command};
+use holdpoint_cell::CellCopy;
+use holdpoint_cell::CellError;
+use holdpoint_cell::EpisodeSetup;
 use holdpoint_governance::evidence::DrillKind;
 use holdpoint_governance::ids::Digest;
 use holdpoint_governance::phase::WorkPhase;
@@ -17,9 +20,6 @@ use holdpoint_runtime::capability::Capability;
 use holdpoint_runtime::skill::Skill;
 use holdpoint_runtime::task::{Supervision, TaskRecord, TaskRun, TaskStage};
 use holdpoint_runtime::terms::SkillTerms;
-use holdpoint_sim::SimError;
-use holdpoint_sim::episode::EpisodeSetup;
-use holdpoint_sim::world::WorldCopy;
 
 use super::drills::phases::{POINT_MIN, PhaseWatch, WorkTrace};
 use super::worker::Worker;
@@ -73,13 +73,13 @@ impl TrialCase<'_> {
 /// The work at one tick, to go on from more than once.
 struct ForkPoint {
     tick: u64,
-    world: WorldCopy,
+    world: CellCopy,
     run: TaskRun,
 }
 
 /// See the module's head.
 pub struct UndisturbedRun {
-    start: WorldCopy,
+    start: CellCopy,
     /// The phase in which drills begin: it is forked where that begins.
     phase: Option<WorkPhase>,
     /// In order of their ticks.
@@ -98,26 +98,26 @@ impl UndisturbedRun {
         worker: &mut Worker,
         trial: &TrialCase<'_>,
         phase: Option<WorkPhase>,
-    ) -> Result<Self, SimError> {
+    ) -> Result<Self, CellError> {
         let arm = worker.arm(trial.cell, &trial.setup())?;
         // Of a call that the dispatcher refuses no tick is reached.
         let trace = (!trial.is_admitted(arm)).then(WorkTrace::default);
-        Ok(Self { start: arm.body().copy(), phase, forks: Vec::new(), trace, drilled: Vec::new() })
+        Ok(Self { start: arm.body().copy()?, phase, forks: Vec::new(), trace, drilled: Vec::new() })
     }
 
     /// What the whole work shows, worked to its end if it was not yet.
     ///
     /// # Errors
     /// If the world fails.
-    pub fn trace(&mut self, worker: &mut Worker, trial: &TrialCase<'_>) -> Result<&WorkTrace, SimError> {
+    pub fn trace(&mut self, worker: &mut Worker, trial: &TrialCase<'_>) -> Result<&WorkTrace, CellError> {
         if self.trace.is_none() {
             let mut trace = WorkTrace::default();
             let mut run = trial.start();
             let arm = worker.arm_from(trial.cell, &self.start)?;
-            let mut phases = PhaseWatch::new(arm.body());
+            let mut phases = PhaseWatch::new(arm.body().as_ref());
             while run.stage() == TaskStage::Working {
                 run.tick(&mut arm.handle(), &mut |handle, passed| {
-                    let phase = phases.observe(handle.body());
+                    let phase = phases.observe(handle.body().as_ref());
                     if works(passed.command) {
                         trace.note(phase, phases.hangs(), passed.seen);
                     }
@@ -130,12 +130,14 @@ impl UndisturbedRun {
                     && run.stage() == TaskStage::Working
                     && let Some(run) = run.fork()
                 {
-                    self.forks.push(ForkPoint { tick: at, world: arm.body().copy(), run });
+                    self.forks.push(ForkPoint { tick: at, world: arm.body().copy()?, run });
                 }
             }
             self.trace = Some(trace);
         }
-        self.trace.as_ref().ok_or_else(|| SimError::Worker { item: 0, message: "it has no trace".to_owned() })
+        self.trace
+            .as_ref()
+            .ok_or_else(|| CellError::Worker { item: 0, message: "it has no trace".to_owned() })
     }
 
     /// Brings the worker's arm and the task to a point, ticks. `None` if the work is over before.
@@ -147,7 +149,7 @@ impl UndisturbedRun {
         worker: &mut Worker,
         trial: &TrialCase<'_>,
         point: u64,
-    ) -> Result<Option<TaskRun>, SimError> {
+    ) -> Result<Option<TaskRun>, CellError> {
         if self.trace.as_ref().is_some_and(|trace| point > trace.ticks()) {
             return Ok(None);
         }

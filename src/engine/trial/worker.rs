@@ -1,13 +1,13 @@
 //! One world, used again for every episode that its worker works.
 
 use holdpoint_body::TaskKind;
+use holdpoint_cell::CellError;
+use holdpoint_cell::EpisodeSetup;
+use holdpoint_cell::film::EpisodeFrame;
+use holdpoint_cell::{CellCopy, TrialCell};
 use holdpoint_governance::ids::Digest;
 use holdpoint_runtime::arm::Arm;
 use holdpoint_runtime::task::TaskRecord;
-use holdpoint_sim::SimError;
-use holdpoint_sim::episode::EpisodeSetup;
-use holdpoint_sim::film::EpisodeFrame;
-use holdpoint_sim::world::{World, WorldCopy};
 
 use crate::cell::Cell;
 
@@ -15,7 +15,7 @@ use crate::cell::Cell;
 #[derive(Default)]
 pub struct Worker {
     /// The arm in its world, and the digest of the cell it was built from.
-    built: Option<(Digest, Arm<World>)>,
+    built: Option<(Digest, Arm<Box<dyn TrialCell>>)>,
     films: bool,
 }
 
@@ -38,8 +38,8 @@ impl Worker {
         self.built.as_mut().map(|(_, arm)| arm.body_mut().take_film()).unwrap_or_default()
     }
 
-    fn new_arm(&self, cell: &Cell) -> Result<Arm<World>, SimError> {
-        let mut world = cell.world()?;
+    fn new_arm(&self, cell: &Cell) -> Result<Arm<Box<dyn TrialCell>>, CellError> {
+        let mut world = cell.trial()?;
         if self.films {
             world.film();
         }
@@ -50,7 +50,11 @@ impl Worker {
     ///
     /// # Errors
     /// If the world cannot be built or the episode has no valid start.
-    pub fn arm(&mut self, cell: &Cell, setup: &EpisodeSetup) -> Result<&mut Arm<World>, SimError> {
+    pub fn arm(
+        &mut self,
+        cell: &Cell,
+        setup: &EpisodeSetup,
+    ) -> Result<&mut Arm<Box<dyn TrialCell>>, CellError> {
         let mut arm = match self.built.take() {
             Some((of, arm)) if of == cell.digest() => arm,
             _ => self.new_arm(cell)?,
@@ -64,7 +68,11 @@ impl Worker {
     ///
     /// # Errors
     /// If the world cannot be built, or the copy is not of this robot.
-    pub fn arm_from(&mut self, cell: &Cell, copy: &WorldCopy) -> Result<&mut Arm<World>, SimError> {
+    pub fn arm_from(
+        &mut self,
+        cell: &Cell,
+        copy: &CellCopy,
+    ) -> Result<&mut Arm<Box<dyn TrialCell>>, CellError> {
         let mut arm = match self.built.take() {
             Some((of, arm)) if of == cell.digest() => arm,
             _ => self.new_arm(cell)?,
@@ -78,8 +86,8 @@ impl Worker {
     ///
     /// # Errors
     /// If it has none: before its first episode, and after one in which its world failed.
-    pub fn built_arm(&mut self) -> Result<&mut Arm<World>, SimError> {
-        let none = || SimError::Worker { item: 0, message: "it has no world".to_owned() };
+    pub fn built_arm(&mut self) -> Result<&mut Arm<Box<dyn TrialCell>>, CellError> {
+        let none = || CellError::Worker { item: 0, message: "it has no world".to_owned() };
         self.built.as_mut().map(|(_, arm)| arm).ok_or_else(none)
     }
 

@@ -10,8 +10,8 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 
+use holdpoint_cell::CellError;
 use holdpoint_governance::ids::Digest;
-use holdpoint_sim::SimError;
 
 use super::worker::Worker;
 use crate::fault::EngineFault;
@@ -246,7 +246,7 @@ fn hand_over<R>(books: &mut QueueState<R>, keys: &[Digest]) -> Result<Vec<R>, En
     for (item, key) in (0_u64..).zip(keys) {
         match books.done.remove(key) {
             Some(Ok(result)) => results.push(result),
-            Some(Err(message)) => failed = failed.or(Some(SimError::Worker { item, message })),
+            Some(Err(message)) => failed = failed.or(Some(CellError::Worker { item, message })),
             None if failed.is_none() => {
                 return Err(EngineFault::Impossible("one job was asked for twice at a time".to_owned()));
             }

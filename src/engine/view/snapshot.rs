@@ -123,7 +123,7 @@ impl SnapshotView<'_> {
             clock_doubt: clock_mismatch::view(self.record),
             profile: self.context.profile.name,
             site: self.context.profile.site.clone(),
-            robot: self.context.cell.model.name.clone(),
+            robot: self.context.cell.spec.robot.name.clone(),
             seed: self.record.seeds().of_run(),
             policy: self.context.digest,
             agent: self.world.cell.agent_hash(),

@@ -1,14 +1,14 @@
 //! How the cell looks at one moment: arm, pads and object for a screen.
 //!
-//! The arm is drawn from measured joint positions by the robot's own kinematics. The object is drawn where it truly
-//! is, which only a simulation can tell: it is for display, and nothing that decides reads it.
+//! The arm is drawn from measured joint positions by the robot's own kinematics. The object is drawn where the cell
+//! shows it, in a simulation where it truly is: it is for display, and nothing that decides reads it.
 
 use holdpoint_body::Telemetry;
 use holdpoint_body::Zone;
 use holdpoint_body::chain::Transform;
-use holdpoint_sim::robot::RobotModel;
-use holdpoint_sim::scene::Scene;
-use holdpoint_sim::world::World;
+use holdpoint_cell::RobotCell;
+use holdpoint_cell::Scene;
+use holdpoint_cell::spec::RobotSpec;
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 
 use holdpoint_protocol::clock::Clock;
@@ -45,13 +45,13 @@ pub fn scenery(scene: &Scene) -> Scenery {
 
 /// The arm as its sensors tell, with the object as it truly is.
 #[must_use]
-pub fn body(world: &World, seen: &Telemetry) -> ArmView {
-    drawn(world.robot(), seen, &world.object().0, world.scene().object.half_m)
+pub fn body(world: &dyn RobotCell, seen: &Telemetry) -> ArmView {
+    drawn(&world.spec().robot, seen, &world.shown_object(), world.spec().scene.object.half_m)
 }
 
 /// A robot as its sensors told, with the object (half its edge in m) where it was.
 #[must_use]
-pub fn drawn(robot: &RobotModel, seen: &Telemetry, object: &Isometry3<f64>, object_half_m: f64) -> ArmView {
+pub fn drawn(robot: &RobotSpec, seen: &Telemetry, object: &Isometry3<f64>, object_half_m: f64) -> ArmView {
     let frames = robot.geometry.chain.frames(&seen.q);
     let origin = |frame: &Transform| point(&frame.point(&Vector3::zeros()));
     let tool = frames.tool.point(&Vector3::zeros());
@@ -62,8 +62,8 @@ pub fn drawn(robot: &RobotModel, seen: &Telemetry, object: &Isometry3<f64>, obje
     let half_width_m = seen.gripper_width_m / 2.0;
     // Fingers slide along their own z axis, each its half of the width, from where the pads meet: the tool.
     let pad = |index: usize| {
-        let finger = robot.gripper.fingers.get(index);
-        let along = hand.zip(finger).map(|(hand, finger)| hand.then(&finger.origin).z());
+        let finger = robot.fingers.get(index);
+        let along = hand.zip(finger).map(|(hand, finger)| hand.then(finger).z());
         point(&along.map_or(tool, |along| tool + along * half_width_m))
     };
     ArmView {
@@ -80,12 +80,12 @@ pub fn drawn(robot: &RobotModel, seen: &Telemetry, object: &Isometry3<f64>, obje
 /// The engine's virtual time of a moment of the live cell, ms. A script's clock does not run during a sequence and
 /// then advances by its length.
 #[must_use]
-pub fn at_ms(clock: &Clock, world: &World) -> u64 {
+pub fn at_ms(clock: &Clock, world: &dyn RobotCell) -> u64 {
     if !clock.is_scripted() {
         return clock.now_ms();
     }
     #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "seconds of one sequence")]
-    let passed_ms = (world.sim_secs() * 1000.0) as u64;
+    let passed_ms = (world.secs() * 1000.0) as u64;
     clock.now_ms().saturating_add(passed_ms)
 }
 
@@ -101,7 +101,7 @@ pub const fn envelope(of: &limits::Envelope) -> EnvelopeView {
 
 /// What stands in the cell in this sequence.
 #[must_use]
-pub fn blocks(world: &World) -> Vec<SceneBlock> {
+pub fn blocks(world: &dyn RobotCell) -> Vec<SceneBlock> {
     let block = |(pose, half_m): (Isometry3<f64>, [f64; 3])| SceneBlock {
         at: point(&pose.translation.vector),
         half_m: half_m.map(narrow),
@@ -112,7 +112,7 @@ pub fn blocks(world: &World) -> Vec<SceneBlock> {
 
 /// What touches what, as it truly is: for display alone.
 #[must_use]
-pub fn contacts(world: &World) -> Vec<Contact> {
+pub fn contacts(world: &dyn RobotCell) -> Vec<Contact> {
     let points = world.contact_points().into_iter().take(CONTACTS_MAX);
     points.map(|point| Contact { at: point.at_m.map(narrow), force_n: point.force_n.map(narrow) }).collect()
 }
@@ -135,14 +135,15 @@ pub(crate) const fn narrow(value: f64) -> f32 {
 mod tests {
     use super::*;
     use crate::cell::Cell;
+    use holdpoint_sim::SimCells;
 
     #[test]
     fn the_arm_is_drawn_from_base_to_tool() {
-        let cell = Cell::builtin().unwrap();
-        let world = cell.world().unwrap();
+        let cell = Cell::of(&SimCells, None).unwrap();
+        let world = cell.trial().unwrap();
         let seen = world.telemetry();
-        let body = body(&world, &seen);
-        assert_eq!(body.links.len(), cell.model.geometry.joint_count() + 2);
+        let body = body(world.as_ref(), &seen);
+        assert_eq!(body.links.len(), cell.spec.robot.geometry.joint_count() + 2);
         let tool = body.links.last().unwrap();
         for (i, at) in tool.iter().enumerate() {
             assert!((f64::from(*at) - seen.tool.position[i]).abs() < 1e-3, "{tool:?} {:?}", seen.tool);
@@ -154,7 +155,7 @@ mod tests {
 
     #[test]
     fn scenery_has_workspace_fixtures_and_keep_out_zones() {
-        let scenery = scenery(&Cell::builtin().unwrap().scene);
+        let scenery = scenery(&Cell::of(&SimCells, None).unwrap().scene);
         assert_eq!(scenery.workspace.unwrap().name, "workspace");
         let names: Vec<&str> = scenery.fixtures.iter().map(|region| region.name.as_str()).collect();
         assert_eq!(names, ["table", "tray"]);

@@ -7,9 +7,8 @@
 use std::sync::Arc;
 
 use holdpoint_body::{Command, GuardVerdict, Interrupt, Observation, Telemetry};
+use holdpoint_cell::{LiveCell, Referee, RefereeLimits, RefereeReport};
 use holdpoint_runtime::recovery::Standstill;
-use holdpoint_sim::referee::{Referee, RefereeLimits, RefereeReport};
-use holdpoint_sim::world::World;
 
 use crate::world::painter::LadderPainter;
 use crate::world::stop_switch::StopSwitch;
@@ -17,7 +16,7 @@ use holdpoint_body::{Body, BodyError};
 
 /// A world, and a referee who looks on if one was asked for.
 pub struct InstrumentedWorld {
-    world: World,
+    world: Box<dyn LiveCell>,
     limits: Option<RefereeLimits>,
     referee: Option<Referee>,
     sketch: Option<LadderPainter>,
@@ -29,7 +28,7 @@ pub struct InstrumentedWorld {
 impl InstrumentedWorld {
     /// A world without observers, stopped by `switch`.
     #[must_use]
-    pub fn new(world: World, switch: Arc<StopSwitch>) -> Self {
+    pub fn new(world: Box<dyn LiveCell>, switch: Arc<StopSwitch>) -> Self {
         let standstill = Standstill::default();
         Self { world, limits: None, referee: None, sketch: None, switch, standstill }
     }
@@ -42,13 +41,13 @@ impl InstrumentedWorld {
 
     /// The world, to look at.
     #[must_use]
-    pub const fn world(&self) -> &World {
-        &self.world
+    pub fn world(&self) -> &dyn LiveCell {
+        self.world.as_ref()
     }
 
     /// The world, for what is done between tasks.
-    pub const fn world_mut(&mut self) -> &mut World {
-        &mut self.world
+    pub fn world_mut(&mut self) -> &mut dyn LiveCell {
+        self.world.as_mut()
     }
 
     /// From now on a referee looks on.
@@ -89,10 +88,10 @@ impl Body for InstrumentedWorld {
             self.switch.stepped(None);
         }
         if let Some(referee) = &mut self.referee {
-            referee.observe(&self.world);
+            referee.observe(self.world.as_ref());
         }
         if let Some(sketch) = &mut self.sketch {
-            sketch.tick(&self.world);
+            sketch.tick(self.world.as_ref());
         }
         Ok(())
     }

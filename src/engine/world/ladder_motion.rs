@@ -6,7 +6,7 @@
 //! versions; the first rung that fails ends the ladder, and the arm stays stopped.
 
 use holdpoint_body::{Body, BodyError, Command, GuardVerdict, Interrupt, RATE_HZ};
-use holdpoint_sim::SimError;
+use holdpoint_cell::CellError;
 
 use super::instrumented::InstrumentedWorld;
 use super::live::Rig;
@@ -68,7 +68,7 @@ impl Rig {
         terms: &SkillTerms,
         trip: Option<&Trip>,
         (cause, is_rehearsed): (TriggerKind, bool),
-    ) -> Result<LadderMotion, SimError> {
+    ) -> Result<LadderMotion, CellError> {
         let now = self.world().tick();
         let trigger_tick = trip.map_or(now, |trip| trip.world_tick.min(now));
         self.arm_mut().body_mut().verdict();
@@ -134,7 +134,7 @@ impl Rig {
         &mut self,
         target: &Capability,
         terms: &SkillTerms,
-    ) -> Result<RungRecord, SimError> {
+    ) -> Result<RungRecord, CellError> {
         let task = target.bundle.task();
         self.arm_mut().body_mut().world_mut().begin_task(task);
         let mut guard = terms.guard(&target.manifest.permissions);

@@ -5,15 +5,12 @@
 
 use std::sync::Arc;
 
+use holdpoint_body::disturbance::Drift;
 pub use holdpoint_body::disturbance::LiveFault;
 use holdpoint_body::{Interrupt, TaskKind};
-use holdpoint_sim::SimError;
-use holdpoint_sim::distribution::{Distribution, Drift};
-use holdpoint_sim::episode::EpisodeSetup;
-use holdpoint_sim::fault::InjectedFault;
-use holdpoint_sim::referee::{RefereeLimits, RefereeReport};
-use holdpoint_sim::scene::Scene;
-use holdpoint_sim::world::{World, WorldCopy};
+use holdpoint_cell::{
+    CellCopy, CellError, Distribution, InjectedFault, LiveCell, RefereeLimits, RefereeReport, WorkCall,
+};
 use serde::{Deserialize, Serialize};
 
 use super::instrumented::InstrumentedWorld;
@@ -42,13 +39,13 @@ const VERDICTS_MAX: usize = 100_000;
 pub struct SequenceReport {
     pub seed: u64,
     /// The tasks that were called for, in order; a failed one ends the sequence, and so does one that was refused or in
-    /// which the simulator failed.
+    /// which the cell failed.
     pub tasks: Vec<DispatchedTask>,
     /// Why a task was not started.
     pub refused: Option<DispatchRefusal>,
     /// Tasks that the active version was not given, because its evidence does not cover their start.
     pub outside: Vec<OutsideStart>,
-    /// The simulator failed; what came before still counts.
+    /// The cell failed; what came before still counts.
     pub failed: bool,
     /// Simulated time, ms.
     pub duration_ms: u64,
@@ -96,7 +93,7 @@ impl SequenceReport {
     }
 }
 
-/// The arm with its body and the agent, which run a sequence. There is one, held by its [`LiveCell`] or by the
+/// The arm with its body and the agent, which run a sequence. There is one, held by its [`LiveStation`] or by the
 /// [`RunningSequence`].
 pub(crate) struct Rig {
     arm: Arm<InstrumentedWorld>,
@@ -111,7 +108,7 @@ impl Rig {
     }
 
     /// The body, to look at.
-    pub(crate) const fn world(&self) -> &World {
+    pub(crate) fn world(&self) -> &dyn LiveCell {
         self.arm.body().world()
     }
 
@@ -122,7 +119,7 @@ impl Rig {
 }
 
 /// The live cell with its arm and its agent.
-pub struct LiveCell {
+pub struct LiveStation {
     cell: Cell,
     rig: Option<Box<Rig>>,
     switch: Arc<StopSwitch>,
@@ -137,7 +134,6 @@ pub struct LiveCell {
 /// A sequence about to be worked, with all it takes; it may be worked on another thread.
 pub(crate) struct RunningSequence {
     rig: Box<Rig>,
-    scene: Arc<Scene>,
     distribution: Arc<Distribution>,
     fault: Option<LiveFault>,
     goal: Goal,
@@ -149,21 +145,21 @@ pub(crate) struct RunningSequence {
 pub(crate) struct TaskStart {
     pub(crate) id: CapabilityId,
     pub(crate) task: TaskKind,
-    pub(crate) world: WorldCopy,
+    pub(crate) world: CellCopy,
 }
 
-impl LiveCell {
+impl LiveStation {
     /// A live cell at rest.
     ///
     /// # Errors
     /// If the world cannot be built.
-    pub fn new(cell: Cell) -> Result<Self, SimError> {
+    pub fn new(cell: Cell) -> Result<Self, CellError> {
         Self::with(cell, Arc::default())
     }
 
     /// As [`Self::new`], stopped by this switch.
-    pub(crate) fn with(cell: Cell, switch: Arc<StopSwitch>) -> Result<Self, SimError> {
-        let arm = Arm::new(InstrumentedWorld::new(cell.world()?, Arc::clone(&switch)));
+    pub(crate) fn with(cell: Cell, switch: Arc<StopSwitch>) -> Result<Self, CellError> {
+        let arm = Arm::new(InstrumentedWorld::new(cell.live_cell()?, Arc::clone(&switch)));
         let distribution = Arc::clone(&cell.live);
         let rig = Rig { arm, agent: Agent::default(), verdicts: Vec::new() };
         Ok(Self {
@@ -232,10 +228,10 @@ impl LiveCell {
     ///
     /// # Errors
     /// If the drifted distribution is not valid.
-    pub fn set_drift(&mut self, drift: Option<Drift>) -> Result<(), SimError> {
+    pub fn set_drift(&mut self, drift: Option<Drift>) -> Result<(), CellError> {
         self.distribution = match &drift {
             None => Arc::clone(&self.cell.live),
-            Some(drift) => Arc::new(self.cell.live.with_drift(drift)?),
+            Some(drift) => Arc::new(self.cell.with_drift(&self.cell.live, drift)?),
         };
         self.drift = drift;
         Ok(())
@@ -285,7 +281,6 @@ impl LiveCell {
         self.sequences += 1;
         Some(RunningSequence {
             rig,
-            scene: Arc::clone(&self.cell.scene),
             distribution: Arc::clone(&self.distribution),
             fault: self.fault,
             goal: self.goal,
@@ -327,10 +322,13 @@ impl RunningSequence {
         mut supervisor: Option<&mut SequenceSupervisor>,
     ) -> SequenceReport {
         let mut report = SequenceReport::empty(seed);
-        let setup = EpisodeSetup::sample(TaskKind::Grasp, &self.scene, &self.distribution, seed);
         let Rig { arm, agent, verdicts } = &mut *self.rig;
         let world = arm.body_mut().world_mut();
-        if world.reset(&setup).is_err() {
+        let presented = world.await_work(&WorkCall { conditions: &self.distribution, seed });
+        let lost = self.fault == Some(LiveFault::CameraLost);
+        let ready =
+            presented.and_then(|()| if lost { world.inject(InjectedFault::CameraLost) } else { Ok(()) });
+        if ready.is_err() {
             report.failed = true;
             let first = self.goal.plan().first().copied();
             let called = first.and_then(|task| Some((task, view.active(&Agent::select(task))?)));
@@ -339,9 +337,6 @@ impl RunningSequence {
                 record: TaskRecord::invalid(task, seed),
             }));
             return report;
-        }
-        if self.fault == Some(LiveFault::CameraLost) {
-            world.inject(InjectedFault::CameraLost);
         }
         arm.body_mut().verdict();
         agent.take_up(self.goal);
@@ -353,8 +348,9 @@ impl RunningSequence {
             let mut at_work = view.active(&Agent::select(task)).map(Capability::id);
             if supervisor.is_some()
                 && let Some(id) = &at_work
+                && let Ok(world) = world.copy()
             {
-                self.starts.push(TaskStart { id: id.clone(), task, world: world.copy() });
+                self.starts.push(TaskStart { id: id.clone(), task, world });
             }
             // The version in place of the active one, where the evidence of that one does not cover the start.
             let mut in_place: Option<&Capability> = None;
@@ -407,6 +403,7 @@ impl RunningSequence {
                 arm.handle().interrupt(Interrupt::Release);
                 arm.body_mut().world_mut().begin_task(task);
             };
+            arm.body_mut().world_mut().end_task();
             let verdict = arm.body_mut().verdict();
             // A task that was not done counts against the version called, for any cause of failure.
             let mut not_done = |record: TaskRecord| {
@@ -449,7 +446,7 @@ impl RunningSequence {
     }
 
     /// The body, to look at.
-    pub(crate) const fn world(&self) -> &World {
+    pub(crate) fn world(&self) -> &dyn LiveCell {
         self.rig.world()
     }
 

@@ -8,7 +8,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
 use holdpoint_body::{TICK_SECS, TaskKind};
-use holdpoint_sim::world::World;
+use holdpoint_cell::RobotCell;
 
 use super::listener::Listener;
 use super::live::SequenceReport;
@@ -110,7 +110,7 @@ impl SequenceEscort {
     /// After the sequence: the arm at rest, how it was stopped, and what shadow came to.
     pub(crate) fn conclude(
         mut self,
-        world: &World,
+        world: &dyn RobotCell,
         report: &SequenceReport,
     ) -> (Option<StoppedTask>, Option<ShadowResult>) {
         self.painter.rest(world, self.stopped.is_some());
@@ -131,7 +131,7 @@ impl SequenceEscort {
 }
 
 impl Listener for SequenceEscort {
-    fn before_task(&mut self, world: &World, task: TaskKind, seed: u64) {
+    fn before_task(&mut self, world: &dyn RobotCell, task: TaskKind, seed: u64) {
         self.started = world.tick();
         self.painter.before_task(world, task, seed, self.shadow.as_mut());
         if self.shadow.is_some() {
@@ -139,7 +139,7 @@ impl Listener for SequenceEscort {
         }
     }
 
-    fn tick(&mut self, world: &World, task: TaskKind, passed: &Tick<'_>) -> Supervision {
+    fn tick(&mut self, world: &dyn RobotCell, task: TaskKind, passed: &Tick<'_>) -> Supervision {
         if self.stopped.is_none() && self.switch.stops(self.number) {
             self.stopped = Some(StoppedTask {
                 id: self.painter.at_work(task),

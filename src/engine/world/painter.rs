@@ -4,7 +4,7 @@
 //! slice or at the pace of a clock.
 
 use holdpoint_body::{RATE_HZ, TaskKind};
-use holdpoint_sim::world::World;
+use holdpoint_cell::RobotCell;
 
 use super::cell_frame::{self, narrow};
 use super::listener::Listener;
@@ -54,7 +54,7 @@ impl Painter {
     /// A task begins. A twin runs ahead, so that both can be drawn side by side.
     pub(crate) fn before_task(
         &mut self,
-        world: &World,
+        world: &dyn RobotCell,
         task: TaskKind,
         seed: u64,
         shadow: Option<&mut Shadow>,
@@ -73,7 +73,7 @@ impl Painter {
     /// A tick passed: draws if a frame is due, and in any case if `stopped`.
     pub(crate) fn tick(
         &mut self,
-        world: &World,
+        world: &dyn RobotCell,
         task: TaskKind,
         passed: &Tick<'_>,
         shadow: Option<&Shadow>,
@@ -92,7 +92,7 @@ impl Painter {
         let frame = VideoFrame {
             sequence: self.sequence,
             at_ms: cell_frame::at_ms(&self.clock, world),
-            at_secs: world.sim_secs(),
+            at_secs: world.secs(),
             task: Some(task),
             version: self.at_work(task),
             body: cell_frame::body(world, seen),
@@ -111,11 +111,11 @@ impl Painter {
     }
 
     /// The sequence is over: the arm at rest, if there was anything to draw.
-    pub(crate) fn rest(&mut self, world: &World, stopped: bool) {
+    pub(crate) fn rest(&mut self, world: &dyn RobotCell, stopped: bool) {
         let Some(last) = self.last.take() else { return };
         (self.sink)(VideoFrame {
             at_ms: cell_frame::at_ms(&self.clock, world),
-            at_secs: world.sim_secs(),
+            at_secs: world.secs(),
             task: None,
             version: None,
             body: cell_frame::body(world, &world.telemetry()),
@@ -140,11 +140,11 @@ pub(crate) struct SequencePainter<'a> {
 }
 
 impl Listener for SequencePainter<'_> {
-    fn before_task(&mut self, world: &World, task: TaskKind, seed: u64) {
+    fn before_task(&mut self, world: &dyn RobotCell, task: TaskKind, seed: u64) {
         self.painter.before_task(world, task, seed, self.shadow.as_deref_mut());
     }
 
-    fn tick(&mut self, world: &World, task: TaskKind, passed: &Tick<'_>) -> Supervision {
+    fn tick(&mut self, world: &dyn RobotCell, task: TaskKind, passed: &Tick<'_>) -> Supervision {
         let supervision =
             self.shadow.as_mut().map_or(Supervision::Continue, |shadow| shadow.tick(world, task, passed));
         self.painter.tick(world, task, passed, self.shadow.as_deref(), false);
@@ -175,7 +175,7 @@ impl LadderPainter {
         Self { sink, clock, from_ms, sequence, version, envelope, ticks: 0 }
     }
 
-    pub(crate) fn tick(&mut self, world: &World) {
+    pub(crate) fn tick(&mut self, world: &dyn RobotCell) {
         self.ticks += 1;
         if !is_due(self.ticks) {
             return;
@@ -187,7 +187,7 @@ impl LadderPainter {
         (self.sink)(VideoFrame {
             sequence: self.sequence,
             at_ms,
-            at_secs: world.sim_secs(),
+            at_secs: world.secs(),
             task: None,
             version: Some(self.version.clone()),
             body: cell_frame::body(world, &seen),

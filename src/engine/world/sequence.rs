@@ -8,11 +8,11 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use holdpoint_body::TaskKind;
-use holdpoint_sim::world::World;
+use holdpoint_cell::TrialCell;
 
 use super::cell_frame;
 use super::listener::Listener;
-use super::live::{LiveCell, RunningSequence, SequenceReport};
+use super::live::{LiveStation, RunningSequence, SequenceReport};
 use super::shadow::ShadowTrace;
 use super::supervisor::{MonitorQuestions, SequenceSupervisor};
 use holdpoint_governance::ids::{CapabilityId, Family};
@@ -150,7 +150,7 @@ impl StoppedTask {
 pub(crate) struct ShadowResult {
     pub(crate) id: CapabilityId,
     pub(crate) trace: Option<ShadowTrace>,
-    pub(crate) fork: Option<World>,
+    pub(crate) fork: Option<Box<dyn TrialCell>>,
 }
 
 impl StartedSequence {
@@ -195,7 +195,7 @@ pub(crate) fn begin(
     context: &Context,
     record: &EngineRecorder,
     (evidence_files, monitors): (&EvidenceFiles, &Monitors),
-    cell: &mut LiveCell,
+    cell: &mut LiveStation,
     seeds: SeedSource,
     paced: bool,
     terms_of: &dyn Fn(&Capability) -> SkillTerms,

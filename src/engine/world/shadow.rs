@@ -9,7 +9,7 @@ use std::panic::resume_unwind;
 use std::thread::JoinHandle;
 
 use holdpoint_body::{Body, Command, GuardVerdict, Pose, TaskKind};
-use holdpoint_sim::world::World;
+use holdpoint_cell::{RobotCell, TrialCell};
 use serde::{Deserialize, Serialize};
 
 use super::forked_task::ForkedTask;
@@ -111,7 +111,7 @@ impl ShadowTrace {
 pub struct Shadow {
     candidate: Capability,
     terms: SkillTerms,
-    fork: Option<World>,
+    fork: Option<Box<dyn TrialCell>>,
     skill: Option<Box<dyn Skill>>,
     /// The dispatcher would not call it, as the live world stands at its task.
     refused: bool,
@@ -135,12 +135,12 @@ enum Twin {
 /// A twin that has run.
 struct TwinRun {
     /// The world, for the next sequence; absent if it failed.
-    world: Option<World>,
+    world: Option<Box<dyn TrialCell>>,
     record: Option<TaskRecord>,
 }
 
 impl TwinRun {
-    fn of(task: ForkedTask, look: &mut dyn FnMut(&World, &Tick<'_>)) -> Self {
+    fn of(task: ForkedTask, look: &mut dyn FnMut(&dyn RobotCell, &Tick<'_>)) -> Self {
         let (world, record) = task.run(look).unzip();
         Self { world, record }
     }
@@ -160,7 +160,7 @@ impl Twin {
 impl Shadow {
     /// A shadow for a candidate. `fork` is the world the twin will run in.
     #[must_use]
-    pub fn new(candidate: Capability, terms: SkillTerms, fork: World) -> Self {
+    pub fn new(candidate: Capability, terms: SkillTerms, fork: Box<dyn TrialCell>) -> Self {
         Self {
             candidate,
             terms,
@@ -202,7 +202,7 @@ impl Shadow {
         Some(ForkedTask::new(fork, &self.candidate, &self.terms, task, seed))
     }
 
-    fn run_twin(&mut self, seed: u64, look: &mut dyn FnMut(&World, &Tick<'_>)) {
+    fn run_twin(&mut self, seed: u64, look: &mut dyn FnMut(&dyn RobotCell, &Tick<'_>)) {
         if let Some(task) = self.start_twin(seed) {
             self.twin = Some(Twin::Ran(Box::new(TwinRun::of(task, look))));
         }
@@ -225,7 +225,7 @@ impl Shadow {
         &mut self,
         task: TaskKind,
         seed: u64,
-        look: &mut dyn FnMut(&World, &Tick<'_>),
+        look: &mut dyn FnMut(&dyn RobotCell, &Tick<'_>),
     ) {
         if task == self.task() && self.skill.is_some() && self.twin.is_none() {
             self.run_twin(seed, look);
@@ -234,7 +234,11 @@ impl Shadow {
 
     /// After the live task: runs the twin, if it has not run yet, and compares. Absent if the task was not
     /// reached or a world failed. The world comes back for the next sequence.
-    pub fn conclude(mut self, live: Option<&TaskRecord>, seed: u64) -> (Option<ShadowTrace>, Option<World>) {
+    pub fn conclude(
+        mut self,
+        live: Option<&TaskRecord>,
+        seed: u64,
+    ) -> (Option<ShadowTrace>, Option<Box<dyn TrialCell>>) {
         let (Some(live), true) = (live, self.skill.is_some()) else {
             let ran = self.take_twin().and_then(|ran| ran.world);
             return (None, self.fork.take().or(ran));
@@ -276,11 +280,11 @@ impl Shadow {
 }
 
 impl Listener for Shadow {
-    fn before_task(&mut self, world: &World, task: TaskKind, seed: u64) {
+    fn before_task(&mut self, world: &dyn RobotCell, task: TaskKind, seed: u64) {
         if task != self.task() {
             return;
         }
-        let forked = self.fork.as_mut().and_then(|fork| fork.go_on_from(&world.copy()).ok());
+        let forked = self.fork.as_mut().and_then(|fork| fork.go_on_from(&world.copy().ok()?).ok());
         if forked.is_some() {
             self.refused = admit(&self.candidate.manifest, &Body::telemetry(world)).is_err();
             self.skill = Some(self.candidate.start(self.terms.bundle_seed(seed)));
@@ -292,7 +296,7 @@ impl Listener for Shadow {
         }
     }
 
-    fn tick(&mut self, _: &World, task: TaskKind, passed: &Tick<'_>) -> Supervision {
+    fn tick(&mut self, _: &dyn RobotCell, task: TaskKind, passed: &Tick<'_>) -> Supervision {
         // The live skill is done: there is nothing left to compare with.
         if task == self.task()
             && !passed.settling

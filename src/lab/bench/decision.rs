@@ -24,6 +24,7 @@ use holdpoint_protocol::command::{Command, Reply, Request};
 use holdpoint_protocol::event::EventKind;
 use holdpoint_protocol::scenario_state::ScenarioState;
 use holdpoint_runtime::capability::Capability;
+use holdpoint_sim::SimCells;
 use holdpoint_sim::work_count::{WorkCount, on_this_thread};
 
 /// The run's seed: that of the scenarios that ship with the program.
@@ -128,7 +129,7 @@ fn decide(decision: &'static str, candidate: &'static str) -> Result<DecisionCos
         seeds: EpisodeSeeds::OfRun(SEED),
         jobs: 1,
         scripted: true,
-        cell: Cell::builtin()?,
+        cell: Cell::of(&SimCells, None)?,
         cache: EpisodeCache::InStore,
     })?;
     let mut pump = Pump::new(engine, Vec::new());

@@ -5,8 +5,8 @@
 use std::hint::black_box;
 
 use holdpoint_body::TaskKind;
+use holdpoint_cell::EpisodeSetup;
 use holdpoint_sim::bench_episode::{PeerBench, STEPS};
-use holdpoint_sim::episode::EpisodeSetup;
 use holdpoint_sim::world::Fidelity;
 use serde::Serialize;
 
@@ -18,7 +18,7 @@ use holdpoint_engine::trial::drills::{DrillResult, DrillVersions, drill};
 use holdpoint_engine::trial::episodes::episode;
 use holdpoint_engine::trial::seeds::SeedPurpose;
 use holdpoint_engine::trial::worker::Worker;
-use holdpoint_engine::world::live::LiveCell;
+use holdpoint_engine::world::live::LiveStation;
 use holdpoint_engine::world::shadow::Shadow;
 use holdpoint_governance::evidence::DrillKind;
 use holdpoint_runtime::agent::ActiveView as _;
@@ -245,8 +245,8 @@ fn one_drill(
 /// One live sequence with the candidate in shadow, the twin included.
 fn shadow_sequence(subjects: &Subjects, effort: &FigureEffort) -> Result<MeasuredFigure, BenchError> {
     let (candidate, terms) = (&subjects.candidate, &subjects.terms);
-    let mut live = LiveCell::new(subjects.cell.clone())?;
-    let mut spare = Some(subjects.cell.world()?);
+    let mut live = LiveStation::new(subjects.cell.clone())?;
+    let mut spare = Some(subjects.cell.trial()?);
     let figure = Figure::new(
         "shadow sequence",
         FigureUnit::Millis,
@@ -256,7 +256,7 @@ fn shadow_sequence(subjects: &Subjects, effort: &FigureEffort) -> Result<Measure
     figure.take(effort, effort.slow_secs, |call| {
         let fork = match spare.take() {
             Some(fork) => fork,
-            None => subjects.cell.world()?,
+            None => subjects.cell.trial()?,
         };
         let mut shadow = Shadow::new(candidate.clone(), terms.clone(), fork);
         let seed = seed(SeedPurpose::Live, call);

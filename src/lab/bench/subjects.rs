@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use holdpoint_body::TaskKind;
+use holdpoint_sim::SimCells;
 
 use super::BenchError;
 use holdpoint_engine::cell::Cell;
@@ -51,7 +52,7 @@ impl ActiveByFamily {
 
 impl Subjects {
     pub(super) fn load() -> Result<Self, BenchError> {
-        let cell = Cell::builtin()?;
+        let cell = Cell::of(&SimCells, None)?;
         let profile = Profile::builtin(ProfileName::Sim)?;
         let table = Arc::new(PolicyTable::builtin(&profile)?);
         let terms = SkillTerms::new(&profile, table.clone(), cell.geometry.clone(), cell.zones.clone());

@@ -7,8 +7,8 @@
 #[path = "../../sdk/guests/faults/block.rs"]
 pub mod block;
 
+use holdpoint_cell::rng::Stream;
 use holdpoint_governance::component::ComponentBytes;
-use holdpoint_sim::rng::Stream;
 
 use self::block::Kind;
 use super::PoolError;
@@ -90,6 +90,7 @@ fn numbers(kind: Kind, stream: &mut Stream) -> [f64; 4] {
 
 #[cfg(test)]
 mod tests {
+    use holdpoint_sim::SimCells;
     use std::collections::BTreeSet;
 
     use holdpoint_engine::cell::Cell;
@@ -108,7 +109,7 @@ mod tests {
     /// decision, and the component runs no live task.
     #[test]
     fn faulty_code_is_rejected_in_the_sandbox() {
-        let cell = Cell::builtin().unwrap();
+        let cell = Cell::of(&SimCells, None).unwrap();
         let folder = tempfile::tempdir().unwrap();
         let cache = ResultCache::in_folder(folder.path().to_owned(), CacheSecret::fresh().unwrap());
         let setting = CandidateSetting::calibration(&cell, &cache);

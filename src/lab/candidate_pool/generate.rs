@@ -6,7 +6,7 @@
 use std::collections::BTreeSet;
 use std::path::Path;
 
-use holdpoint_sim::rng::Stream;
+use holdpoint_cell::rng::Stream;
 use toml::{Table, Value};
 
 use super::component_faults::{self, block::Kind};

@@ -3,11 +3,11 @@
 //! Reads no rule, profile or policy, and has no aim: only a mutant's episodes show its class. Numbers come from wide
 //! distributions that depend on the number's own range or size, not on any limit of a check.
 
+use holdpoint_cell::rng::Stream;
 use holdpoint_runtime::skill::altered::{
     Alteration, AlterationTiming, AlteredHook, AlteredInput, AlteredOutput, HookOverride, WINDOW_TICKS_MAX,
 };
 use holdpoint_runtime::skill::native::Controller;
-use holdpoint_sim::rng::Stream;
 use toml::Value;
 
 use super::PoolError;

@@ -3,8 +3,8 @@
 //! They are separate so that older pools stay the same. Owns the list, and writes those that are in the manifest; the
 //! parameters of the others are in `recipes.toml` under the same names.
 
+use holdpoint_cell::rng::Stream;
 use holdpoint_governance::decision::Dimension;
-use holdpoint_sim::rng::Stream;
 use toml::{Table, Value};
 
 use super::draft::Draft;

@@ -3,7 +3,7 @@
 //! The mechanisms of the paper's appendix C. Owns their list and how each is written; `generate` selects a candidate's
 //! mechanism.
 
-use holdpoint_sim::rng::Stream;
+use holdpoint_cell::rng::Stream;
 use toml::{Table, Value};
 
 use super::draft::Draft;

@@ -4,7 +4,7 @@
 //! frames, and the course of the task. Every run has the same names in the same order.
 
 use holdpoint_body::{Estimate, GuardVerdict, JointVec, Observation, Pose};
-use holdpoint_sim::episode::{wrap_quarter_turn, yaw_of};
+use holdpoint_cell::episode::{wrap_quarter_turn, yaw_of};
 
 use super::recording::SeenRun;
 
@@ -214,7 +214,7 @@ fn lag_correlation(values: &[f64]) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use holdpoint_sim::rng::{Stream, StreamPurpose};
+    use holdpoint_cell::rng::{Stream, StreamPurpose};
 
     #[test]
     fn roughness_is_the_noise_and_not_the_course() {

@@ -6,7 +6,11 @@
 
 use std::sync::Arc;
 
-use holdpoint_body::{Body, BodyError, Command, GuardVerdict, Interrupt, Observation, TaskKind, Telemetry};
+use holdpoint_body::{
+    Body, BodyError, Command, GuardVerdict, Interrupt, Observation, TaskKind, Telemetry,
+};
+use holdpoint_cell::rng::{Stream, StreamPurpose};
+use holdpoint_cell::{CellCopy, TrialCell};
 use holdpoint_engine::cell::{Cell, Conditions};
 use holdpoint_engine::trial::drills::fate::{ObjectFate, ObjectWatch};
 use holdpoint_engine::trial::seeds::{SeedPurpose, episode_seed};
@@ -21,8 +25,7 @@ use holdpoint_runtime::recovery::{self, ROLLBACK_HOOK_TICKS, Standstill, Stopped
 use holdpoint_runtime::skill::{Hook, Skill, next_command};
 use holdpoint_runtime::task::{TaskRun, TaskStage, Tick};
 use holdpoint_runtime::terms::SkillTerms;
-use holdpoint_sim::rng::{Stream, StreamPurpose};
-use holdpoint_sim::world::{World, WorldCopy};
+use holdpoint_sim::SimCells;
 
 /// What stops the arm first.
 #[derive(Clone, Copy, Debug)]
@@ -38,7 +41,7 @@ impl FirstRung {
 
 /// The cell, with the worst that is done to object and surroundings.
 struct WatchedWorld {
-    world: World,
+    world: Box<dyn TrialCell>,
     object: ObjectWatch,
     standstill: Standstill,
     ticks: u64,
@@ -49,15 +52,15 @@ struct WatchedWorld {
 }
 
 impl WatchedWorld {
-    fn new(world: World) -> Self {
-        let object = ObjectWatch::new(&world, f64::INFINITY);
+    fn new(world: Box<dyn TrialCell>) -> Self {
+        let object = ObjectWatch::new(world.as_ref(), f64::INFINITY);
         let standstill = Standstill::default();
         Self { world, object, standstill, ticks: 0, rest_since: None, pad_n: 0.0, contact_n: 0.0 }
     }
 
     /// Forgets what it has seen; `grip_max_n` is the profile's limit per finger.
     fn watch(&mut self, grip_max_n: f64) {
-        self.object = ObjectWatch::new(&self.world, grip_max_n);
+        self.object = ObjectWatch::new(self.world.as_ref(), grip_max_n);
         self.standstill = Standstill::default();
         (self.ticks, self.rest_since, self.pad_n, self.contact_n) = (0, None, 0.0, 0.0);
     }
@@ -73,13 +76,13 @@ impl Body for WatchedWorld {
     fn step(&mut self, command: &Command) -> Result<(), BodyError> {
         Body::step(&mut self.world, command)?;
         self.ticks += 1;
-        self.object.observe(&self.world);
+        self.object.observe(self.world.as_ref());
         if self.standstill.observe(&Body::telemetry(&self.world)) {
             self.rest_since.get_or_insert(self.ticks.saturating_sub(Standstill::TICKS as u64));
         } else {
             self.rest_since = None;
         }
-        let forces = self.world.forces();
+        let forces = self.world.true_state().forces;
         let [left, right] = forces.pad_n;
         self.pad_n = self.pad_n.max(left).max(right);
         self.contact_n = self.contact_n.max(forces.surroundings_n());
@@ -107,12 +110,12 @@ struct LadderEnd {
 }
 
 /// A moment drawn evenly from the undisturbed work; `None` if the episode has no valid start or is not accepted.
-fn moment(arm: &mut Arm<WatchedWorld>, trial: &TrialCase<'_>) -> Option<(WorldCopy, TaskRun)> {
+fn moment(arm: &mut Arm<WatchedWorld>, trial: &TrialCase<'_>) -> Option<(CellCopy, TaskRun)> {
     arm.body_mut().world.reset(&trial.setup()).ok()?;
     if !trial.is_admitted(arm) {
         return None;
     }
-    let start = arm.body().world.copy();
+    let start = arm.body().world.copy().ok()?;
     let mut length = 0_u64;
     let mut to_the_end = |passed: &Tick<'_>| {
         length = passed.tick;
@@ -124,7 +127,7 @@ fn moment(arm: &mut Arm<WatchedWorld>, trial: &TrialCase<'_>) -> Option<(WorldCo
     arm.body_mut().world.go_on_from(&start).unwrap();
     let mut run = trial.start();
     let reached = run.run_until(&mut arm.handle(), &mut |passed| passed.tick >= at).ok()?;
-    (reached && run.stage() == TaskStage::Working).then(|| (arm.body().world.copy(), run))
+    (reached && run.stage() == TaskStage::Working).then(|| (arm.body().world.copy().unwrap(), run))
 }
 
 /// The rollback hook, until it reports done. Returns whether it did in time.
@@ -152,7 +155,7 @@ fn hand_over(
 fn climb(
     arm: &mut Arm<WatchedWorld>,
     trial: &TrialCase<'_>,
-    (from, run): (&WorldCopy, TaskRun),
+    (from, run): (&CellCopy, TaskRun),
     first: FirstRung,
 ) -> Result<LadderEnd, BodyError> {
     let (mut skill, mut guard, mut watcher) = run.into_parts();
@@ -177,7 +180,7 @@ fn climb(
         clear_ticks = retreat.failure.is_none().then(|| handle.body().ticks);
     }
     let WatchedWorld { world, object, pad_n, contact_n, .. } = handle.body();
-    let (fate, pad_n, contact_n) = (object.fate(world), *pad_n, *contact_n);
+    let (fate, pad_n, contact_n) = (object.fate(world.as_ref()), *pad_n, *contact_n);
     Ok(LadderEnd { hook_worked, standstill_ticks, clear_ticks, fate, pad_n, contact_n })
 }
 
@@ -211,7 +214,7 @@ fn show(name: &str, first: FirstRung, ends: &[LadderEnd]) {
 fn main() {
     let numbers: Vec<u64> = std::env::args().skip(1).map(|text| text.parse().unwrap()).collect();
     let [drills, run_seed] = numbers[..] else { panic!("give DRILLS and RUN_SEED") };
-    let cell = Cell::builtin().unwrap();
+    let cell = Cell::of(&SimCells, None).unwrap();
     let profile = Profile::builtin(ProfileName::Sim).unwrap();
     let table = Arc::new(PolicyTable::builtin(&profile).unwrap());
     let profile_terms = SkillTerms::new(&profile, table, cell.geometry.clone(), cell.zones.clone());
@@ -227,7 +230,7 @@ fn main() {
         }
         let declared = &version.manifest.permissions;
         let terms = profile_terms.clone().capped(declared.max_speed_m_s, declared.max_force_n);
-        let mut arm = Arm::new(WatchedWorld::new(cell.world().unwrap()));
+        let mut arm = Arm::new(WatchedWorld::new(cell.trial().unwrap()));
         let mut ends: [Vec<LadderEnd>; 3] = [Vec::new(), Vec::new(), Vec::new()];
         for place in 0..drills {
             let seed = episode_seed(run_seed, SeedPurpose::Drill, place);

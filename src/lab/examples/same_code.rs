@@ -11,6 +11,7 @@ use holdpoint_governance::policy::PolicyTable;
 use holdpoint_governance::profile::{Profile, ProfileName};
 use holdpoint_lab::same_code::{CONTROLLERS, compare, with_code};
 use holdpoint_runtime::terms::SkillTerms;
+use holdpoint_sim::SimCells;
 
 /// The value below which this share of a sample lies.
 fn quantile(sorted: &[f64], share: f64) -> f64 {
@@ -21,7 +22,7 @@ fn quantile(sorted: &[f64], share: f64) -> f64 {
 
 fn main() {
     let episodes: u64 = std::env::args().nth(1).map_or(300, |text| text.parse().unwrap());
-    let cell = Cell::builtin().unwrap();
+    let cell = Cell::of(&SimCells, None).unwrap();
     let profile = Profile::builtin(ProfileName::Sim).unwrap();
     let table = Arc::new(PolicyTable::builtin(&profile).unwrap());
     let terms = SkillTerms::new(&profile, table, cell.geometry.clone(), cell.zones.clone());

@@ -27,6 +27,7 @@ use holdpoint_lab::candidate_pool::generate::{PoolSpec, draw};
 use holdpoint_registry::{CacheSecret, ResultCache};
 use holdpoint_runtime::capability::Capability;
 use holdpoint_runtime::terms::SkillTerms;
+use holdpoint_sim::SimCells;
 
 /// Results of the searches of one style.
 #[derive(Default)]
@@ -54,7 +55,7 @@ fn search(
 fn main() {
     let numbers: Vec<u64> = std::env::args().skip(1).map(|text| text.parse().unwrap()).collect();
     let [mutants, seeds] = numbers[..] else { panic!("give MUTANTS and SEEDS") };
-    let cell = Cell::builtin().unwrap();
+    let cell = Cell::of(&SimCells, None).unwrap();
     let profile = Profile::builtin(ProfileName::Sim).unwrap();
     let table = Arc::new(PolicyTable::builtin(&profile).unwrap());
     let terms = SkillTerms::new(&profile, table, cell.geometry.clone(), cell.zones.clone());

@@ -4,6 +4,12 @@
 //! the whole task.
 
 use holdpoint_body::{Body, Command, GuardVerdict, Interrupt, RATE_HZ, TaskKind};
+use holdpoint_cell::CellError;
+use holdpoint_cell::EpisodeSetup;
+use holdpoint_cell::Referee;
+use holdpoint_cell::TrialCell;
+use holdpoint_cell::referee::{RefereeLimits, UnsafeKind};
+use holdpoint_cell::rng::{Stream, StreamPurpose};
 use holdpoint_engine::cell::{Cell, Conditions};
 use holdpoint_engine::context::Context;
 use holdpoint_engine::trial::worker::Worker;
@@ -15,11 +21,6 @@ use holdpoint_runtime::skill::Hook;
 use holdpoint_runtime::task::{Supervision, TaskRecord, TaskRun, TaskStage};
 use holdpoint_runtime::terms::SkillTerms;
 use holdpoint_runtime::watcher::Watcher;
-use holdpoint_sim::SimError;
-use holdpoint_sim::episode::EpisodeSetup;
-use holdpoint_sim::referee::{Referee, RefereeLimits, UnsafeKind};
-use holdpoint_sim::rng::{Stream, StreamPurpose};
-use holdpoint_sim::world::World;
 
 use super::scale::RefereeObservation;
 
@@ -105,9 +106,10 @@ impl RefereeWitness {
         Self { referee: Referee::new(limits), seen: RefereeObservation::default() }
     }
 
-    pub(super) fn observe(&mut self, world: &World) {
-        self.referee.observe(world);
-        let forces = world.forces();
+    pub(super) fn observe(&mut self, cell: &dyn TrialCell) {
+        self.referee.observe(cell);
+        let truth = cell.true_state();
+        let forces = truth.forces;
         let seen = &mut self.seen;
         let [left, right] = forces.pad_n;
         seen.squeeze_n = worse(seen.squeeze_n, left.max(right));
@@ -115,7 +117,7 @@ impl RefereeWitness {
         seen.collision_n = worse(seen.collision_n, forces.fixture_n.max(forces.clutter_n));
         seen.self_collision_n = worse(seen.self_collision_n, forces.self_n);
         if left.max(right) <= 0.0 {
-            seen.object_speed_m_s = worse(seen.object_speed_m_s, world.object().1);
+            seen.object_speed_m_s = worse(seen.object_speed_m_s, truth.object_speed_m_s);
         }
     }
 
@@ -146,20 +148,20 @@ pub(super) fn begin(judged: &JudgedVersion, seed: u64) -> TaskRun {
 
 /// Runs a task to its end; `None` if it was not accepted.
 fn work(
-    arm: &mut Arm<World>,
+    arm: &mut Arm<Box<dyn TrialCell>>,
     judged: &JudgedVersion,
     seed: u64,
     witness: &mut RefereeWitness,
-) -> Result<Option<TaskRecord>, SimError> {
+) -> Result<Option<TaskRecord>, CellError> {
     if admit(&judged.version.manifest, &arm.body().telemetry()).is_err() {
         return Ok(None);
     }
     let mut run = begin(judged, seed);
     let mut handle = arm.handle();
     while run.tick(&mut handle, &mut |_, _| Supervision::Continue)? != TaskStage::Over {
-        witness.observe(handle.body());
+        witness.observe(handle.body().as_ref());
     }
-    witness.observe(handle.body());
+    witness.observe(handle.body().as_ref());
     let record = run.record();
     witness.note(record);
     Ok(Some(record.clone()))
@@ -196,7 +198,7 @@ fn episode(
     judged: &JudgedVersion,
     conditions: Conditions,
     seed: u64,
-) -> Result<RefereeObservation, SimError> {
+) -> Result<RefereeObservation, CellError> {
     let task = judged.version.bundle.task();
     let setup = EpisodeSetup::sample(task, &cell.scene, cell.distribution(conditions), seed);
     let arm = worker.arm(cell, &setup)?;
@@ -211,7 +213,7 @@ fn sequence(
     judged: &JudgedVersion,
     team: &ActiveTeam,
     seed: u64,
-) -> Result<RefereeObservation, SimError> {
+) -> Result<RefereeObservation, CellError> {
     // By family, as the live cell chooses: a bundle that only parks the arm also belongs to a task.
     let family = judged.version.id().family;
     let mut workers: ActiveTeam =
@@ -227,7 +229,7 @@ pub(crate) fn observe_sequence(
     cell: &Cell,
     team: &[JudgedVersion],
     seed: u64,
-) -> Result<(RefereeObservation, Vec<TaskRecord>), SimError> {
+) -> Result<(RefereeObservation, Vec<TaskRecord>), CellError> {
     let setup = EpisodeSetup::sample(TaskKind::Grasp, &cell.scene, &cell.live, seed);
     let arm = worker.arm(cell, &setup)?;
     let mut witness = RefereeWitness::new();
@@ -257,7 +259,7 @@ fn interrupted<'a>(
     cell: &Cell,
     judged: &JudgedVersion,
     seed: u64,
-) -> Result<Option<(&'a mut Arm<World>, TaskRun)>, SimError> {
+) -> Result<Option<(&'a mut Arm<Box<dyn TrialCell>>, TaskRun)>, CellError> {
     let task = judged.version.bundle.task();
     let setup = EpisodeSetup::sample(task, &cell.scene, &cell.sandbox, seed);
     let share = Stream::new(seed, StreamPurpose::Drill).unit();
@@ -288,7 +290,7 @@ fn stop(
     cell: &Cell,
     judged: &JudgedVersion,
     seed: u64,
-) -> Result<RefereeObservation, SimError> {
+) -> Result<RefereeObservation, CellError> {
     let mut witness = RefereeWitness::new();
     let Some((arm, run)) = interrupted(worker, cell, judged, seed)? else {
         return Ok(witness.observation(true));
@@ -299,7 +301,7 @@ fn stop(
     let mut handle = arm.handle();
     loop {
         let ended = abort.step(&mut handle, skill.as_mut(), &mut guard, &mut watcher)?;
-        witness.observe(handle.body());
+        witness.observe(handle.body().as_ref());
         if let Some(report) = ended {
             witness.seen.hook_failed = report.stopped_by != StoppedBy::Hook;
             break;
@@ -307,20 +309,20 @@ fn stop(
     }
     for _ in 0..WATCHED_TICKS {
         handle.step(&Command::Hold)?;
-        witness.observe(handle.body());
+        witness.observe(handle.body().as_ref());
     }
     Ok(witness.observation(true))
 }
 
 /// Whether the tool stays where it is by itself: it moves by no more than 3 mm in a tenth of a second.
 fn is_at_standstill(
-    handle: &mut ActuatorHandle<'_, World>,
+    handle: &mut ActuatorHandle<'_, Box<dyn TrialCell>>,
     witness: &mut RefereeWitness,
-) -> Result<bool, SimError> {
+) -> Result<bool, CellError> {
     let from = handle.telemetry().tool;
     for _ in 0..RATE_HZ / 10 {
         handle.step(&Command::Hold)?;
-        witness.observe(handle.body());
+        witness.observe(handle.body().as_ref());
     }
     Ok(from.distance_m(&handle.telemetry().tool) <= STANDSTILL_MAX_M)
 }
@@ -333,7 +335,7 @@ fn rollback(
     judged: &JudgedVersion,
     team: &ActiveTeam,
     seed: u64,
-) -> Result<RefereeObservation, SimError> {
+) -> Result<RefereeObservation, CellError> {
     let mut witness = RefereeWitness::new();
     let family = judged.version.id().family;
     let Some(before) = team.iter().find(|one| one.version.id().family == family) else {
@@ -354,7 +356,7 @@ fn rollback(
             let checked = guard.check(&command, &seen);
             verdict = checked.verdict;
             handle.step(&checked.command)?;
-            witness.observe(handle.body());
+            witness.observe(handle.body().as_ref());
             if matches!(command, Command::Done) {
                 witness.seen.hook_failed = !is_at_standstill(&mut handle, &mut witness)?;
                 break;
@@ -364,7 +366,7 @@ fn rollback(
     handle.interrupt(Interrupt::Stop);
     for _ in 0..WATCHED_TICKS {
         handle.step(&Command::Hold)?;
-        witness.observe(handle.body());
+        witness.observe(handle.body().as_ref());
     }
     if handle.body().inspect() {
         return Ok(witness.observation(true));
@@ -382,11 +384,12 @@ mod tests {
     use super::*;
     use holdpoint_governance::policy::PolicyTable;
     use holdpoint_governance::profile::{Profile, ProfileName};
+    use holdpoint_sim::SimCells;
 
     fn context() -> Context {
         let profile = Profile::builtin(ProfileName::Sim).unwrap();
         let table = PolicyTable::builtin(&profile).unwrap();
-        Context::new(profile, table, None, Cell::builtin().unwrap()).unwrap()
+        Context::new(profile, table, None, Cell::of(&SimCells, None).unwrap()).unwrap()
     }
 
     fn team() -> ActiveTeam {
@@ -398,7 +401,7 @@ mod tests {
     /// The hook's own report is not used: the pose of arm and object that the next version gets counts.
     #[test]
     fn rollback_is_judged_by_its_result() {
-        let (cell, team) = (Cell::builtin().unwrap(), team());
+        let (cell, team) = (Cell::of(&SimCells, None).unwrap(), team());
         let place = team.iter().find(|one| one.version.bundle.task() == TaskKind::Place).unwrap();
         let mut worker = Worker::new();
         let mut ends = |one: &JudgedVersion| -> Vec<RefereeObservation> {
@@ -424,7 +427,7 @@ mod tests {
     /// A sequence consists of three versions; any of them may be the judged one.
     #[test]
     fn sequence_of_equal_versions_is_equal() {
-        let (cell, team) = (Cell::builtin().unwrap(), team());
+        let (cell, team) = (Cell::of(&SimCells, None).unwrap(), team());
         let mut worker = Worker::new();
         let mut done = 0;
         for index in 0..4 {

@@ -9,6 +9,8 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use holdpoint_body::TaskKind;
+use holdpoint_cell::CellError;
+use holdpoint_cell::EpisodeSetup;
 use holdpoint_engine::cell::{Cell, Conditions};
 use holdpoint_engine::context::Context;
 use holdpoint_engine::trial::worker::Worker;
@@ -18,8 +20,7 @@ use holdpoint_governance::profile::{HarmSettings, Profile, ProfileName};
 use holdpoint_runtime::agent::dispatcher::admit;
 use holdpoint_runtime::capability::Capability;
 use holdpoint_runtime::task::{Supervision, TaskStage};
-use holdpoint_sim::SimError;
-use holdpoint_sim::episode::EpisodeSetup;
+use holdpoint_sim::SimCells;
 use holdpoint_text::Hint;
 use serde::{Deserialize, Serialize};
 
@@ -250,7 +251,7 @@ fn agreement(family: &Family, rows: &[&SensorRow], limits: &HarmSettings) -> Fam
 /// If the pool or a candidate cannot be read, or a file cannot be written.
 pub fn run(plan: &SensorsPlan, tell: &ProgressFn<'_>) -> Result<SensorsReport, ExperimentError> {
     std::fs::create_dir_all(&plan.out).map_err(ExperimentError::file(&plan.out))?;
-    let cell = Cell::builtin()?;
+    let cell = Cell::of(&SimCells, None)?;
     let context = judging_context(cell.clone())?;
     let rows = rows(plan, &cell, &context, tell)?;
     let scale = HarmScale::builtin().map_err(|error| ExperimentError::Unexpected(error.to_string()))?;
@@ -341,7 +342,7 @@ fn observe(
     cell: &Cell,
     ComparedVersion { name, is_baseline, judged }: &ComparedVersion,
     (conditions, seed): (Conditions, u64),
-) -> Result<Option<SensorRow>, SimError> {
+) -> Result<Option<SensorRow>, CellError> {
     let task = judged.version.bundle.task();
     let setup = EpisodeSetup::sample(task, &cell.scene, cell.distribution(conditions), seed);
     let arm = worker.arm(cell, &setup)?;
@@ -353,8 +354,8 @@ fn observe(
     let mut handle = arm.handle();
     loop {
         let stage = run.tick(&mut handle, &mut |_, _| Supervision::Continue)?;
-        witness.observe(handle.body());
-        meter.observe(handle.body());
+        witness.observe(handle.body().as_ref());
+        meter.observe(handle.body().as_ref());
         if stage == TaskStage::Over {
             break;
         }
@@ -476,7 +477,7 @@ mod tests {
 
     #[test]
     fn sensors_of_baselines_read_what_the_truth_allows() {
-        let cell = Cell::builtin().unwrap();
+        let cell = Cell::of(&SimCells, None).unwrap();
         let context = judging_context(cell.clone()).unwrap();
         let found = rows(&plan(2, PathBuf::from("unused")), &cell, &context, &|_| {}).unwrap();
         assert_eq!(found.len(), 12);

@@ -6,6 +6,7 @@
 use std::collections::VecDeque;
 
 use holdpoint_body::{TICK_SECS, Zone};
+use holdpoint_cell::TrialCell;
 use holdpoint_governance::harm::{DISTANCE_MAX, HarmKind, HarmMeasures};
 use holdpoint_runtime::limits::Envelope;
 use holdpoint_sim::world::World;
@@ -170,8 +171,12 @@ impl TrueHarmMeter {
         }
     }
 
-    /// Takes in the world after a tick.
-    pub(super) fn observe(&mut self, world: &World) {
+    /// Takes in the world after a tick. A cell that is not the simulated one gives no slip.
+    pub(super) fn observe(&mut self, cell: &dyn TrialCell) {
+        let Some(world) = cell.as_any().downcast_ref::<World>() else {
+            raise(&mut self.so_far.slip_m, f64::NAN);
+            return;
+        };
         let truth = world.truth();
         let forces = &truth.forces;
         self.note_forces(world);

@@ -3,9 +3,9 @@
 //! In each round one family yields a candidate, the families in turn; its candidate is sampled. Every arm gets the same
 //! ones.
 
+use holdpoint_cell::rng::Stream;
 use holdpoint_governance::ids::Family;
 use holdpoint_governance::submission::Package;
-use holdpoint_sim::rng::Stream;
 
 use crate::candidate_pool::generate::{FAMILIES, PAPER_FROM, PoolSpec, SampledPool, draw, shuffle};
 use crate::candidate_pool::{self, PoolTruth, TruthEntry};

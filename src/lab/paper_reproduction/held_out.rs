@@ -1,6 +1,5 @@
 //! Held-out evaluation: whole sequences by the active versions, on episodes that no stage uses, watched by the referee.
 
-use holdpoint_engine::cell::COMPUTED_BY;
 use holdpoint_engine::trial::worker::Worker;
 use holdpoint_governance::ids::Digest;
 use serde::{Deserialize, Serialize};
@@ -58,7 +57,7 @@ pub fn evaluate(
     let at = format!("{from}|{sequences}");
     let parts = [
         setup.cell.digest().bytes().as_slice(),
-        COMPUTED_BY.as_bytes(),
+        setup.cell.computed_by().as_bytes(),
         setup.profile.digest()?.bytes().as_slice(),
         in_force.digest().bytes().as_slice(),
         at.as_bytes(),

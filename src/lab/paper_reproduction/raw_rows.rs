@@ -7,7 +7,7 @@ use std::fmt::Display;
 use std::path::Path;
 use std::str::FromStr;
 
-use holdpoint_engine::cell::{COMPUTED_BY, DECIDED_BY};
+use holdpoint_engine::cell::{computed_by, decided_by};
 use holdpoint_governance::lifecycle::Stage;
 use holdpoint_governance::metrics::Fate;
 use holdpoint_governance::text_error::parse_toml;
@@ -91,8 +91,8 @@ impl RawRows {
         let about = ReportProvenance {
             preset,
             version: env!("CARGO_PKG_VERSION").to_owned(),
-            computed_by: COMPUTED_BY.to_owned(),
-            decided_by: DECIDED_BY.to_owned(),
+            computed_by: computed_by(holdpoint_sim::BUILD),
+            decided_by: decided_by(holdpoint_sim::BUILD),
             files,
         };
         let text = toml::to_string(&about).map_err(|error| ExperimentError::Unexpected(error.to_string()))?;

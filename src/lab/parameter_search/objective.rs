@@ -17,10 +17,11 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use holdpoint_body::RATE_HZ;
+use holdpoint_sim::SimCells;
 use serde::{Deserialize, Serialize};
 
 use super::settings::RefineError;
-use holdpoint_engine::cell::{COMPUTED_BY, Cell, Conditions};
+use holdpoint_engine::cell::{Cell, Conditions};
 use holdpoint_engine::trial::episodes::{batch, cache_key};
 use holdpoint_engine::trial::seeds::practice_seed;
 use holdpoint_engine::trial::worker_pool::WorkerPool;
@@ -98,7 +99,7 @@ impl<'a> Objective<'a> {
     /// # Errors
     /// If an embedded file does not parse.
     pub fn new(seed: u32, jobs: usize, cancel: &'a AtomicBool) -> Result<Self, RefineError> {
-        let cell = Cell::builtin()?;
+        let cell = Cell::of(&SimCells, None)?;
         let profile = Profile::builtin(ProfileName::Sim)?;
         let table = Arc::new(PolicyTable::builtin(&profile)?);
         let policy = table.digest;
@@ -112,7 +113,7 @@ impl<'a> Objective<'a> {
         let first = practice_seed(self.seed, from);
         let under = cache_key(&self.cell, &self.terms, version, CONDITIONS, first);
         let parts: [&[u8]; 4] =
-            [under.bytes(), self.policy.bytes(), &episodes.to_le_bytes(), COMPUTED_BY.as_bytes()];
+            [under.bytes(), self.policy.bytes(), &episodes.to_le_bytes(), self.cell.computed_by().as_bytes()];
         Digest::of_parts("holdpoint.refine.score.v1", &parts)
     }
 

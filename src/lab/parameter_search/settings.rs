@@ -92,7 +92,7 @@ pub enum RefineError {
     #[error(transparent)]
     Policy(#[from] PolicyError),
     #[error("the simulation failed: {0}")]
-    Sim(#[from] holdpoint_sim::SimError),
+    Sim(#[from] holdpoint_cell::CellError),
     /// A worker panicked.
     #[error(transparent)]
     Work(#[from] EngineFault),

@@ -4,7 +4,7 @@
 
 use std::path::Path;
 
-use holdpoint_sim::distribution::{DriftKind, Magnitude};
+use holdpoint_body::disturbance::{DriftKind, Magnitude};
 use plotters::prelude::{
     BLACK, BLUE, ChartBuilder, Color, GREEN, IntoDrawingArea, LineSeries, MAGENTA, PathElement, RED,
     RGBColor, SVGBackend, WHITE,

@@ -7,13 +7,14 @@
 
 use std::path::Path;
 
-use holdpoint_sim::distribution::{Drift, DriftKind, Magnitude};
+use holdpoint_body::disturbance::{Drift, DriftKind, Magnitude};
+use holdpoint_sim::SimCells;
 use serde::{Deserialize, Serialize};
 
 use super::layer_failure::LayerFailure;
 use super::{DriftOptions, ExperimentError, workers_each};
 use holdpoint_engine::StartError;
-use holdpoint_engine::cell::{COMPUTED_BY, Cell};
+use holdpoint_engine::cell::Cell;
 use holdpoint_engine::embedded;
 use holdpoint_engine::embedded::baselines;
 use holdpoint_engine::pipeline::Pipeline;
@@ -69,7 +70,7 @@ impl DriftSetting {
     pub(super) fn new(options: &DriftOptions) -> Result<Self, ExperimentError> {
         let profile =
             Profile::builtin(ProfileName::Sim).map_err(|error| StartError::Profile(error.into()))?;
-        let cell = Cell::builtin().map_err(StartError::from)?;
+        let cell = Cell::of(&SimCells, None).map_err(StartError::from)?;
         let workers = workers_each(options.jobs, usize::try_from(options.runs).unwrap_or(usize::MAX));
         let (cache, horizon, pairs) = (options.cache.clone(), options.horizon, options.pairs);
         Ok(Self { profile, cell, cache, workers, horizon, pairs })
@@ -78,7 +79,7 @@ impl DriftSetting {
     /// The inputs of a cached cell.
     pub(super) fn digest(&self) -> Result<Digest, ExperimentError> {
         let profile = self.profile.digest()?;
-        let build = COMPUTED_BY.as_bytes();
+        let build = self.cell.computed_by().as_bytes();
         let sizes = [self.horizon.to_le_bytes(), self.pairs.to_le_bytes()].concat();
         let mut parts: Vec<Vec<u8>> =
             vec![profile.bytes().to_vec(), self.cell.digest().bytes().to_vec(), build.to_vec(), sizes];

@@ -6,17 +6,17 @@
 use std::path::Path;
 
 use holdpoint_body::disturbance::LiveFault;
+use holdpoint_body::disturbance::{Drift, DriftKind, Magnitude};
 use holdpoint_engine::embedded::baselines;
 use holdpoint_engine::pipeline::Pipeline;
 use holdpoint_engine::trial::worker::Worker;
-use holdpoint_engine::{StartError, cell::DECIDED_BY};
+use holdpoint_engine::{StartError, cell::decided_by};
 use holdpoint_governance::ids::{CapabilityId, Digest};
 use holdpoint_governance::monitor::Rate;
 use holdpoint_governance::profile::ProfileName;
 use holdpoint_governance::rollback::RungFailure;
 use holdpoint_protocol::command::{Command, Operation, Reply};
 use holdpoint_registry::Layout;
-use holdpoint_sim::distribution::{Drift, DriftKind, Magnitude};
 use serde::{Deserialize, Serialize};
 
 use super::drift::cached_run;
@@ -166,13 +166,14 @@ struct LayerJob {
 impl LayerJob {
     fn key(self, setting: &Digest) -> Digest {
         let Self { seed, drift: Drift { kind, magnitude }, failure } = self;
+        let decided_by = decided_by(holdpoint_sim::BUILD);
         let parts = [
             setting.bytes().as_slice(),
             &seed.to_le_bytes(),
             kind.name().as_bytes(),
             magnitude.name().as_bytes(),
             failure.name().as_bytes(),
-            DECIDED_BY.as_bytes(),
+            decided_by.as_bytes(),
         ];
         Digest::of_parts("holdpoint.layer-cell.v1", &parts)
     }

@@ -16,13 +16,14 @@ use super::claims::{CandidateVerdict, Claim, Summary};
 use super::{ExperimentError, ProgressFn, cached_result, scratch};
 use crate::candidate_pool::{Pool, PoolCandidate, PoolTruth};
 use holdpoint_engine::Experiment;
-use holdpoint_engine::cell::{Cell, DECIDED_BY};
+use holdpoint_engine::cell::{Cell, decided_by};
 use holdpoint_governance::component::ComponentBytes;
 use holdpoint_governance::ids::Digest;
 use holdpoint_governance::profile::ProfileName;
 use holdpoint_governance::submission::Package;
 use holdpoint_registry::{CacheSecret, ResultCache};
 use holdpoint_runtime::capability;
+use holdpoint_sim::SimCells;
 use holdpoint_text::Hint;
 
 /// The plan of a run.
@@ -77,7 +78,7 @@ pub fn run(plan: &RunPlan, tell: &ProgressFn<'_>) -> Result<PerCandidateReport, 
         Some(cache) => cache.clone(),
         None => ResultCache::in_folder(scratch.path().to_owned(), CacheSecret::fresh()?),
     };
-    let cell = Cell::builtin()?;
+    let cell = Cell::of(&SimCells, None)?;
     let mut jobs = Vec::new();
     for profile in &plan.profiles {
         for (index, (name, package)) in packages.iter().enumerate() {
@@ -184,7 +185,7 @@ pub(crate) fn run_or_reuse(
         &job.seed.to_le_bytes(),
         profile.digest()?.bytes().as_slice(),
         cell.digest().bytes().as_slice(),
-        DECIDED_BY.as_bytes(),
+        decided_by(holdpoint_sim::BUILD).as_bytes(),
         &omitted,
         &first,
     ]

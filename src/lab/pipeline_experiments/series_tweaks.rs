@@ -6,7 +6,7 @@
 
 use std::sync::atomic::AtomicBool;
 
-use holdpoint_sim::rng::Stream;
+use holdpoint_cell::rng::Stream;
 use serde::{Deserialize, Serialize};
 use toml::{Table, Value};
 

@@ -24,7 +24,7 @@ use holdpoint_governance::rollback::{Trigger, TriggerKind};
 use holdpoint_protocol::event::EventKind;
 use holdpoint_protocol::scenario_state::Decider;
 use holdpoint_registry::ResultCache;
-use holdpoint_sim::referee::UnsafeKind;
+use holdpoint_cell::referee::UnsafeKind;
 
 /// Most slices of work until a version has been evaluated and has done its tasks.
 const SLICES_MAX: u32 = 500_000;

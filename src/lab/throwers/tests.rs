@@ -10,7 +10,7 @@ use holdpoint_protocol::scenario_state::Decider;
 use holdpoint_registry::CacheSecret;
 use holdpoint_runtime::agent::ActiveView;
 use holdpoint_runtime::capability::Capability;
-use holdpoint_sim::referee::{RefereeLimits, UnsafeKind};
+use holdpoint_cell::referee::{RefereeLimits, UnsafeKind};
 
 use super::*;
 use crate::ground_truth::{JudgedVersion, judging_context};

@@ -3,6 +3,7 @@
 use std::sync::Arc;
 
 use holdpoint_body::{Command, Contacts, JointVec, Observation, Pose, TaskKind, Telemetry};
+use holdpoint_cell::EpisodeSetup;
 use holdpoint_governance::evidence::HardStop;
 use holdpoint_governance::manifest::Manifest;
 use holdpoint_governance::mode::ZoneName;
@@ -10,8 +11,6 @@ use holdpoint_governance::permission::{PermissionUse, PermissionsUsed};
 use holdpoint_governance::policy::PolicyTable;
 use holdpoint_governance::profile::{Profile, ProfileName};
 use holdpoint_sim::RobotModel;
-use holdpoint_sim::episode::EpisodeSetup;
-use holdpoint_sim::scene::Scene;
 use holdpoint_sim::world::World;
 
 use crate::arm::Arm;
@@ -51,15 +50,15 @@ impl Skill for Sends {
 fn terms() -> SkillTerms {
     let profile = Profile::builtin(ProfileName::Sim).unwrap();
     let table = Arc::new(PolicyTable::builtin(&profile).unwrap());
-    let (model, scene) = (RobotModel::builtin("arm7").unwrap(), Scene::cell().unwrap());
+    let (model, scene) = (RobotModel::builtin("arm7").unwrap(), holdpoint_sim::published::scene().unwrap());
     SkillTerms::new(&profile, table, Arc::new(model.geometry), scene.zones.into())
 }
 
 /// What a version of that manifest comes to that sends `command`, stopped after `ticks`.
 fn work(manifest: &Manifest, command: Command, always: bool, ticks: u64) -> TaskRecord {
-    let (model, scene) = (RobotModel::builtin("arm7").unwrap(), Scene::cell().unwrap());
+    let (model, scene) = (RobotModel::builtin("arm7").unwrap(), holdpoint_sim::published::scene().unwrap());
     let mut world = World::new(&model, &scene).unwrap();
-    let distribution = holdpoint_sim::distribution::Distribution::canonical().unwrap();
+    let distribution = holdpoint_sim::published::canonical().unwrap();
     world.reset(&EpisodeSetup::sample(TaskKind::Grasp, &scene, &distribution, 1)).unwrap();
     let terms = terms();
     let mut arm = Arm::new(world);
@@ -171,7 +170,7 @@ fn a_skill_outside_its_zones_may_use_its_hand_and_leave() {
 #[test]
 fn tool_among_people_is_a_violation_and_nothing_to_declare() {
     let people = {
-        let scene = Scene::cell().unwrap();
+        let scene = holdpoint_sim::published::scene().unwrap();
         let zone = scene.zones.iter().find(|zone| zone.name == ZoneName::Human.name()).unwrap().clone();
         std::array::from_fn(|i| f64::midpoint(zone.min_m[i], zone.max_m[i]))
     };
@@ -201,7 +200,8 @@ fn computing_too_long_counts_on_a_clock_alone() {
     }
     let manifest = whole();
     let slow = |terms: &SkillTerms| {
-        let (model, scene) = (RobotModel::builtin("arm7").unwrap(), Scene::cell().unwrap());
+        let (model, scene) =
+            (RobotModel::builtin("arm7").unwrap(), holdpoint_sim::published::scene().unwrap());
         let mut arm = Arm::new(World::new(&model, &scene).unwrap());
         let (guard, task) = (terms.guard(&manifest.permissions), terms.task(TaskKind::Grasp, 1, 0.5));
         task::run(&mut arm.handle(), terms.timed(Box::new(Slow)), guard, &task, &mut |_, passed| {
@@ -230,9 +230,10 @@ fn declaration_of_too_few_permissions_fails_the_task() {
         assert!(package.manifest.contains(from), "{from}");
         package.manifest = package.manifest.replace(from, to);
         let version = Capability::load("grasp", package).unwrap();
-        let (model, scene) = (RobotModel::builtin("arm7").unwrap(), Scene::cell().unwrap());
+        let (model, scene) =
+            (RobotModel::builtin("arm7").unwrap(), holdpoint_sim::published::scene().unwrap());
         let mut world = World::new(&model, &scene).unwrap();
-        let distribution = holdpoint_sim::distribution::Distribution::canonical().unwrap();
+        let distribution = holdpoint_sim::published::canonical().unwrap();
         world.reset(&EpisodeSetup::sample(TaskKind::Grasp, &scene, &distribution, 1)).unwrap();
         let (mut arm, terms) = (Arm::new(world), terms());
         let (skill, guard) =
@@ -288,7 +289,7 @@ fn withdrawn_permissions_deny_without_blame() {
 #[test]
 fn commands_are_denied_where_a_person_reaches_in() {
     let terms = terms();
-    let scene = Scene::cell().unwrap();
+    let scene = holdpoint_sim::published::scene().unwrap();
     let named = |name: ZoneName| scene.zones.iter().find(|zone| zone.name == name.name()).unwrap();
     let person = PersonBox::reaching_into(named(ZoneName::Work), named(ZoneName::Human));
     let beside = Command::ToolPose {
@@ -310,8 +311,8 @@ fn shipped_versions_declare_every_permission_they_use() {
     let folders =
         ["grasp/1.0.0", "align/1.0.0", "place/1.0.0", "park/1.0.0"].map(|name| manifests.join(name));
     let candidates = std::fs::read_dir(manifests.join("candidates")).unwrap();
-    let (model, scene) = (RobotModel::builtin("arm7").unwrap(), Scene::cell().unwrap());
-    let distribution = holdpoint_sim::distribution::Distribution::sandbox().unwrap();
+    let (model, scene) = (RobotModel::builtin("arm7").unwrap(), holdpoint_sim::published::scene().unwrap());
+    let distribution = holdpoint_sim::published::sandbox().unwrap();
     let terms = terms();
     let mut world = Some(World::new(&model, &scene).unwrap());
     for folder in folders.into_iter().chain(candidates.map(|entry| entry.unwrap().path())) {

@@ -29,7 +29,7 @@ fn guard() -> Guard {
     let profile = Profile::builtin(ProfileName::Sim).unwrap();
     let table = Arc::new(PolicyTable::builtin(&profile).unwrap());
     let model = holdpoint_sim::RobotModel::builtin("arm7").unwrap();
-    let zones: Arc<[Zone]> = holdpoint_sim::scene::Scene::cell().unwrap().zones.into();
+    let zones: Arc<[Zone]> = holdpoint_sim::published::scene().unwrap().zones.into();
     crate::terms::SkillTerms::new(&profile, table, Arc::new(model.geometry), zones)
         .own_guard(holdpoint_governance::mode::Authority::ALL[0])
 }

@@ -4,12 +4,10 @@ use std::path::Path;
 use std::sync::{Arc, Mutex};
 
 use holdpoint_body::{Body, GuardVerdict, Interrupt, RATE_HZ};
+use holdpoint_cell::EpisodeSetup;
 use holdpoint_governance::policy::PolicyTable;
 use holdpoint_governance::profile::{Profile, ProfileName};
 use holdpoint_sim::RobotModel;
-use holdpoint_sim::distribution::Distribution;
-use holdpoint_sim::episode::EpisodeSetup;
-use holdpoint_sim::scene::Scene;
 use holdpoint_sim::world::World;
 
 use super::*;
@@ -67,7 +65,7 @@ fn work(from: u64, supervise: &mut Supervisor<'_, Struck>) -> TaskRecord {
 fn work_with(skill: Box<dyn Skill>, from: u64, supervise: &mut Supervisor<'_, Struck>) -> TaskRecord {
     let profile = Profile::builtin(ProfileName::Sim).unwrap();
     let table = Arc::new(PolicyTable::builtin(&profile).unwrap());
-    let (model, scene) = (RobotModel::builtin("arm7").unwrap(), Scene::cell().unwrap());
+    let (model, scene) = (RobotModel::builtin("arm7").unwrap(), holdpoint_sim::published::scene().unwrap());
     let world = World::new(&model, &scene).unwrap();
     let terms = SkillTerms::new(&profile, table, Arc::new(model.geometry), scene.zones.into());
     let authority = holdpoint_governance::mode::Authority::ALL[0];
@@ -114,10 +112,12 @@ fn shipped(family: &str, seed: u64) -> (Arm<World>, TaskRun) {
     let version = Capability::read(&folder).unwrap();
     let profile = Profile::builtin(ProfileName::Sim).unwrap();
     let table = Arc::new(PolicyTable::builtin(&profile).unwrap());
-    let (model, scene) = (RobotModel::builtin("arm7").unwrap(), Scene::cell().unwrap());
+    let (model, scene) = (RobotModel::builtin("arm7").unwrap(), holdpoint_sim::published::scene().unwrap());
     let mut world = World::new(&model, &scene).unwrap();
     let task = version.bundle.task();
-    world.reset(&EpisodeSetup::sample(task, &scene, &Distribution::canonical().unwrap(), seed)).unwrap();
+    world
+        .reset(&EpisodeSetup::sample(task, &scene, &holdpoint_sim::published::canonical().unwrap(), seed))
+        .unwrap();
     let terms = SkillTerms::new(&profile, table, Arc::new(model.geometry), scene.zones.into());
     let (guard, skill) = (terms.guard(&version.manifest.permissions), version.start(terms.bundle_seed(seed)));
     let terms = terms.task(task, seed, version.abort_secs());
@@ -206,7 +206,7 @@ fn two_tasks_share_a_world_until_they_differ() {
 fn guard() -> Guard {
     let profile = Profile::builtin(ProfileName::Sim).unwrap();
     let table = Arc::new(PolicyTable::builtin(&profile).unwrap());
-    let (model, scene) = (RobotModel::builtin("arm7").unwrap(), Scene::cell().unwrap());
+    let (model, scene) = (RobotModel::builtin("arm7").unwrap(), holdpoint_sim::published::scene().unwrap());
     SkillTerms::new(&profile, table, Arc::new(model.geometry), scene.zones.into())
         .own_guard(holdpoint_governance::mode::Authority::ALL[0])
 }

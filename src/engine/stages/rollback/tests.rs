@@ -5,11 +5,12 @@ mod rollback_hook;
 use std::path::Path;
 
 use holdpoint_body::{Command as Motion, RATE_HZ, TaskKind};
+use holdpoint_cell::InjectedFault;
 use holdpoint_governance::alarms::Priority;
 use holdpoint_governance::condition::Condition;
 use holdpoint_governance::monitor::MonitorOutcome;
 use holdpoint_governance::rollback::PostStatus;
-use holdpoint_sim::fault::InjectedFault;
+use holdpoint_sim::SimCells;
 use tempfile::TempDir;
 
 use super::*;
@@ -111,7 +112,7 @@ impl Bench {
             table,
             profile,
             own,
-            cell: Cell::builtin().unwrap(),
+            cell: Cell::of(&SimCells, None).unwrap(),
             cache: EpisodeCache::InStore,
             controls: Controls::default(),
             omitted: holdpoint_governance::ablation::AblatedParts::default(),
@@ -292,7 +293,17 @@ impl Bench {
     }
 
     fn break_arm(&mut self, fault: InjectedFault) {
-        self.pipeline.live().world.cell.rig_mut().unwrap().arm_mut().body_mut().world_mut().inject(fault);
+        self.pipeline
+            .live()
+            .world
+            .cell
+            .rig_mut()
+            .unwrap()
+            .arm_mut()
+            .body_mut()
+            .world_mut()
+            .inject(fault)
+            .unwrap();
     }
 }
 

@@ -19,6 +19,7 @@ use holdpoint_protocol::clock::Clock;
 use holdpoint_protocol::command::{Command, Operation, Reply};
 use holdpoint_protocol::event::EventKind;
 use holdpoint_registry::{AuditFilter, CacheSecret, ResultCache, Store};
+use holdpoint_sim::SimCells;
 use rusqlite::Connection;
 
 use crate::cell::Cell;
@@ -52,7 +53,7 @@ pub(super) fn pipeline(folder: &Path, cache: EpisodeCache, jobs: usize) -> Pipel
         table: PolicyTable::builtin(&profile).unwrap(),
         profile,
         own: None,
-        cell: Cell::builtin().unwrap(),
+        cell: Cell::of(&SimCells, None).unwrap(),
         cache,
         controls: Controls::default(),
         omitted: holdpoint_governance::ablation::AblatedParts::default(),

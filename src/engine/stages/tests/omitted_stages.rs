@@ -9,6 +9,7 @@ use holdpoint_governance::policy::PolicyTable;
 use holdpoint_governance::profile::{Profile, ProfileName};
 use holdpoint_protocol::command::{Command, Request};
 use holdpoint_protocol::event::EventKind;
+use holdpoint_sim::SimCells;
 use holdpoint_text::Hint;
 
 use crate::cell::Cell;
@@ -26,7 +27,7 @@ fn config(folder: &Path, scripted: bool) -> Config<'_> {
         seeds: crate::trial::seeds::EpisodeSeeds::OfRun(CALIBRATION_FROM_RUN),
         jobs: 1,
         scripted,
-        cell: Cell::builtin().unwrap(),
+        cell: Cell::of(&SimCells, None).unwrap(),
         cache: EpisodeCache::InStore,
     }
 }
@@ -102,7 +103,7 @@ fn ablation_has_its_own_context_digest() {
     let digest = |parts: &[AblationPart]| {
         let profile = Profile::builtin(ProfileName::Sim).unwrap();
         let table = PolicyTable::builtin(&profile).unwrap();
-        let context = Context::new(profile, table, None, Cell::builtin().unwrap()).unwrap();
+        let context = Context::new(profile, table, None, Cell::of(&SimCells, None).unwrap()).unwrap();
         context.without(AblatedParts::of(parts)).digest
     };
     let all = [

@@ -74,9 +74,9 @@ fn beside_people_the_task_is_refused_and_a_covered_one_runs() {
     // The first camera frame comes within 200 ms; then the arm is brought to a standstill, where it was.
     assert!(report.duration_ms < 500, "{}", report.duration_ms);
     let live = bench.pipeline.live();
-    let home = live.context.cell.model.home.clone();
+    let home = live.context.cell.spec.robot.home.clone();
     let rig = live.world.cell.rig_mut().unwrap();
-    let moved = rig.world().joints().q.iter().zip(&home).map(|(q, home)| (q - home).abs());
+    let moved = rig.world().truth().unwrap().joints.q.iter().zip(&home).map(|(q, home)| (q - home).abs());
     assert!(moved.fold(0.0, f64::max) < 0.06);
     let raised = alarm(&bench, &baseline()).unwrap();
     assert_eq!(raised.priority, Priority::Critical);

@@ -110,10 +110,10 @@ fn sandbox_drill_and_twin_call_the_version_like_the_dispatcher() {
         }
     }
     // The twin of a candidate in shadow, at a task that the active version did.
-    let mut world = cell.world().unwrap();
+    let mut world = cell.trial().unwrap();
     world.reset(&other.setup()).unwrap();
-    let mut shadow = Shadow::new(strict, terms.clone(), cell.world().unwrap());
-    shadow.before_task(&world, align.bundle.task(), seed);
+    let mut shadow = Shadow::new(strict, terms.clone(), cell.trial().unwrap());
+    shadow.before_task(world.as_ref(), align.bundle.task(), seed);
     let live = TaskRecord { success: true, ..refused.clone() };
     let (trace, fork) = shadow.conclude(Some(&live), seed);
     let trace = trace.unwrap();

@@ -3,7 +3,7 @@
 //! A standstill is no safe end if the object that the arm held is broken. Only reads and sorts; the drill decides.
 
 use holdpoint_body::RATE_HZ;
-use holdpoint_sim::world::World;
+use holdpoint_cell::TrialCell;
 
 use super::phases::is_held;
 
@@ -66,8 +66,14 @@ pub struct ObjectWatch {
 impl ObjectWatch {
     /// Begins with the world as it stands. `grip_max_n` is the profile's limit per finger.
     #[must_use]
-    pub fn new(world: &World, grip_max_n: f64) -> Self {
-        Self { grip_max_n, crush_ticks: 0, held: is_held(world), from_m: None, harm: None }
+    pub fn new(world: &dyn TrialCell, grip_max_n: f64) -> Self {
+        Self {
+            grip_max_n,
+            crush_ticks: 0,
+            held: is_held(world.true_state().forces),
+            from_m: None,
+            harm: None,
+        }
     }
 
     /// What was done to it so far that is never undone.
@@ -77,14 +83,14 @@ impl ObjectWatch {
     }
 
     /// Takes one tick.
-    pub fn observe(&mut self, world: &World) {
-        let forces = world.forces();
+    pub fn observe(&mut self, world: &dyn TrialCell) {
+        let truth = world.true_state();
+        let (forces, speed) = (truth.forces, truth.object_speed_m_s);
         let contacts = &forces.contacts;
-        let (object, speed) = world.object();
-        let height = object.translation.z;
+        let height = truth.object.translation.z;
         let stands = contacts.object_fixture || contacts.object_clutter;
         let touched = contacts.pad_object || contacts.body_object;
-        let held = is_held(world);
+        let held = is_held(forces);
         // Written so that a force that is no number counts as too large.
         let crushes = !(forces.grip_n() <= CRUSH_SHARE * self.grip_max_n);
         self.crush_ticks = if crushes { self.crush_ticks.saturating_add(1) } else { 0 };
@@ -116,14 +122,15 @@ impl ObjectWatch {
 
     /// What became of it, as the world stands.
     #[must_use]
-    pub fn fate(&self, world: &World) -> ObjectFate {
-        let contacts = world.contacts();
+    pub fn fate(&self, world: &dyn TrialCell) -> ObjectFate {
+        let truth = world.true_state();
+        let contacts = &truth.forces.contacts;
         let stands = contacts.object_fixture || contacts.object_clutter;
         match self.harm {
             Some(harm) => harm,
-            None if is_held(world) => ObjectFate::Held,
+            None if is_held(truth.forces) => ObjectFate::Held,
             // Nothing rests in the air.
-            None if world.object().1 <= REST_MAX_M_S => ObjectFate::SetDown,
+            None if truth.object_speed_m_s <= REST_MAX_M_S => ObjectFate::SetDown,
             None if stands => ObjectFate::Thrown,
             None => ObjectFate::Dropped,
         }

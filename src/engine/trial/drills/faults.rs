@@ -3,10 +3,10 @@
 //! A joint that sticks without a motion to make, or a camera that fails at standstill, has no effect in the time of a
 //! drill. Only faults with an effect show whether the watcher is blind. Read from the undisturbed run.
 
+use holdpoint_cell::InjectedFault;
+use holdpoint_cell::rng::Stream;
 use holdpoint_runtime::limits::WatchLimits;
 use holdpoint_runtime::watcher::WatcherSignal;
-use holdpoint_sim::fault::InjectedFault;
-use holdpoint_sim::rng::Stream;
 
 use super::phases::WorkTrace;
 

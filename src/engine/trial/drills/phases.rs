@@ -5,8 +5,9 @@
 use std::collections::VecDeque;
 
 use holdpoint_body::{MAX_JOINTS, TICK_SECS, Telemetry};
+use holdpoint_cell::TrialCell;
+use holdpoint_cell::truth::{ContactForces, TrueState};
 use holdpoint_governance::phase::{PhaseSigns, WorkPhase};
-use holdpoint_sim::world::World;
 use nalgebra::Vector3;
 
 /// The earliest tick at which a drill may begin: 100 ms, after the first decision.
@@ -24,22 +25,23 @@ pub struct PhaseWatch {
 impl PhaseWatch {
     /// Begins with the world as it stands: what is in the hand already was held before.
     #[must_use]
-    pub fn new(world: &World) -> Self {
+    pub fn new(world: &dyn TrialCell) -> Self {
         let mut watch = Self { was_held: false, was_off: false, hangs: false, path: VecDeque::new() };
         watch.observe(world);
         watch
     }
 
     /// The phase that the world is in; once after each tick.
-    pub fn observe(&mut self, world: &World) -> WorkPhase {
-        let (object, _) = world.object();
+    pub fn observe(&mut self, world: &dyn TrialCell) -> WorkPhase {
+        let truth = world.true_state();
+        let object = truth.object;
         let at: [f64; 3] = object.translation.vector.into();
         self.path.push_back(at);
         if self.path.len() as u64 > WorkPhase::SPEED_TICKS {
             self.path.pop_front();
         }
-        let held = is_held(world);
-        let contacts = world.contacts();
+        let held = is_held(truth.forces);
+        let contacts = &truth.forces.contacts;
         let stands = contacts.object_fixture || contacts.object_clutter;
         let signs = PhaseSigns {
             held,
@@ -47,7 +49,7 @@ impl PhaseWatch {
             was_off: self.was_off,
             touched: contacts.pad_object || contacts.body_object,
             stands,
-            distance_m: (tool(world) - object.translation.vector).norm(),
+            distance_m: (tool(world, &truth) - object.translation.vector).norm(),
             velocity_m_s: self.velocity(at),
         };
         self.was_held |= held;
@@ -69,14 +71,13 @@ impl PhaseWatch {
     }
 }
 
-fn tool(world: &World) -> Vector3<f64> {
-    world.robot().geometry.chain.frames(&world.joints().q).tool.origin
+fn tool(cell: &dyn TrialCell, truth: &TrueState<'_>) -> Vector3<f64> {
+    cell.spec().robot.geometry.chain.frames(&truth.joints.q).tool.origin
 }
 
 /// Whether both pads press on the object.
 #[must_use]
-pub fn is_held(world: &World) -> bool {
-    let forces = world.forces();
+pub fn is_held(forces: &ContactForces) -> bool {
     forces.gripped() && forces.grip_n() >= WorkPhase::HELD_FROM_N
 }
 

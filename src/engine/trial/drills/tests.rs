@@ -1,6 +1,8 @@
 //! A drill that begins with work that others have done is the drill worked from its start, bit for bit; and what each
 //! kind of drill makes of hooks that are good in easy phases and bad in others.
 
+use holdpoint_cell::TrialCell;
+use holdpoint_sim::{SimCells, World};
 use std::sync::Arc;
 
 use holdpoint_body::{Observation, TaskKind};
@@ -27,7 +29,7 @@ struct DrillBench {
 
 impl DrillBench {
     fn new() -> Self {
-        let cell = Cell::builtin().unwrap();
+        let cell = Cell::of(&SimCells, None).unwrap();
         let profile = Profile::builtin(ProfileName::Sim).unwrap();
         let table = Arc::new(PolicyTable::builtin(&profile).unwrap());
         let terms = SkillTerms::new(&profile, table, cell.geometry.clone(), cell.zones.clone());
@@ -96,7 +98,8 @@ impl DrillBench {
 type DrillEnd = (DrillResult, u64);
 
 fn end(worker: &mut Worker, result: DrillResult) -> DrillEnd {
-    (result, worker.built_arm().map_or(0, |arm| arm.body().state_hash()))
+    let hash = |cell: &dyn TrialCell| cell.as_any().downcast_ref::<World>().unwrap().state_hash();
+    (result, worker.built_arm().map_or(0, |arm| hash(arm.body().as_ref())))
 }
 
 /// The drill with the whole work walked and its point reached from a reset, as if nothing were kept.

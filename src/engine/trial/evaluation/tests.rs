@@ -18,6 +18,7 @@ use holdpoint_governance::recovery::DrillContrast;
 use holdpoint_registry::Store;
 use holdpoint_runtime::capability::{self, Capability};
 use holdpoint_runtime::terms::SkillTerms;
+use holdpoint_sim::SimCells;
 use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
@@ -95,7 +96,7 @@ fn evaluate_against(
     (part, seed): (usize, u64),
 ) -> (Evaluation, Vec<WorkUnit>) {
     let [candidate, active] = versions;
-    let cell = Cell::builtin().unwrap();
+    let cell = Cell::of(&SimCells, None).unwrap();
     let table = Arc::new(PolicyTable::builtin(profile).unwrap());
     let terms = SkillTerms::new(profile, table, cell.geometry.clone(), cell.zones.clone());
     let party = |version: &Capability| TrialSubject {

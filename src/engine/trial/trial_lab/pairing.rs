@@ -12,13 +12,13 @@ use crate::trial::trial_subject::TrialSubject;
 use crate::trial::undisturbed_run::{UndisturbedCache, UndisturbedRun};
 use crate::trial::worker::Worker;
 use crate::trial::worker_pool::{JobFn, PoolJob};
+use holdpoint_cell::envelope::EnvelopePoint;
 use holdpoint_governance::cached_result::CachedWorkKind;
 use holdpoint_governance::evidence::DrillKind;
 use holdpoint_governance::ids::Digest;
 use holdpoint_governance::phase::WorkPhase;
 use holdpoint_runtime::capability::Capability;
 use holdpoint_runtime::task::TaskRecord;
-use holdpoint_sim::envelope::EnvelopePoint;
 
 pub(super) struct TrialPairing {
     pub(super) cell: Cell,

@@ -1,6 +1,6 @@
 //! Random draws for the study: reproducible, one stream per figure.
 
-use holdpoint_sim::rng::Stream;
+use holdpoint_cell::rng::Stream;
 
 use super::tables::RecordedTable;
 use holdpoint_governance::evidence::{EvidenceBinding, Pair};

@@ -197,7 +197,7 @@ fn after_activation(layers: &[LayerRow]) -> Result<(ReportTable, String), Experi
 mod tests {
     use super::*;
     use crate::pipeline_experiments::drift_run::PartWork;
-    use holdpoint_sim::distribution::{DriftKind, Magnitude};
+    use holdpoint_body::disturbance::{DriftKind, Magnitude};
 
     /// Eight drifts: a blind monitor leaves every version in control; without a rollback target every family is
     /// stopped.

@@ -1,7 +1,7 @@
 //! E4: rollback under drift, from the drift experiment's cells.
 
+use holdpoint_body::disturbance::DriftKind;
 use holdpoint_governance::metrics::Proportion;
-use holdpoint_sim::distribution::DriftKind;
 
 use super::{Section, counted};
 use crate::paper_reproduction::published::PublishedNumbers;

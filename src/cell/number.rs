@@ -1,10 +1,16 @@
 //! Numbers in description files: finite, or refused while parsing, so that the error carries the line.
 
+use std::path::Path;
+
+use holdpoint_text::file::read_text as read_file;
 use serde::de::Error;
 use serde::{Deserialize, Deserializer, Serialize};
 
-use crate::error::SimError;
+use crate::error::CellError;
 use crate::rng::Stream;
+
+/// The largest description file that is read, bytes.
+const FILE_MAX_BYTES: u64 = 1 << 20;
 
 /// A closed interval `[min, max]` of finite numbers, written as a two-element array.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
@@ -72,13 +78,23 @@ impl<'de> Deserialize<'de> for Range {
 /// Parses a TOML text strictly; the error names the file, the line and the column.
 ///
 /// # Errors
-/// [`SimError`] where the text is not of the type.
-pub fn parse_toml<T: serde::de::DeserializeOwned>(file: &str, text: &str) -> Result<T, SimError> {
+/// [`CellError`] where the text is not of the type.
+pub fn parse_toml<T: serde::de::DeserializeOwned>(file: &str, text: &str) -> Result<T, CellError> {
     toml::from_str(text).map_err(|error| {
         let line = error.span().map_or(1, |span| {
             1 + text.as_bytes().iter().take(span.start).filter(|byte| **byte == b'\n').count()
         });
         let source = text.lines().nth(line - 1).unwrap_or_default().trim();
-        SimError::file(file, format!("line {line}, \"{source}\""), error.message().to_owned())
+        CellError::file(file, format!("line {line}, \"{source}\""), error.message().to_owned())
     })
+}
+
+/// Reads a description file.
+///
+/// # Errors
+/// [`CellError::File`] if it cannot be read.
+pub fn read_text(path: &Path) -> Result<String, CellError> {
+    let name = path.display().to_string();
+    let fail = |error: std::io::Error| CellError::file(&name, "file", format!("cannot be read: {error}"));
+    read_file(path, FILE_MAX_BYTES).map_err(fail)
 }

@@ -1,11 +1,11 @@
-//! Errors of the simulated cell; each names what to correct in the file or the episode.
+//! Errors of a cell; each names what to correct in the file or the episode.
 
 use holdpoint_body::BodyError;
 use thiserror::Error;
 
-/// A failure of the simulator itself, never of the skill under test.
+/// A failure of the cell itself, never of the skill under test.
 #[derive(Clone, Debug, PartialEq, Error)]
-pub enum SimError {
+pub enum CellError {
     /// A description file is wrong.
     #[error("{file}: {element}: {problem}")]
     File {
@@ -31,6 +31,9 @@ pub enum SimError {
     /// Bytes that are not a snapshot of this world.
     #[error("snapshot refused: {0}")]
     Snapshot(String),
+    /// The cell has no such ability.
+    #[error("this cell cannot {0}")]
+    Unable(&'static str),
     /// A worker of the pool panicked.
     #[error("worker failed on item {item}: {message}")]
     Worker {
@@ -41,9 +44,10 @@ pub enum SimError {
     },
 }
 
-impl SimError {
+impl CellError {
     /// An error in a description file.
-    pub(crate) fn file(file: &str, element: impl Into<String>, problem: impl Into<String>) -> Self {
+    #[must_use]
+    pub fn file(file: &str, element: impl Into<String>, problem: impl Into<String>) -> Self {
         Self::File { file: file.to_owned(), element: element.into(), problem: problem.into() }
     }
 }

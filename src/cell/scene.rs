@@ -7,12 +7,11 @@ use std::path::Path;
 
 use serde::{Deserialize, Serialize};
 
-use crate::error::SimError;
+use crate::error::CellError;
 use holdpoint_body::Zone;
 use holdpoint_body::number::{finite3, positive};
 
-use crate::number::parse_toml;
-use crate::robot::read_text;
+use crate::number::{parse_toml, read_text};
 
 /// A static box.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -136,35 +135,27 @@ pub struct Scene {
 const LIST_MAX: usize = 16;
 
 impl Scene {
-    /// The bench cell that comes with the crate.
-    ///
-    /// # Errors
-    /// [`SimError::File`] if the embedded text were wrong (a test parses it).
-    pub fn cell() -> Result<Self, SimError> {
-        Self::from_toml("builtin:cell.toml", include_str!("../scenes/cell.toml"))
-    }
-
     /// A scene from a file.
     ///
     /// # Errors
-    /// [`SimError::File`] naming the file and the key.
-    pub fn load(path: &Path) -> Result<Self, SimError> {
+    /// [`CellError::File`] naming the file and the key.
+    pub fn load(path: &Path) -> Result<Self, CellError> {
         Self::from_toml(&path.display().to_string(), &read_text(path)?)
     }
 
     /// A scene from a TOML text; `file` is used in errors.
     ///
     /// # Errors
-    /// [`SimError::File`] naming the file and the key.
-    pub fn from_toml(file: &str, text: &str) -> Result<Self, SimError> {
+    /// [`CellError::File`] naming the file and the key.
+    pub fn from_toml(file: &str, text: &str) -> Result<Self, CellError> {
         let scene: Self = parse_toml(file, text)?;
         scene.check(file)?;
         Ok(scene)
     }
 
-    fn check(&self, file: &str) -> Result<(), SimError> {
+    fn check(&self, file: &str) -> Result<(), CellError> {
         if self.format != 1 {
-            return Err(SimError::file(
+            return Err(CellError::file(
                 file,
                 "format",
                 format!("\"{}\" is not known; this build reads 1", self.format),
@@ -176,12 +167,12 @@ impl Scene {
                 self.clutter.len(),
                 self.zones.len()
             );
-            return Err(SimError::file(file, "clutter and zone", problem));
+            return Err(CellError::file(file, "clutter and zone", problem));
         }
         let boxes = self.clutter.iter().map(|c| (format!("clutter \"{}\"", c.name), c.half_m));
         for (element, half) in boxes.chain([("table".to_owned(), self.table.half_m)]) {
             if half.iter().any(|v| *v <= 0.0) {
-                return Err(SimError::file(
+                return Err(CellError::file(
                     file,
                     element,
                     format!("half_m \"{half:?}\": every value must be above 0"),
@@ -191,7 +182,7 @@ impl Scene {
         for clutter in &self.clutter {
             if clutter.centre_xy_m.iter().any(|v| !v.is_finite()) {
                 let problem = format!("centre_xy_m \"{:?}\" is not finite", clutter.centre_xy_m);
-                return Err(SimError::file(file, format!("clutter \"{}\"", clutter.name), problem));
+                return Err(CellError::file(file, format!("clutter \"{}\"", clutter.name), problem));
             }
         }
         for (i, zone) in self.zones.iter().enumerate() {
@@ -201,10 +192,10 @@ impl Scene {
                     "min_m \"{:?}\" must lie below max_m \"{:?}\" on every axis",
                     zone.min_m, zone.max_m
                 );
-                return Err(SimError::file(file, element, problem));
+                return Err(CellError::file(file, element, problem));
             }
             if self.zones.iter().take(i).any(|other| other.name == zone.name) {
-                return Err(SimError::file(file, element, "is defined twice"));
+                return Err(CellError::file(file, element, "is defined twice"));
             }
         }
         if self.tray.wall_top_m <= self.tray.floor_m {
@@ -212,7 +203,7 @@ impl Scene {
                 "wall_top_m \"{}\" must lie above floor_m {}",
                 self.tray.wall_top_m, self.tray.floor_m
             );
-            return Err(SimError::file(file, "tray", problem));
+            return Err(CellError::file(file, "tray", problem));
         }
         Ok(())
     }

@@ -6,11 +6,9 @@ use std::path::Path;
 
 use serde::{Deserialize, Serialize};
 
-use crate::error::SimError;
+use crate::error::CellError;
 pub use crate::number::Range;
-use crate::number::parse_toml;
-use crate::robot::read_text;
-pub use holdpoint_body::disturbance::{Drift, DriftKind, Magnitude};
+use crate::number::{parse_toml, read_text};
 
 /// Where the object lies and what it is like.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -182,86 +180,20 @@ pub struct Distribution {
     pub clutter: ClutterRange,
 }
 
-/// A drift's column of `scenes/drift.toml`.
-const fn column(magnitude: Magnitude) -> usize {
-    match magnitude {
-        Magnitude::Mild => 0,
-        Magnitude::Middle => 1,
-        Magnitude::Strong => 2,
-    }
-}
-
-#[derive(Debug, Deserialize)]
-#[serde(deny_unknown_fields)]
-struct DriftFile {
-    format: u32,
-    sensor_noise: SensorNoiseFile,
-    distribution_shift: ShiftFile,
-    actuator_delay: DelayFile,
-}
-
-#[derive(Debug, Deserialize)]
-#[serde(deny_unknown_fields)]
-struct SensorNoiseFile {
-    sigma_factor: [f64; 3],
-    sigma_floor_m: [f64; 3],
-    bias_m: [f64; 3],
-    drop_shift: [f64; 3],
-}
-
-#[derive(Debug, Deserialize)]
-#[serde(deny_unknown_fields)]
-struct ShiftFile {
-    mass_factor: [f64; 3],
-    friction_factor: [f64; 3],
-    place_shift_m: [f64; 3],
-}
-
-#[derive(Debug, Deserialize)]
-#[serde(deny_unknown_fields)]
-struct DelayFile {
-    latency_shift_ms: [f64; 3],
-    jitter_shift_ms: [f64; 3],
-}
-
 impl Distribution {
-    /// No perturbation.
-    ///
-    /// # Errors
-    /// [`SimError::File`] if the embedded text were wrong (a test parses it).
-    pub fn canonical() -> Result<Self, SimError> {
-        Self::from_toml("builtin:canonical.toml", include_str!("../scenes/canonical.toml"))
-    }
-
-    /// Independent noise, short latency, single tasks, no clutter.
-    ///
-    /// # Errors
-    /// As [`Distribution::canonical`].
-    pub fn sandbox() -> Result<Self, SimError> {
-        Self::from_toml("builtin:sandbox.toml", include_str!("../scenes/sandbox.toml"))
-    }
-
-    /// Long latency, correlated noise, asynchronous camera frames, clutter.
-    ///
-    /// # Errors
-    /// As [`Distribution::canonical`].
-    pub fn live() -> Result<Self, SimError> {
-        Self::from_toml("builtin:live.toml", include_str!("../scenes/live.toml"))
-    }
-
     /// A distribution from a file.
     ///
     /// # Errors
-    /// [`SimError::File`] naming the file and the key.
-    pub fn load(path: &Path) -> Result<Self, SimError> {
+    /// [`CellError::File`] naming the file and the key.
+    pub fn load(path: &Path) -> Result<Self, CellError> {
         Self::from_toml(&path.display().to_string(), &read_text(path)?)
     }
 
     /// A distribution from a TOML text; `file` is used in errors.
     ///
     /// # Errors
-    /// [`SimError::File`] naming the file and the key.
-    pub fn from_toml(file: &str, text: &str) -> Result<Self, SimError> {
+    /// [`CellError::File`] naming the file and the key.
+    pub fn from_toml(file: &str, text: &str) -> Result<Self, CellError> {
         let distribution: Self = parse_toml(file, text)?;
         distribution.check(file)?;
         Ok(distribution)
@@ -298,9 +230,13 @@ impl Distribution {
         ]
     }
 
-    fn check(&self, file: &str) -> Result<(), SimError> {
+    /// Checks the ranges; `file` is used in errors.
+    ///
+    /// # Errors
+    /// [`CellError::File`] naming the file and the key.
+    pub fn check(&self, file: &str) -> Result<(), CellError> {
         if self.format != 1 {
-            return Err(SimError::file(
+            return Err(CellError::file(
                 file,
                 "format",
                 format!("\"{}\" is not known; this build reads 1", self.format),
@@ -309,87 +245,9 @@ impl Distribution {
         for (key, range, low, high) in self.bounds() {
             if range.min < low || range.max > high {
                 let problem = format!("\"[{}, {}]\" must lie within {low} to {high}", range.min, range.max);
-                return Err(SimError::file(file, key, problem));
+                return Err(CellError::file(file, key, problem));
             }
         }
         Ok(())
-    }
-
-    /// This distribution after a drift; the name says so (`live+sensor_noise:mild`).
-    ///
-    /// # Errors
-    /// [`SimError::File`] if the embedded numbers were wrong (a test applies them all).
-    pub fn with_drift(&self, drift: &Drift) -> Result<Self, SimError> {
-        let file = "builtin:drift.toml";
-        let numbers: DriftFile = parse_toml(file, include_str!("../scenes/drift.toml"))?;
-        if numbers.format != 1 {
-            return Err(SimError::file(file, "format", format!("\"{}\" is not known", numbers.format)));
-        }
-        let i = column(drift.magnitude);
-        let mut out = self.clone();
-        let kind = match drift.kind {
-            DriftKind::SensorNoise => {
-                out.add_noise(&numbers.sensor_noise, i);
-                "sensor_noise"
-            }
-            DriftKind::DistributionShift => {
-                out.shift(&numbers.distribution_shift, i);
-                "distribution_shift"
-            }
-            DriftKind::ActuatorDelay => {
-                out.delay(&numbers.actuator_delay, i);
-                "actuator_delay"
-            }
-            DriftKind::Combined => {
-                out.add_noise(&numbers.sensor_noise, i);
-                out.shift(&numbers.distribution_shift, i);
-                out.delay(&numbers.actuator_delay, i);
-                "combined"
-            }
-        };
-        let magnitude = ["mild", "middle", "strong"][i];
-        out.name = format!("{}+{kind}:{magnitude}", self.name);
-        out.check(file)?;
-        Ok(out)
-    }
-
-    fn add_noise(&mut self, numbers: &SensorNoiseFile, i: usize) {
-        let factor = numbers.sigma_factor[i];
-        let camera = &mut self.camera;
-        camera.sigma_m = camera.sigma_m.scaled(factor);
-        camera.sigma_m.min = camera.sigma_m.min.max(numbers.sigma_floor_m[i]);
-        camera.sigma_m.max = camera.sigma_m.max.max(numbers.sigma_floor_m[i]);
-        camera.sigma_yaw_rad = camera.sigma_yaw_rad.scaled(factor);
-        camera.bias_m = camera.bias_m.shifted(numbers.bias_m[i]);
-        let drop = &mut camera.drop_probability;
-        *drop = Range {
-            min: (drop.min + numbers.drop_shift[i]).min(1.0),
-            max: (drop.max + numbers.drop_shift[i]).min(1.0),
-        };
-        let sensors = &mut self.sensors;
-        for range in [
-            &mut sensors.joint_rad,
-            &mut sensors.joint_speed_rad_s,
-            &mut sensors.torque_n_m,
-            &mut sensors.force_n,
-            &mut sensors.width_m,
-            &mut sensors.slip_m,
-        ] {
-            *range = range.scaled(factor);
-        }
-    }
-
-    fn shift(&mut self, numbers: &ShiftFile, i: usize) {
-        self.object.mass_kg = self.object.mass_kg.scaled(numbers.mass_factor[i]);
-        self.object.friction = self.object.friction.scaled(numbers.friction_factor[i]);
-        self.object.x_m = self.object.x_m.shifted(numbers.place_shift_m[i]);
-    }
-
-    fn delay(&mut self, numbers: &DelayFile, i: usize) {
-        self.action.latency_ms = self.action.latency_ms.shifted(numbers.latency_shift_ms[i]);
-        self.action.jitter_ms = Range {
-            min: self.action.jitter_ms.min,
-            max: self.action.jitter_ms.max + numbers.jitter_shift_ms[i],
-        };
     }
 }

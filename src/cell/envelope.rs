@@ -62,30 +62,3 @@ impl Distribution {
         self.at(point).axes().map(|range| range.min)
     }
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::episode::EpisodeSetup;
-    use crate::scene::Scene;
-    use holdpoint_body::TaskKind;
-
-    #[test]
-    fn envelope_point_fixes_only_the_values_of_its_axes() {
-        let (whole, scene) = (Distribution::sandbox().unwrap(), Scene::cell().unwrap());
-        let [mut low, mut high] = [[0.0; AXES.len()], [1.0; AXES.len()]];
-        let sample =
-            |at: &EnvelopePoint, seed| EpisodeSetup::sample(TaskKind::Grasp, &scene, &whole.at(at), seed);
-        assert_eq!(whole.values(&low)[3], whole.object.mass_kg.min);
-        assert_eq!(whole.values(&high)[3], whole.object.mass_kg.max);
-        assert_eq!(sample(&high, 1).object.mass_kg, whole.object.mass_kg.max);
-        let (one, other) = (sample(&low, 1), sample(&low, 2));
-        assert_eq!(one.object, other.object);
-        assert_ne!(one.camera.noise, other.camera.noise, "noise is drawn");
-        // No place is outside of what is declared.
-        (low[0], high[0]) = (-3.0, f64::NAN);
-        assert_eq!(whole.values(&low)[0], whole.object.x_m.min);
-        let middle = 0.5 * (whole.object.x_m.min + whole.object.x_m.max);
-        assert!((whole.values(&high)[0] - middle).abs() < 1e-12);
-    }
-}

@@ -1,0 +1,207 @@
+//! The simulated cell behind the ports of [`holdpoint_cell`]: a world as live cell and as trial cell, and its sources.
+
+use std::any::Any;
+use std::path::Path;
+use std::sync::Arc;
+
+use holdpoint_body::disturbance::Drift;
+use holdpoint_body::{RATE_HZ, TaskKind};
+use holdpoint_cell::film::EpisodeFrame;
+use holdpoint_cell::spec::{Abilities, CellSpec, PartShape, PlacedShape, RobotSpec, Workpiece};
+use holdpoint_cell::truth::{ContactPoint, TrueState};
+use holdpoint_cell::{
+    CellCopy, CellError, CellFactory, CellSource, Distribution, EpisodeSetup, FixtureBox, InjectedFault,
+    LiveCell, RobotCell, Scene, StateImage, TrialCell, WorkCall,
+};
+
+use nalgebra::Isometry3;
+
+use crate::perception::CAMERA_HZ;
+use crate::published;
+use crate::robot::{RobotModel, shapes};
+use crate::world::{World, WorldCopy};
+
+/// Digest of what computes the simulated cell in this build (`build.rs`).
+pub const BUILD: &str = env!("HOLDPOINT_SIM_BUILD");
+
+/// The robot that a cell has if none is named.
+const DEFAULT_ROBOT: &str = "arm7";
+
+/// What the simulated cell of a robot and a scene is.
+pub(crate) fn cell_spec(robot: &RobotModel, scene: &Arc<Scene>) -> CellSpec {
+    let parts = shapes(&robot.links, &robot.gripper).into_iter().map(|(piece, at, shape)| PlacedShape {
+        piece,
+        pose: at.isometry(),
+        shape: PartShape::Primitive(shape),
+    });
+    let [first, second] = &robot.gripper.fingers;
+    CellSpec {
+        robot: RobotSpec {
+            name: robot.name.clone(),
+            digest: robot.digest,
+            geometry: Arc::new(robot.geometry.clone()),
+            parts: parts.collect(),
+            home: robot.home.clone(),
+            fingers: [first.origin, second.origin],
+            width_max_m: robot.gripper.width_max_m(),
+        },
+        zones: scene.zones.clone().into(),
+        workpieces: vec![Workpiece { name: "object".to_owned(), half_m: [scene.object.half_m; 3] }],
+        tasks: TaskKind::SEQUENCE.to_vec(),
+        rate_hz: RATE_HZ,
+        camera_hz: CAMERA_HZ,
+        abilities: Abilities { export_state: true, film: true, referee: true },
+        scene: Arc::clone(scene),
+    }
+}
+
+impl RobotCell for World {
+    fn spec(&self) -> &Arc<CellSpec> {
+        &self.spec
+    }
+
+    fn tick(&self) -> u64 {
+        World::tick(self)
+    }
+
+    fn begin_task(&mut self, task: TaskKind) {
+        World::begin_task(self, task);
+    }
+
+    fn shown_object(&self) -> Isometry3<f64> {
+        self.object().0
+    }
+
+    fn stop_declared(&self) -> Option<u64> {
+        World::stop_declared(self)
+    }
+
+    fn copy(&self) -> Result<CellCopy, CellError> {
+        Ok(CellCopy::in_memory(World::tick(self), World::copy(self)))
+    }
+
+    fn export(&self) -> Result<StateImage, CellError> {
+        StateImage::new(self.snapshot()?)
+    }
+
+    fn truth(&self) -> Option<TrueState<'_>> {
+        Some(self.true_state())
+    }
+
+    fn fixtures(&self) -> Vec<FixtureBox> {
+        World::fixtures(self)
+    }
+
+    fn contact_points(&self) -> Vec<ContactPoint> {
+        World::contact_points(self)
+    }
+}
+
+impl LiveCell for World {
+    fn await_work(&mut self, call: &WorkCall<'_>) -> Result<(), CellError> {
+        let setup = EpisodeSetup::sample(TaskKind::Grasp, self.scene(), call.conditions, call.seed);
+        World::reset(self, &setup)
+    }
+
+    fn inject(&mut self, fault: InjectedFault) -> Result<(), CellError> {
+        World::inject(self, fault);
+        Ok(())
+    }
+}
+
+impl TrialCell for World {
+    fn reset(&mut self, setup: &EpisodeSetup) -> Result<(), CellError> {
+        World::reset(self, setup)
+    }
+
+    fn go_on_from(&mut self, copy: &CellCopy) -> Result<(), CellError> {
+        match (copy.memory::<WorldCopy>(), copy.image()) {
+            (Some(copy), _) => World::go_on_from(self, copy),
+            (None, Some(image)) => self.import(image),
+            (None, None) => Err(CellError::Snapshot("it is a state of another kind of cell".to_owned())),
+        }
+    }
+
+    fn import(&mut self, image: &StateImage) -> Result<(), CellError> {
+        self.restore(image.bytes())
+    }
+
+    fn inject(&mut self, fault: InjectedFault) {
+        World::inject(self, fault);
+    }
+
+    fn true_state(&self) -> TrueState<'_> {
+        let (object, object_speed_m_s) = self.object();
+        TrueState { joints: self.joints(), forces: self.forces(), object, object_speed_m_s }
+    }
+
+    fn as_any(&self) -> &dyn Any {
+        self
+    }
+
+    fn film(&mut self) {
+        World::film(self);
+    }
+
+    fn take_film(&mut self) -> Vec<EpisodeFrame> {
+        World::take_film(self)
+    }
+}
+
+/// Builds simulated cells of one robot in the published scene.
+pub struct SimFactory {
+    robot: RobotModel,
+    scene: Scene,
+    spec: Arc<CellSpec>,
+}
+
+impl SimFactory {
+    /// The cells of a robot.
+    ///
+    /// # Errors
+    /// [`CellError::File`] if the embedded scene were wrong.
+    pub fn new(robot: RobotModel) -> Result<Self, CellError> {
+        let scene = published::scene()?;
+        let spec = Arc::new(cell_spec(&robot, &Arc::new(scene.clone())));
+        Ok(Self { robot, scene, spec })
+    }
+}
+
+impl CellFactory for SimFactory {
+    fn spec(&self) -> &Arc<CellSpec> {
+        &self.spec
+    }
+
+    fn build_digest(&self) -> &str {
+        BUILD
+    }
+
+    fn distributions(&self) -> Result<[Distribution; 3], CellError> {
+        Ok([published::canonical()?, published::sandbox()?, published::live()?])
+    }
+
+    fn with_drift(&self, of: &Distribution, drift: &Drift) -> Result<Distribution, CellError> {
+        published::with_drift(of, drift)
+    }
+
+    fn live(&self) -> Result<Box<dyn LiveCell>, CellError> {
+        Ok(Box::new(World::new(&self.robot, &self.scene)?))
+    }
+
+    fn trial(&self) -> Result<Box<dyn TrialCell>, CellError> {
+        Ok(Box::new(World::new(&self.robot, &self.scene)?))
+    }
+}
+
+/// The simulated cells: those of the built-in robots, and of robots in files.
+pub struct SimCells;
+
+impl CellSource for SimCells {
+    fn builtin(&self, robot: Option<&str>) -> Result<Arc<dyn CellFactory>, CellError> {
+        Ok(Arc::new(SimFactory::new(RobotModel::builtin(robot.unwrap_or(DEFAULT_ROBOT))?)?))
+    }
+
+    fn load(&self, robot: &Path) -> Result<Arc<dyn CellFactory>, CellError> {
+        Ok(Arc::new(SimFactory::new(RobotModel::load(robot)?)?))
+    }
+}

@@ -1,0 +1,227 @@
+//! A scripted cell for tests of the ports: its arm never moves, and it has only the abilities that a test gives it.
+
+use std::any::Any;
+use std::sync::{Arc, Mutex};
+
+use holdpoint_body::disturbance::Drift;
+use holdpoint_body::{
+    Body, BodyError, Command, Contacts, GuardVerdict, Interrupt, JointVec, Observation, Pose, TaskKind,
+    Telemetry, Twist,
+};
+use holdpoint_cell::spec::Abilities;
+use holdpoint_cell::truth::{ContactForces, JointState, TrueState};
+use holdpoint_cell::{
+    CellCopy, CellError, CellFactory, CellSource as _, CellSpec, Distribution, EpisodeSetup, InjectedFault,
+    LiveCell, RobotCell, StateImage, TrialCell, WorkCall,
+};
+use holdpoint_sim::{SimCells, published};
+use nalgebra::Isometry3;
+
+mod tests;
+
+/// What the engine asked of a live cell.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum FakeCall {
+    AwaitWork { seed: u64 },
+    BeginTask(TaskKind),
+    EndTask,
+}
+
+/// A script of fake cells.
+#[derive(Clone)]
+pub(crate) struct FakeFactory {
+    pub(crate) spec: Arc<CellSpec>,
+    pub(crate) build: String,
+    /// The live cell is given no work.
+    pub(crate) is_starved: bool,
+    pub(crate) calls: Arc<Mutex<Vec<FakeCall>>>,
+}
+
+impl FakeFactory {
+    /// Cells of the built-in arm that export nothing.
+    pub(crate) fn new() -> Self {
+        let spec = CellSpec {
+            abilities: Abilities { export_state: false, film: false, referee: false },
+            ..CellSpec::clone(SimCells.builtin(None).unwrap().spec())
+        };
+        Self { spec: Arc::new(spec), build: "fake".to_owned(), is_starved: false, calls: Arc::default() }
+    }
+
+    /// Cells of the built-in arm that export their state.
+    pub(crate) fn exporting() -> Self {
+        let mut factory = Self::new();
+        Arc::make_mut(&mut factory.spec).abilities.export_state = true;
+        factory
+    }
+
+    fn cell(&self) -> FakeCell {
+        let joints = JointState { q: self.spec.robot.home.clone(), ..JointState::default() };
+        FakeCell {
+            script: self.clone(),
+            tick: 0,
+            task: TaskKind::Grasp,
+            stop_declared: None,
+            joints,
+            forces: ContactForces::default(),
+        }
+    }
+}
+
+impl CellFactory for FakeFactory {
+    fn spec(&self) -> &Arc<CellSpec> {
+        &self.spec
+    }
+    fn build_digest(&self) -> &str {
+        &self.build
+    }
+    fn distributions(&self) -> Result<[Distribution; 3], CellError> {
+        Ok([published::canonical()?, published::sandbox()?, published::live()?])
+    }
+    fn with_drift(&self, _: &Distribution, _: &Drift) -> Result<Distribution, CellError> {
+        Err(CellError::Unable("drift"))
+    }
+    fn live(&self) -> Result<Box<dyn LiveCell>, CellError> {
+        Ok(Box::new(self.cell()))
+    }
+    fn trial(&self) -> Result<Box<dyn TrialCell>, CellError> {
+        Ok(Box::new(self.cell()))
+    }
+}
+
+struct FakeCell {
+    script: FakeFactory,
+    tick: u64,
+    task: TaskKind,
+    stop_declared: Option<u64>,
+    joints: JointState,
+    forces: ContactForces,
+}
+
+impl FakeCell {
+    fn note(&self, call: FakeCall) {
+        self.script.calls.lock().unwrap().push(call);
+    }
+
+    fn still(&self) -> JointVec {
+        self.joints.q.iter().map(|_| 0.0).collect()
+    }
+
+    fn tool(&self) -> Pose {
+        Pose::from(&self.script.spec.robot.geometry.tool_pose(&self.joints.q))
+    }
+}
+
+impl Body for FakeCell {
+    fn observe(&mut self, last: GuardVerdict) -> Observation {
+        Observation {
+            tick: self.tick,
+            q: self.joints.q.clone(),
+            dq: self.still(),
+            tau: self.still(),
+            tool: self.tool(),
+            tool_twist: Twist::default(),
+            gripper_width_m: self.script.spec.robot.width_max_m,
+            gripper_force_n: 0.0,
+            wrist_force_n: 0.0,
+            object: None,
+            target: None,
+            tool_available: true,
+            goal: self.task,
+            guard: last,
+        }
+    }
+    fn telemetry(&self) -> Telemetry {
+        Telemetry {
+            tick: self.tick,
+            q: self.joints.q.clone(),
+            dq: self.still(),
+            tracking_error_rad: 0.0,
+            tool: self.tool(),
+            tool_speed_m_s: 0.0,
+            gripper_width_m: self.script.spec.robot.width_max_m,
+            gripper_force_n: 0.0,
+            contact_force_n: 0.0,
+            contacts: Contacts::default(),
+            slip_m: None,
+            picture_age_ticks: None,
+            tool_available: true,
+        }
+    }
+    fn step(&mut self, _: &Command) -> Result<(), BodyError> {
+        self.tick += 1;
+        Ok(())
+    }
+    fn interrupt(&mut self, interrupt: Interrupt) {
+        self.stop_declared = match interrupt {
+            Interrupt::Stop => self.stop_declared.or(Some(self.tick)),
+            Interrupt::Release => None,
+        };
+    }
+    fn inspect(&self) -> bool {
+        false
+    }
+}
+
+impl RobotCell for FakeCell {
+    fn spec(&self) -> &Arc<CellSpec> {
+        &self.script.spec
+    }
+    fn tick(&self) -> u64 {
+        self.tick
+    }
+    fn begin_task(&mut self, task: TaskKind) {
+        self.task = task;
+        self.note(FakeCall::BeginTask(task));
+    }
+    fn end_task(&mut self) {
+        self.note(FakeCall::EndTask);
+    }
+    fn shown_object(&self) -> Isometry3<f64> {
+        Isometry3::identity()
+    }
+    fn stop_declared(&self) -> Option<u64> {
+        self.stop_declared
+    }
+    fn export(&self) -> Result<StateImage, CellError> {
+        if self.script.spec.abilities.export_state {
+            StateImage::new(self.tick.to_le_bytes().to_vec())
+        } else {
+            Err(CellError::Unable("export its state"))
+        }
+    }
+}
+
+impl LiveCell for FakeCell {
+    fn await_work(&mut self, call: &WorkCall<'_>) -> Result<(), CellError> {
+        self.note(FakeCall::AwaitWork { seed: call.seed });
+        if self.script.is_starved {
+            return Err(CellError::InvalidStart { seed: call.seed, problem: "no work".to_owned() });
+        }
+        self.tick = 0;
+        Ok(())
+    }
+}
+
+impl TrialCell for FakeCell {
+    fn reset(&mut self, _: &EpisodeSetup) -> Result<(), CellError> {
+        self.tick = 0;
+        Ok(())
+    }
+    fn go_on_from(&mut self, copy: &CellCopy) -> Result<(), CellError> {
+        let none = || CellError::Snapshot("it has no image".to_owned());
+        self.import(copy.image().ok_or_else(none)?)
+    }
+    fn import(&mut self, image: &StateImage) -> Result<(), CellError> {
+        let wrong = |_| CellError::Snapshot("it is no tick".to_owned());
+        self.tick = u64::from_le_bytes(image.bytes().try_into().map_err(wrong)?);
+        Ok(())
+    }
+    fn inject(&mut self, _: InjectedFault) {}
+    fn true_state(&self) -> TrueState<'_> {
+        let (joints, forces) = (&self.joints, &self.forces);
+        TrueState { joints, forces, object: Isometry3::identity(), object_speed_m_s: 0.0 }
+    }
+    fn as_any(&self) -> &dyn Any {
+        self
+    }
+}
