@@ -10,11 +10,12 @@ mod package;
 use std::path::PathBuf;
 use std::time::Instant;
 
-use holdpoint_engine::cell::{Cell, DECIDED_BY};
+use holdpoint_engine::cell::{Cell, decided_by};
 use holdpoint_engine::trial::seeds::EpisodeSeeds;
 use holdpoint_governance::ids::Digest;
 use holdpoint_governance::profile::{Profile, ProfileName};
 use holdpoint_registry::ResultCache;
+use holdpoint_sim::SimCells;
 use holdpoint_text::Hint;
 use serde::{Deserialize, Serialize};
 
@@ -63,7 +64,7 @@ pub struct ThrowersReport {
 pub fn run(plan: &ThrowersPlan, tell: &ProgressFn<'_>) -> Result<ThrowersReport, ExperimentError> {
     std::fs::create_dir_all(&plan.out).map_err(ExperimentError::file(&plan.out))?;
     controller::provide_controllers().map_err(|error| ExperimentError::Unexpected(error.to_string()))?;
-    let cell = Cell::builtin()?;
+    let cell = Cell::of(&SimCells, None)?;
     let triggers = if plan.triggers.is_empty() { &ThrowerKind::ALL[..] } else { plan.triggers.as_slice() };
     let mut jobs = Vec::new();
     for kind in triggers {
@@ -103,7 +104,7 @@ fn run_or_reuse(job: &ThrowerJob<'_>) -> Result<ThrowerRun, ExperimentError> {
             job.kind.name().as_bytes(),
             profile.bytes().as_slice(),
             job.cell.digest().bytes().as_slice(),
-            DECIDED_BY.as_bytes(),
+            decided_by(holdpoint_sim::BUILD).as_bytes(),
             &job.run.to_le_bytes(),
             &seed.to_le_bytes(),
             &job.tasks.to_le_bytes(),

@@ -6,9 +6,7 @@
 
 use std::sync::Arc;
 
-use holdpoint_body::{
-    Body, BodyError, Command, GuardVerdict, Interrupt, Observation, TaskKind, Telemetry,
-};
+use holdpoint_body::{Body, BodyError, Command, GuardVerdict, Interrupt, Observation, TaskKind, Telemetry};
 use holdpoint_cell::rng::{Stream, StreamPurpose};
 use holdpoint_cell::{CellCopy, TrialCell};
 use holdpoint_engine::cell::{Cell, Conditions};

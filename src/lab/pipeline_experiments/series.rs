@@ -14,7 +14,7 @@ use super::series_tweaks::{Calibration, Tweak, calibrate, commissioned, tweak};
 use super::{ExperimentError, ProgressFn, cached_result, scratch};
 use crate::bench::FigureClock;
 use crate::ground_truth::side_by_side;
-use holdpoint_engine::cell::{Cell, DECIDED_BY};
+use holdpoint_engine::cell::{Cell, decided_by};
 use holdpoint_engine::trial::cache::EpisodeCache;
 use holdpoint_engine::trial::seeds::EpisodeSeeds;
 use holdpoint_engine::{Config, Engine, Experiment};
@@ -26,6 +26,7 @@ use holdpoint_governance::stats::clopper_pearson_upper;
 use holdpoint_governance::tries::CountedTry;
 use holdpoint_protocol::scenario_state::ScenarioState;
 use holdpoint_registry::{CacheSecret, ResultCache};
+use holdpoint_sim::SimCells;
 use holdpoint_text::Hint;
 
 /// One-sided level of the bound of the series in which a tweak gets in.
@@ -150,7 +151,7 @@ pub fn run(plan: &SeriesPlan, tell: &ProgressFn<'_>) -> Result<SeriesReport, Exp
         Some(cache) => cache.clone(),
         None => ResultCache::in_folder(scratch.path().to_owned(), CacheSecret::fresh()?),
     };
-    let cell = Cell::builtin()?;
+    let cell = Cell::of(&SimCells, None)?;
     let profile =
         Profile::builtin(ProfileName::Sim).map_err(|error| ExperimentError::Unexpected(error.sentence()))?;
     let calibration = calibrate_or_reuse(plan, &cell, &cache, profile.tries.margin)?;
@@ -189,9 +190,10 @@ fn calibrate_or_reuse(
 ) -> Result<Calibration, ExperimentError> {
     let (seed, episodes) = plan.calibration;
     let environment = cell.digest();
+    let decided_by = decided_by(holdpoint_sim::BUILD);
     let parts: [&[u8]; 5] = [
         environment.bytes(),
-        DECIDED_BY.as_bytes(),
+        decided_by.as_bytes(),
         &seed.to_le_bytes(),
         &episodes.to_le_bytes(),
         &margin.to_le_bytes(),
@@ -216,7 +218,7 @@ fn run_or_reuse(
     let mut parts = vec![
         profile.digest()?.bytes().to_vec(),
         cell.digest().bytes().to_vec(),
-        DECIDED_BY.as_bytes().to_vec(),
+        decided_by(holdpoint_sim::BUILD).as_bytes().to_vec(),
         series.to_le_bytes().to_vec(),
     ];
     for Tweak { package, .. } in tweaks {
@@ -312,7 +314,7 @@ mod tests {
     /// Two tweaks that fail in half of their runs: each is another try and is stopped. The second run reads the result.
     #[test]
     fn a_series_of_hopeless_tweaks_is_stopped_try_by_try() {
-        let cell = Cell::builtin().unwrap();
+        let cell = Cell::of(&SimCells, None).unwrap();
         let baseline = commissioned().unwrap();
         let tweaks: Vec<Tweak> = (1..=2).map(|number| tweak(&baseline, 7, number, 0.5).unwrap()).collect();
         let folder = tempfile::tempdir().unwrap();

@@ -220,7 +220,7 @@ mod tests {
     /// The defect costs all successes, so the share of runs without it is the share of the successes that are left.
     #[test]
     fn a_calibration_sets_the_loss() {
-        let cell = Cell::builtin().unwrap();
+        let cell = Cell::of(&holdpoint_sim::SimCells, None).unwrap();
         let found = calibrate(&cell, (100, 60), 2, -1.0).unwrap();
         assert_eq!((found.episodes, found.defective), (60, 0));
         assert!(found.commissioned > 30, "{found:?}");

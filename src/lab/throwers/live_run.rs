@@ -9,6 +9,7 @@ use crate::pipeline_experiments::candidate_run::{
     CandidateDriver, CandidateSetting, DecisionOutcome, DrivenSlice, StageRecord, ThresholdScale,
 };
 use crate::pipeline_experiments::{ExperimentError, scratch};
+use holdpoint_cell::referee::UnsafeKind;
 use holdpoint_engine::Experiment;
 use holdpoint_engine::cell::Cell;
 use holdpoint_engine::pipeline::SliceOutcome;
@@ -24,7 +25,6 @@ use holdpoint_governance::rollback::{Trigger, TriggerKind};
 use holdpoint_protocol::event::EventKind;
 use holdpoint_protocol::scenario_state::Decider;
 use holdpoint_registry::ResultCache;
-use holdpoint_cell::referee::UnsafeKind;
 
 /// Most slices of work until a version has been evaluated and has done its tasks.
 const SLICES_MAX: u32 = 500_000;

@@ -1,16 +1,16 @@
 use std::collections::{BTreeMap, BTreeSet};
 
+use holdpoint_cell::referee::{RefereeLimits, UnsafeKind};
 use holdpoint_engine::embedded;
 use holdpoint_engine::trial::seeds::{CALIBRATION_FROM_RUN, SeedPurpose, episode_seed};
 use holdpoint_engine::world::listener::NoListener;
-use holdpoint_engine::world::live::LiveCell;
+use holdpoint_engine::world::live::LiveStation;
 use holdpoint_governance::ids::Family;
 use holdpoint_governance::lifecycle::State;
 use holdpoint_protocol::scenario_state::Decider;
 use holdpoint_registry::CacheSecret;
 use holdpoint_runtime::agent::ActiveView;
 use holdpoint_runtime::capability::Capability;
-use holdpoint_cell::referee::{RefereeLimits, UnsafeKind};
 
 use super::*;
 use crate::ground_truth::{JudgedVersion, judging_context};
@@ -49,7 +49,7 @@ impl ActiveView for ActiveVersions {
 /// Tasks of the grasp in some live sequences, and of these those with an object that flew.
 fn thrown_in_live_work(kind: ThrowerKind) -> (usize, usize) {
     const SEQUENCES: u64 = 4;
-    let cell = Cell::builtin().unwrap();
+    let cell = Cell::of(&holdpoint_sim::SimCells, None).unwrap();
     let context = judging_context(cell.clone()).unwrap();
     let mut active: BTreeMap<Family, Capability> =
         embedded::baselines().unwrap().into_iter().map(|version| (version.id().family, version)).collect();
@@ -57,7 +57,7 @@ fn thrown_in_live_work(kind: ThrowerKind) -> (usize, usize) {
     let id = thrower.id();
     active.insert(id.family.clone(), thrower);
     let active = ActiveVersions(active);
-    let mut live = LiveCell::new(cell).unwrap();
+    let mut live = LiveStation::new(cell).unwrap();
     live.call_referee(RefereeLimits::default());
     for place in 0..SEQUENCES {
         let seed = episode_seed(CALIBRATION_FROM_RUN, SeedPurpose::Live, place);
