@@ -187,7 +187,7 @@ fn report_recovered(record: &mut EngineRecorder, version: &CapabilityId, notice:
 /// The display of a version that is history; its measurements stay in the store.
 fn terminal_summary(evidence_file: EvidenceFile) -> EvidenceFile {
     let EvidenceFile { kappas, conditions, reasons, counted, bindings, .. } = evidence_file;
-    EvidenceFile { kappas, conditions, reasons, counted, bindings, ..EvidenceFile::default() }
+    EvidenceFile { kappas, counted, bindings, conditions, reasons, ..EvidenceFile::default() }
 }
 
 /// Reads the newest evidence of every version.

@@ -84,14 +84,14 @@ fn a_version_passes_only_if_its_pairs_exclude_the_margin_at_its_level() {
     let open = (BehaviorOutcome::Inconclusive, ReasonCode::BehaviorTryOpen);
     assert_eq!(found(first, 0, 0), (BehaviorOutcome::Compatible, ReasonCode::BehaviorCompatible));
     assert_eq!(found(first, 9, 6), (BehaviorOutcome::Compatible, ReasonCode::BehaviorCompatible));
-    // 14 of 300 are 4.7 %: neither rejected by five points nor shown to be less than six.
+    // 14 of 300 are 4.7 %: neither rejected by five points nor shown to be less than eight.
     assert_eq!(found(first, 14, 0), open);
     // A worsening that rejects still rejects.
     assert_eq!(found(first, 40, 0).0, BehaviorOutcome::Incompatible);
     // Without a count the same pairs pass.
     let uncounted = assess(counts(first, 14, 0), None, &profile).assessment.outcome;
     assert_eq!(uncounted, BehaviorOutcome::Compatible);
-    // The twelfth try takes 500 pairs, and 300 are too few for it.
+    // The twelfth try takes 440 pairs, and 300 are too few for it.
     assert_eq!(found(last, 15, 10).0, BehaviorOutcome::Compatible);
     let few = CountedTry { pairs: first.pairs, ..last.clone() };
     let short = assess(counts(&few, 0, 0), Some(last), &profile).assessment;
