@@ -134,7 +134,7 @@ mod tests {
             let explained = |code| condition.is_explained_by(code);
             let row = format!("{state} {flags:?} {held}: {condition}");
             if matches!(state, State::Active | State::Superseded | State::Rejected | State::RolledBack) {
-                assert!(!explained(ReasonCode::ApprovalPending), "nobody is asked: {row}");
+                assert!(!explained(ReasonCode::ApprovalPending), "no person is asked: {row}");
             }
             if matches!(state, State::Rejected | State::RolledBack) {
                 assert!(!explained(ReasonCode::ShadowClean) && !explained(ReasonCode::GatePassed), "{row}");

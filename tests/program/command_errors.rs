@@ -388,7 +388,7 @@ fn a_backup_names_what_it_lacks() {
     assert!(!succeeds(&fixture.data(), &arguments).contains("the copy lacks"), "{arguments:?}");
 }
 
-/// The signal of a limit on a file's size ended the program without a word.
+/// The signal of a limit on a file's size ended the program without a message.
 #[test]
 fn a_limit_of_a_files_size_is_an_error() {
     let root = tempfile::tempdir().unwrap();

@@ -22,7 +22,7 @@ pub fn draw(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
     let width = usize::from(area.width);
     let mut row = profile(model, pen).and(warnings(model, pen, width));
     let identity = identity(model);
-    // A clock that nobody was heard to keep is not shown.
+    // A clock that no engine was heard to keep is not shown.
     let clock = if model.last_seen().is_some() || model.absence().is_some() {
         Row::new()
     } else {

@@ -171,7 +171,7 @@ fn full_alarm_book_makes_room_for_what_is_as_urgent() {
     }
     let low = |name: &str| raise_as(key(name), Priority::Low, false);
     assert!(matches!(apply(&book, &low("more"), 1_000, wall(1_000)), Err(AlarmError::Full(_))));
-    // A normal one goes first, then one whose condition is gone, although nobody acknowledged it.
+    // A normal one goes first, then one whose condition is gone, although no person acknowledged it.
     for name in ["a5", "a7"] {
         step(&mut book, &AlarmEvent::Clear { key: key(name) }, 1_000).unwrap();
     }

@@ -1,3 +1,5 @@
+//! Every trigger makes a candidate of its own, and a version that always throws is stopped in the sandbox.
+
 use std::collections::{BTreeMap, BTreeSet};
 
 use holdpoint_cell::referee::{RefereeLimits, UnsafeKind};

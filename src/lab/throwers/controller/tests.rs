@@ -1,3 +1,5 @@
+//! Each trigger fires where it should and nowhere else.
+
 use holdpoint_body::{Estimate, GuardVerdict, JointVec, Twist};
 
 use super::*;
