@@ -187,7 +187,9 @@ fn no_test_is_ignored_or_waits_by_the_clock() {
 #[test]
 fn no_program_reads_its_source_tree() {
     let mut problems = Vec::new();
-    let is_built_in = |path: &PathBuf| !is_test_file(path) && !path.ends_with("build.rs") && !path.ends_with("cell/source_digest.rs");
+    let is_built_in = |path: &PathBuf| {
+        !is_test_file(path) && !path.ends_with("build.rs") && !path.ends_with("cell/source_digest.rs")
+    };
     for path in ["src", "sim/src"].into_iter().flat_map(sources).filter(is_built_in) {
         let text = fs::read_to_string(&path).unwrap();
         let program = text.find("#[cfg(test)]\nmod ").map_or(text.as_str(), |start| &text[..start]);
