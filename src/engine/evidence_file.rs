@@ -87,7 +87,7 @@ pub struct EvidenceFile {
     /// The try that the sandbox counts as; absent before its first pair, and in records of older builds.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub counted: Option<CountedTry>,
-    /// Why the sandbox ran no pair: its tries are spent, or the same content was rejected before.
+    /// Why the sandbox ran no pair: its tries are spent, or the same content has a verdict.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub refused_try: Option<Finding>,
     /// Paired episodes, in seed order.

@@ -19,7 +19,7 @@ impl RulesVersion {
     /// 2. Events are paired; a loss of success of 5 points rejects; a lost success is no recovery as well; the anchor
     ///    bounds what several versions may lose together; failed stops and rollbacks are settled by more drills.
     /// 3. Tries are counted: each has a level at which its pairs exclude a loss of success of the margin, and a price in
-    ///    pairs; content that was rejected is rejected again; spent tries wait for a person's review.
+    ///    pairs; content with a measured verdict gets it again; spent tries wait for a person's review.
     pub const CURRENT: Self = Self(3);
 }
 

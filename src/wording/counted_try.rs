@@ -29,14 +29,14 @@ pub(crate) fn level_number(level: f64) -> String {
 }
 
 #[cfg(test)]
-mod tests {
+pub(crate) mod tests {
     use super::*;
     use holdpoint_governance::ids::Digest;
     use holdpoint_governance::tries::TryAuthor;
 
-    #[test]
-    fn a_try_names_its_author_its_level_and_its_price() {
-        let counted = CountedTry {
+    /// The third try of an author.
+    pub(crate) fn third_try() -> CountedTry {
+        CountedTry {
             subject: Digest::of_parts("test", &[]),
             drawn: None,
             author: TryAuthor { name: "mara".to_owned(), key: "00".to_owned() },
@@ -45,7 +45,12 @@ mod tests {
             level: 0.00169,
             pairs: 360,
             left: 9,
-        };
+        }
+    }
+
+    #[test]
+    fn a_try_names_its_author_its_level_and_its_price() {
+        let counted = third_try();
         let family = Family::new("grasp").unwrap();
         assert_eq!(
             counted_try(&family, &counted),

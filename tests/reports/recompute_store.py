@@ -479,14 +479,14 @@ def apply_sequences(profile, found, evidence, harm_kinds):
 
 
 def terms_of_try(profile, counted_try):
-    """The level of a try, the author's or the family's, and the pairs with which 3 losses and 2 wins of 100 pass it."""
+    """The level of a try, the author's or the family's, and the pairs with which 4 losses and 2 wins of 100 pass it."""
     tries = profile["tries"]
     level = min(
         tries[alpha] * 6 / (math.pi * counted_try[number]) ** 2
         for alpha, number in (("author_alpha", "by_author"), ("family_alpha", "in_family"))
     )
     pairs = profile["evaluation"]["sandbox_pairs"]
-    while not pairs_upper(pairs, -(-3 * pairs // 100), 2 * pairs // 100, level) < tries["margin"]:
+    while not pairs_upper(pairs, -(-4 * pairs // 100), 2 * pairs // 100, level) < tries["margin"]:
         pairs += 20
     return {"level": level, "pairs": pairs}
 

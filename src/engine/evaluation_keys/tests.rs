@@ -2,6 +2,7 @@
 
 use std::path::Path;
 
+use holdpoint_governance::lifecycle::Stage;
 use holdpoint_governance::profile::{Profile, ProfileName};
 use holdpoint_governance::record::RecordKind;
 use holdpoint_protocol::command::{Command, Operation, Reply};
@@ -74,6 +75,35 @@ fn interrupted_evaluation_continues_with_its_key() {
     let id = register(&mut other, "grasp-improved");
     let elsewhere = seeds_of(&mut other, &id, 20);
     assert!(before.iter().all(|seed| !elsewhere.contains(seed)));
+}
+
+/// A person who demotes a candidate and repeats its sandbox gets other episodes, and that counts as another try.
+#[test]
+fn a_sandbox_that_is_repeated_on_other_episodes_is_another_try() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut pipeline = pipeline(folder.path());
+    let id = register(&mut pipeline, "grasp-improved");
+    let before = seeds_of(&mut pipeline, &id, 20);
+    let operation =
+        Operation { version: id.clone(), by: "ada".to_owned(), reason: "a second draw".to_owned() };
+    let demote = Command::Demote { operation: operation.clone(), profiles: Vec::new() };
+    assert!(matches!(pipeline.command(demote), Reply::Accepted { .. }));
+    assert_eq!(pipeline.advance(), SliceOutcome::Ran);
+    let repeat = Command::Repeat { operation, stage: Stage::Sandbox };
+    assert!(matches!(pipeline.command(repeat), Reply::Accepted { .. }));
+    let numbers = |pipeline: &Pipeline| -> Vec<u32> {
+        let tries = pipeline.record().version_table().tries(&id.family).unwrap();
+        tries.open().iter().map(|(_, counted)| counted.by_author).collect()
+    };
+    for _ in 0..3_000 {
+        if numbers(&pipeline).len() > 1 {
+            break;
+        }
+        assert_eq!(pipeline.advance(), SliceOutcome::Ran);
+    }
+    assert_eq!(numbers(&pipeline), [1, 2]);
+    let after = seeds_of(&mut pipeline, &id, 20);
+    assert!(before.iter().all(|seed| !after.contains(seed)));
 }
 
 #[test]

@@ -12,16 +12,15 @@ use holdpoint_governance::explanation::{
 };
 use holdpoint_governance::failure_cause::FailureCause;
 use holdpoint_governance::finding::{Finding, TwinSignal};
-use holdpoint_governance::ids::Digest;
 use holdpoint_governance::lifecycle::Stage;
 use holdpoint_governance::notice::{Notice, NoticeOrText};
 use holdpoint_governance::permission::{PeakQuantity, PermissionExcess};
 use holdpoint_governance::record::ActivationCause;
 use holdpoint_governance::rollback::PostStatus;
 use holdpoint_governance::start_domain::{StartBound, StartDomain, StartQuantity};
-use holdpoint_governance::tries::{CountedTry, TryAuthor};
 use holdpoint_governance::wall_time::WallTime;
 
+use crate::counted_try::tests::third_try;
 use crate::explanation_summary::{decisive_reason, omitted_reasons, repeated_reasons, summary_lines};
 
 fn summary(position: VersionPosition) -> ExplanationSummary {
@@ -190,18 +189,8 @@ fn rejected_version_names_why_its_tasks_failed_and_what_it_asked_for() {
     };
     let asked = PermissionExcess::Asked { quantity: PeakQuantity::Force, asked: 18.0, declared: 12.0 };
     let twins = TwinFailures { tasks: 20, own: vec![(FailureCause::Slipped, 3)] };
-    let counted = CountedTry {
-        subject: Digest::of_parts("test", &[]),
-        drawn: None,
-        author: TryAuthor { name: "mara".to_owned(), key: "00".to_owned() },
-        by_author: 3,
-        in_family: 5,
-        level: 0.00169,
-        pairs: 360,
-        left: 9,
-    };
     let remarks = vec![
-        SummaryRemark::Counted(counted),
+        SummaryRemark::Counted(third_try()),
         SummaryRemark::BeyondDeclaration(asked),
         SummaryRemark::FailureCauses(counts),
         SummaryRemark::TwinFailures(twins),

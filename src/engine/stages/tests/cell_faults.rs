@@ -32,13 +32,13 @@ fn with_fallback(family: &str, requirement: &str) -> Package {
     package("candidates/align-improved", "family = \"park\"\nversion = \"^1\"", &to)
 }
 
-fn register(bench: &mut Bench, package: Package) -> CapabilityId {
+pub(super) fn register(bench: &mut Bench, package: Package) -> CapabilityId {
     let reply = bench.pipeline.command(Command::Register { package, name: "test".to_owned(), by: None });
     let Reply::Accepted { version: Some(id), .. } = reply else { panic!("{reply:?}") };
     id
 }
 
-fn operation(id: &CapabilityId) -> Operation {
+pub(super) fn operation(id: &CapabilityId) -> Operation {
     Operation { version: id.clone(), by: "ada".to_owned(), reason: "a test".to_owned() }
 }
 

@@ -5,13 +5,15 @@ use std::path::Path;
 use holdpoint_governance::finding::Finding;
 use holdpoint_governance::ids::{CapabilityId, Digest};
 use holdpoint_governance::lifecycle::{Stage, State};
+use holdpoint_governance::outcome::{Basis, BehaviorOutcome};
 use holdpoint_governance::record::RecordKind;
 use holdpoint_governance::submission::Package;
 use holdpoint_governance::tries::{CountedTry, TryAuthor};
-use holdpoint_protocol::command::{Command, Operation, Refusal, Reply};
+use holdpoint_protocol::command::{Command, Refusal, Reply};
 use holdpoint_registry::{AuditFilter, Views};
 use holdpoint_runtime::capability;
 
+use super::cell_faults::{operation, register};
 use crate::evidence_file::EvidenceFile;
 use crate::operations::has_tried;
 use crate::pipeline::SliceOutcome;
@@ -23,16 +25,6 @@ const SLICES_MAX: usize = 20_000;
 
 fn candidate(name: &str) -> Package {
     capability::read(&Path::new(crate::MANIFESTS).join("candidates").join(name)).unwrap()
-}
-
-fn register(bench: &mut Bench, package: Package) -> CapabilityId {
-    let reply = bench.pipeline.command(Command::Register { package, name: "test".to_owned(), by: None });
-    let Reply::Accepted { version: Some(id), .. } = reply else { panic!("{reply:?}") };
-    id
-}
-
-fn operation(id: &CapabilityId) -> Operation {
-    Operation { version: id.clone(), by: "ada".to_owned(), reason: "a test".to_owned() }
 }
 
 fn retry(bench: &mut Bench, id: &CapabilityId) {
@@ -152,18 +144,44 @@ fn spent_tries_wait_for_a_review() {
     assert_eq!(tries.open().len(), 1);
 }
 
+/// The same content under another version number.
+fn renumbered(package: &Package) -> Package {
+    let number = capability::Capability::load("test", package.clone()).unwrap().id().version.to_string();
+    Package { manifest: package.manifest.replacen(&number, "1.1.9", 1), ..package.clone() }
+}
+
+/// A version on hold passes its verdict on: another number gives the content no other draw.
+#[test]
+fn the_same_content_under_another_number_is_on_hold_too() {
+    let mut bench = Bench::new();
+    let package = candidate("grasp-improved");
+    let first = register(&mut bench, package.clone());
+    advance_until(&mut bench, |bench| !evidence(bench, &first).pairs.is_empty());
+    let demote = Command::Demote { operation: operation(&first), profiles: Vec::new() };
+    assert!(matches!(bench.pipeline.command(demote), Reply::Accepted { .. }));
+    advance_until(&mut bench, |bench| rests(bench, &first, State::Demoted));
+    let kappas = bench.pipeline.live().evidence_files.edit(&first).kappas.as_mut().unwrap();
+    (kappas.behavior.outcome, kappas.behavior.basis) = (BehaviorOutcome::Inconclusive, Basis::Measured);
+    let second = register(&mut bench, renumbered(&package));
+    advance_until(&mut bench, |bench| rests(bench, &second, State::Demoted));
+    let evidence_file = evidence(&mut bench, &second);
+    let finding = Finding::HeldBefore { version: first };
+    assert!(names(&evidence_file, &finding), "{:?}", evidence_file.reasons);
+    assert!(evidence_file.alone.is_empty() && evidence_file.pairs.is_empty(), "nothing was run");
+    assert_eq!(recorded(&bench).len(), 1, "it is no other try");
+}
+
 #[test]
 fn the_same_content_under_another_number_has_its_verdict() {
     let mut bench = Bench::new();
     let package = candidate("align-no-stop");
-    let mut renumbered = package.clone();
+    let renumbered = renumbered(&package);
     let first = register(&mut bench, package);
     advance_until(&mut bench, |bench| rests(bench, &first, State::Rejected));
     let is_counted = evidence(&mut bench, &first).counted.is_some();
     assert!(is_counted && !evidence(&mut bench, &first).pairs.is_empty(), "it was measured");
     // What was measured is known after a restart.
     let mut bench = bench.restart();
-    renumbered.manifest = renumbered.manifest.replacen(&first.version.to_string(), "1.1.9", 1);
     let second = register(&mut bench, renumbered);
     assert_ne!(second, first);
     advance_until(&mut bench, |bench| rests(bench, &second, State::Rejected));
