@@ -12,6 +12,7 @@ use holdpoint_governance::ids::CapabilityId;
 use holdpoint_protocol::command::{Refusal, Reply};
 use holdpoint_protocol::film::{Film, FilmRefusal, FilmRequest, FilmSubject, FilmedRun, ReplayDifference};
 use holdpoint_runtime::capability::Capability;
+use holdpoint_runtime::task::TaskRecord;
 use holdpoint_runtime::terms::SkillTerms;
 use holdpoint_wording::film::{REFUSAL_HINT, refusal, replay_difference, selection_reason};
 
@@ -19,13 +20,16 @@ use self::episode_selection::{SelectedEpisode, SelectedWork};
 use self::film_render::FilmedWork;
 use crate::cell::Conditions;
 use crate::context::Context;
-use crate::evidence_binding::{fallback, measured_terms_of, terms_under};
+use crate::evidence_binding::{binding, fallback, measured_terms_of, terms_under, trial_team};
 use crate::evidence_file::{EvidenceFile, EvidenceFiles};
 use crate::fault::EngineFault;
 use crate::recorder::EngineRecorder;
 use crate::trial::drills::{DrillCase, DrillResult, DrillVersions};
 use crate::trial::episodes::alone;
+use crate::trial::pair_spot::PairSpot;
+use crate::trial::sequences::TrialTeam;
 use crate::trial::stress;
+use crate::trial::trial_subject::TrialSubject;
 use crate::trial::undisturbed_run::TrialCase;
 use crate::trial::worker::Worker;
 use crate::view::full_evidence_file;
@@ -94,7 +98,7 @@ fn rerun(
     };
     let (_, _, member) = record.version_table().version(id)?;
     let candidate = &member.capability;
-    let Some((active, binding)) = compared_with(record, evidence_file, candidate) else {
+    let Some((active, bound_to)) = compared_with(record, evidence_file, candidate) else {
         return Ok(Err(FilmRefusal::ComparedVersionMissing { version: id.clone() }));
     };
     let conditions = match request.of {
@@ -103,6 +107,7 @@ fn rerun(
     };
     let case = EpisodeReplay {
         context,
+        team: trial_team(context, record.version_table(), evidence_files, candidate),
         terms: [
             terms_under(context, candidate, conditions),
             measured_terms_of(context, evidence_files, &active),
@@ -112,12 +117,18 @@ fn rerun(
     };
     let [new, old] = case.both(&chosen);
     let SelectedEpisode { number, count, beyond, reason, found } = chosen;
+    let is_live_like = matches!(&found, SelectedWork::Pair(pair) if pair.live_like);
     let (seed, drill, phase) = match found {
         SelectedWork::Pair(pair) => (pair.seed, None, None),
         SelectedWork::Drill(failed) => (failed.seed, Some(failed.kind), failed.phase),
         SelectedWork::Alone(episode) => (episode.seed, None, None),
     };
-    let mut differences = replay_differences(context, &binding);
+    let mut differences = replay_differences(context, &bound_to);
+    let is_beside_others =
+        binding(context, record.version_table(), candidate).neighbours != bound_to.neighbours;
+    if is_live_like && is_beside_others {
+        differences.push(ReplayDifference::Neighbours);
+    }
     if [&new, &old].into_iter().any(|run| run.frames.len() >= FRAMES_MAX) {
         differences.push(ReplayDifference::CutOff);
     }
@@ -173,6 +184,8 @@ fn replay_differences(context: &Context, binding: &EvidenceBinding) -> Vec<Repla
 /// The versions that run, candidate first.
 struct EpisodeReplay<'a> {
     context: &'a Context,
+    /// The versions that run before them in a live-like pair.
+    team: TrialTeam,
     terms: [SkillTerms; 2],
     versions: [&'a Capability; 2],
     fallbacks: [Option<&'a Capability>; 2],
@@ -182,8 +195,12 @@ impl EpisodeReplay<'_> {
     fn both(&self, chosen: &SelectedEpisode) -> [FilmedRun; 2] {
         match &chosen.found {
             SelectedWork::Pair(pair) => [(0, &pair.candidate), (1, &pair.active)].map(|(side, recorded)| {
-                let terms = self.terms[side].clone();
-                self.episode(side, (&terms, Conditions::Sandbox), pair.seed, Some(recorded))
+                let (version, terms) = (self.versions[side].clone(), self.terms[side].clone());
+                let subject = TrialSubject { version, terms, fallback: None };
+                let spot = PairSpot { seed: pair.seed, live_like: pair.live_like };
+                let (mut worker, cell) = (Worker::filming(), &self.context.cell);
+                let done = spot.run(&mut worker, cell, &self.team, &subject);
+                self.filmed(side, &subject.terms, (worker, &done), Some(recorded))
             }),
             SelectedWork::Alone(solo) => [(0, Some(&solo.values)), (1, None)].map(|(side, recorded)| {
                 let (terms, cell) = (self.terms[side].clone(), &self.context.cell);
@@ -224,10 +241,21 @@ impl EpisodeReplay<'_> {
         seed: u64,
         recorded: Option<&EpisodeValues>,
     ) -> FilmedRun {
-        let mut worker = Worker::filming();
-        let cell = &self.context.cell;
+        let (mut worker, cell) = (Worker::filming(), &self.context.cell);
         let trial = TrialCase { cell, terms, version: self.versions[side], conditions, seed };
         let done = alone(&mut worker, trial);
+        self.filmed(side, terms, (worker, &done), recorded)
+    }
+
+    /// The film of an episode that a worker ran.
+    fn filmed(
+        &self,
+        side: usize,
+        terms: &SkillTerms,
+        (mut worker, done): (Worker, &TaskRecord),
+        recorded: Option<&EpisodeValues>,
+    ) -> FilmedRun {
+        let cell = &self.context.cell;
         // A record of an older build has no cause of a failure.
         let known = |now: EpisodeValues, recorded: &EpisodeValues| EpisodeValues {
             failure: now.failure.filter(|_| recorded.failure.is_some()),
@@ -237,7 +265,7 @@ impl EpisodeReplay<'_> {
             recorded.map(|recorded| done.values().is_some_and(|now| known(now, recorded) == *recorded));
         let limits = &self.context.profile.harm;
         let work = FilmedWork { version: self.versions[side], terms, cell, limits, as_recorded };
-        work.episode(&mut worker, &done)
+        work.episode(&mut worker, done)
     }
 
     fn drill(&self, side: usize, case: &DrillCase<'_>, passed: Option<bool>) -> FilmedRun {

@@ -9,6 +9,7 @@ pub mod evaluation;
 pub mod job_outcome;
 pub mod live_start;
 pub mod mode_metrics;
+pub mod pair_spot;
 pub mod reuse;
 pub mod scene_stops;
 pub mod search;

@@ -10,6 +10,7 @@ mod component;
 mod counted;
 mod early;
 mod harm;
+mod live_like;
 mod order;
 mod sequences;
 
@@ -21,6 +22,8 @@ pub use counted::without_try;
 pub use early::{assess_early_stop, end_reason, is_lost, is_lost_early};
 pub(crate) use harm::in_shadow;
 pub use harm::{ExceedanceRates, HarmComparison, HarmDecider};
+pub(crate) use live_like::apply_live_like;
+pub use live_like::{LiveLikeComparison, live_like_pairs};
 pub use sequences::{
     SequenceComparison, SequenceEvidence, SequenceMeasure, SequencePair, SequenceStep, apply_sequences,
 };
@@ -64,6 +67,9 @@ pub struct BehaviorAssessment {
     /// Every comparison of whole sequences; empty if none ran, and in records of older builds.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub sequences: Vec<SequenceComparison>,
+    /// The live-like pairs by themselves; absent if there is none, and in records of older builds.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub live_like: Option<LiveLikeComparison>,
     /// The comparison with the family's anchor; absent if that is the active version, and in records of older builds.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub anchor: Option<AnchorComparison>,
@@ -235,6 +241,7 @@ pub fn estimate(candidate: &Signature, active: &Signature, profile: &Profile) ->
         components: Vec::new(),
         harm: Vec::new(),
         sequences: Vec::new(),
+        live_like: None,
         anchor: None,
         active: Some(*active),
         candidate: Some(*candidate),
@@ -260,6 +267,7 @@ pub fn without_value(gap: EvidenceGap) -> BehaviorAssessment {
         components: Vec::new(),
         harm: Vec::new(),
         sequences: Vec::new(),
+        live_like: None,
         anchor: None,
         active: None,
         candidate: None,
@@ -292,6 +300,15 @@ fn unusable(pairs: &[Pair]) -> Option<EvidenceGap> {
 }
 
 fn measured(evidence: &PairedEvidence, profile: &Profile) -> Result<BehaviorAssessment, EvidenceGap> {
+    measured_within(evidence, profile.evaluation.sandbox_pairs, profile)
+}
+
+/// `budget`: the number of pairs from which the rules conclude.
+fn measured_within(
+    evidence: &PairedEvidence,
+    budget: u32,
+    profile: &Profile,
+) -> Result<BehaviorAssessment, EvidenceGap> {
     let pairs = &evidence.pairs;
     if let Some(problem) = unusable(pairs) {
         return Err(problem);
@@ -334,15 +351,18 @@ fn measured(evidence: &PairedEvidence, profile: &Profile) -> Result<BehaviorAsse
         components,
         harm: harm::compare(pairs, profile)?,
         sequences: Vec::new(),
+        live_like: None,
         anchor: None,
     };
-    conclude_behavior(&mut result, success.mean > 0.0, harm::limit_request_concern(pairs, profile), profile);
+    let excess_concern = harm::limit_request_concern(pairs, profile);
+    conclude_behavior(&mut result, budget, success.mean > 0.0, excess_concern, profile);
     Ok(result)
 }
 
 /// `excess_concern`: the concern about a version that requests more than its limits permit.
 fn conclude_behavior(
     result: &mut BehaviorAssessment,
+    budget: u32,
     success_rose: bool,
     excess_concern: Option<Reason>,
     profile: &Profile,
@@ -351,7 +371,6 @@ fn conclude_behavior(
     let value = result.assessment.kappa.map_or(f64::NAN, Kappa::get);
     let established = result.established.map_or(f64::NAN, Kappa::get);
     let mut reasons = Vec::new();
-    let budget = profile.evaluation.sandbox_pairs;
     let traded =
         result.components.iter().find(|c| c.name.is_safety() && c.is_established()).filter(|_| success_rose);
     let HarmVerdict { established: harmful, possible } = harm::verdict(&result.harm);

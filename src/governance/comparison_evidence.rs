@@ -17,6 +17,8 @@ pub struct ComparisonEvidence<'a> {
     pub drills: &'a RecoveryEvidence,
     /// Whether failed stops and rollbacks are settled by more drills, as the sandbox does.
     pub is_settling: bool,
+    /// Whether a third of the pairs has to be live-like, as in sandbox and confirmation.
+    pub has_live_like: bool,
     /// Whether the family has another anchor, so that a version which nothing rejects has to be compared with it.
     pub has_anchor: bool,
     /// Episodes of the anchor; absent if there is no other anchor, or they were not run.
@@ -37,10 +39,13 @@ impl ComparisonEvidence<'_> {
         ended: EarlyStopReason,
         profile: &Profile,
     ) -> (BehaviorAssessment, RecoveryAssessment) {
-        let Self { pairs, drills, is_settling, has_anchor, anchor, sequences, counted } = *self;
+        let Self { pairs, drills, is_settling, has_live_like, has_anchor, anchor, sequences, counted } = *self;
         let budget = counted.map_or(profile.evaluation.sandbox_pairs, |counted| counted.pairs);
         let profile = &profile.with_sandbox_pairs(budget);
         let mut behavior = behavior::assess_early_stop(pairs, current, profile, ended);
+        if has_live_like {
+            behavior::apply_live_like(&mut behavior, pairs, profile);
+        }
         let mut recovery = recovery::assess_drills(drills, current, profile, ended);
         let is_rejected = recovery.assessment.outcome == RecoveryOutcome::Incompatible;
         match anchor {

@@ -246,10 +246,12 @@ pub fn compare_with_sandbox(
     profile: &Profile,
 ) {
     let looked_at = matches!(result.check, CheckResult::Pass | CheckResult::Inconclusive);
+    // Live-like pairs are no sample of the sandbox's distribution.
+    let sandbox: Vec<Pair> = sandbox.iter().filter(|pair| !pair.live_like).copied().collect();
     if !looked_at || sandbox.is_empty() || result.sequences < profile.evaluation.shadow_sequences {
         return;
     }
-    let found = significant_shifts(sandbox, &shadow.sequences, profile);
+    let found = significant_shifts(&sandbox, &shadow.sequences, profile);
     if found.is_empty() {
         return;
     }
@@ -295,6 +297,7 @@ mod tests {
             seed: seed.into(),
             active: values(0.001),
             candidate: values(0.001 + 1e-5 * f64::from(seed % 50)),
+            live_like: false,
         };
         (0..300).map(pair).collect()
     }
@@ -366,6 +369,29 @@ mod tests {
         );
         let held = judged(ProfileName::Real, 90, shift);
         assert!(held.check == CheckResult::Inconclusive && is_shifted(&held), "{held:?}");
+    }
+
+    #[test]
+    fn live_like_pairs_are_no_sample_of_the_sandbox() {
+        let profile = Profile::builtin(ProfileName::Sim).unwrap();
+        let evidence = shadow(60, 0.000_75);
+        let compared = |sandbox: &[Pair]| {
+            let mut result = crate::gate::assess_shadow(&evidence, &evidence.binding, &profile);
+            compare_with_sandbox(&mut result, &evidence, sandbox, &profile);
+            result.reasons.iter().find_map(|reason| match reason.finding {
+                Some(Finding::ShiftedInShadow { sandbox, pairs, .. }) => Some((sandbox, pairs)),
+                _ => None,
+            })
+        };
+        let mut mixed = sandbox();
+        for pair in mixed.iter_mut().step_by(3) {
+            *pair = Pair { candidate: values(0.4), live_like: true, ..*pair };
+        }
+        let others: Vec<Pair> = mixed.iter().filter(|pair| !pair.live_like).copied().collect();
+        let (mean, pairs) = compared(&mixed).unwrap();
+        assert_eq!((Some((mean, pairs)), pairs), (compared(&others), 200));
+        mixed.iter_mut().for_each(|pair| pair.live_like = true);
+        assert_eq!(compared(&mixed), None, "there is nothing to compare with");
     }
 
     /// A re-evaluation in which the candidate fails in `failing` of 300 pairs.

@@ -128,6 +128,10 @@ pub struct Pair {
     pub active: EpisodeValues,
     /// Values of the candidate's run.
     pub candidate: EpisodeValues,
+    /// It has the live cell's distribution, and began where a live sequence comes to the task; not in records of older
+    /// builds.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub live_like: bool,
 }
 
 crate::closed_set! {
@@ -152,7 +156,7 @@ crate::closed_set! {
 pub struct PairedEvidence {
     /// Version, profile, policy and environment the episodes were run for.
     pub binding: EvidenceBinding,
-    /// In ascending order of seed, so that an early end cuts off a tail.
+    /// In the order of running, so that an early end cuts off a tail.
     pub pairs: Vec<Pair>,
     /// Hard stops seen, in order.
     pub hard_stops: Vec<HardStop>,
@@ -164,7 +168,7 @@ pub struct PairedEvidence {
 pub struct AnchorEvidence {
     /// The anchor.
     pub version: CapabilityId,
-    /// In ascending order of seed.
+    /// In the order of the pairs.
     pub episodes: Vec<AnchorEpisode>,
 }
 

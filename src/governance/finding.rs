@@ -338,6 +338,12 @@ findings! {
     TicksTooSlow { measured_us: f64, declared_us: u32 } => BehaviorTickTooSlow,
     /// The evaluation has taken the wall time that the profile allows.
     EvaluationTooLong { worked_min: f64, budget_min: u32 } => BehaviorTimeSpent,
+    /// There are fewer live-like pairs than a third of the budget.
+    TooFewLiveLikePairs => BehaviorInconclusive,
+    /// It is significantly worse in the live-like pairs: by what it would be in all pairs.
+    LiveLikeWorse { by: Box<Finding> } => BehaviorLiveLikeWorse,
+    /// It may be worse in the live-like pairs, likewise.
+    LiveLikePossiblyWorse { by: Box<Finding> } => BehaviorLiveLikeSuspicious,
     /// The episodes cannot be assessed.
     BehaviorGap { gap: EvidenceGap } => BehaviorNoData,
     /// The values are an estimate from declared or earlier traces.

@@ -154,7 +154,12 @@
 //!     failure: None,
 //! };
 //! let pairs = (0..u64::from(profile.evaluation.sandbox_pairs))
-//!     .map(|seed| Pair { seed, active: episode(seed % 4 != 0), candidate: episode(seed % 40 != 0) })
+//!     .map(|seed| Pair {
+//!         seed,
+//!         active: episode(seed % 4 != 0),
+//!         candidate: episode(seed % 40 != 0),
+//!         live_like: false,
+//!     })
 //!     .collect();
 //! let episodes = PairedEvidence { binding, pairs, hard_stops: Vec::new() };
 //! let behavior = behavior::assess(&episodes, &binding, &profile).assessment;

@@ -172,7 +172,8 @@ impl SequenceBench {
 fn pairs_of(active: &[TaskRecord], candidate: &[TaskRecord]) -> Vec<Pair> {
     let both = active.iter().zip(candidate);
     let pair = |(old, new): (&TaskRecord, &TaskRecord)| {
-        Some(Pair { seed: old.seed, active: old.values()?, candidate: new.values()? })
+        let (active, candidate) = (old.values()?, new.values()?);
+        Some(Pair { seed: old.seed, active, candidate, live_like: false })
     };
     both.filter_map(pair).collect()
 }

@@ -232,11 +232,18 @@ fn component_reason(component: &BehaviorComponent, finding: Option<&Finding>, co
 /// What was found, with its number and what is needed or allowed.
 fn with_limit(of: &ReasonContent) -> String {
     let text = reason_content(of);
-    // More is worse in every comparison with the anchor, so a value below its limit lacks nothing.
-    let is_of_anchor =
-        matches!(of.finding, Some(Finding::AnchorWorse { .. } | Finding::AnchorPossiblyWorse { .. }));
+    // More is worse in every further comparison, so a value below its limit lacks nothing.
+    let is_worsening = matches!(
+        of.finding,
+        Some(
+            Finding::AnchorWorse { .. }
+                | Finding::AnchorPossiblyWorse { .. }
+                | Finding::LiveLikeWorse { .. }
+                | Finding::LiveLikePossiblyWorse { .. }
+        )
+    );
     match (of.evidence, of.limit) {
-        (Some(value), Some(limit)) if is_of_anchor => {
+        (Some(value), Some(limit)) if is_worsening => {
             format!("{text} ({}; limit {})", number(value), number(limit))
         }
         (Some(value), Some(limit)) if value < limit => {

@@ -105,6 +105,7 @@ pub fn replay_difference(of: ReplayDifference) -> String {
         }
         ReplayDifference::Policies => "it was judged under other policies".to_owned(),
         ReplayDifference::Environment => "it was judged by another build, or in another cell".to_owned(),
+        ReplayDifference::Neighbours => "it was judged beside other active versions".to_owned(),
         ReplayDifference::CutOff => "it continues after the film: only two minutes are stored".to_owned(),
     }
 }
@@ -340,6 +341,7 @@ mod tests {
             ),
             (ReplayDifference::Policies, "it was judged under other policies"),
             (ReplayDifference::Environment, "it was judged by another build, or in another cell"),
+            (ReplayDifference::Neighbours, "it was judged beside other active versions"),
             (ReplayDifference::CutOff, "it continues after the film: only two minutes are stored"),
         ] {
             assert_eq!(replay_difference(of), text);

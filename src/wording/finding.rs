@@ -136,6 +136,10 @@ pub fn finding(found: &Finding) -> String {
         F::EvaluationTooLong { worked_min, budget_min } => {
             format!("its evaluation has taken {worked_min:.0} minutes of the {budget_min} that the profile allows")
         }
+        F::TooFewLiveLikePairs => "fewer live-like pairs than a third of the budget".into(),
+        F::LiveLikeWorse { by } | F::LiveLikePossiblyWorse { by } => {
+            format!("in the live-like pairs: {}", finding(by))
+        }
         F::BehaviorGap { gap } => evidence_gap(*gap, "episodes"),
         F::Estimated => "declared or earlier traces: an estimate, to be replaced by measurement".into(),
         F::SequenceWorse { measure, active, candidate, tolerance, pairs, ends, seed } => sequence(

@@ -192,7 +192,8 @@ fn harm(pairs: &[Pair]) -> String {
 fn pairs_of(active: &[TaskRecord], candidate: &[TaskRecord]) -> Vec<Pair> {
     let both = active.iter().zip(candidate);
     both.filter_map(|(old, new)| {
-        Some(Pair { seed: old.seed, active: old.values()?, candidate: new.values()? })
+        let (active, candidate) = (old.values()?, new.values()?);
+        Some(Pair { seed: old.seed, active, candidate, live_like: false })
     })
     .collect()
 }

@@ -2,9 +2,10 @@
 
     python recompute_store.py [--profile NAME] STORE_FOLDER...
 
-Behavior: the six components, every measure of harm, the comparison with the anchor, whole sequences, the level of the
-try, stress, and the search for the worst place. Recovery: rates, intervals and phases of the drills, and how those of rollback and abort are
-settled. Early ends: whether the rule that is named holds. The rules are those of src/guide/design/statistics.md.
+Behavior: the six components, every measure of harm, the live-like pairs by themselves, the comparison with the anchor,
+whole sequences, the level of the try, stress, and the search for the worst place. Recovery: rates, intervals and phases of
+the drills, and how those of rollback and abort are settled. Early ends: whether the rule that is named holds. The rules are
+those of src/guide/design/statistics.md.
 
 Prints a line for each piece of evidence, says what differs by more than LIMIT or in a verdict, and ends with 1 if
 anything does. A store without sandbox evidence is an error.
@@ -37,6 +38,7 @@ SUCCESS_LOSS_MAX = 0.05
 COMPONENTS = ("success", "time", "retry", "violation", "anomaly", "recovery")
 SHARES = ("success", "violation", "anomaly", "recovery")
 THRESHOLDS = {"paper": {"behavior": 0.85, "recovery": 0.80}, "paper-b88": {"behavior": 0.88, "recovery": 0.80}}
+LIVE_LIKE_ONE_IN, LIVE_LIKE_MARGIN = 3, 2.0
 STRESSED, STRESS_SHARE_MAX = 10, 0.2
 SEARCH_ALPHA = 0.01
 SEQUENCE = ("grasp", "align", "place")
@@ -257,8 +259,8 @@ def rejects_alone(name, worsening):
     return name in ("violation", "anomaly") or name == "success" and worsening >= SUCCESS_LOSS_MAX
 
 
-def compare(profile, pairs, harm_kinds):
-    """Everything that pairs tell, with the outcome of the whole budget."""
+def compare(profile, pairs, harm_kinds, budget=None):
+    """Everything that pairs tell, with the outcome of the whole budget [default: the profile's]."""
     found, least_loss, most_loss = [], 0.0, 0.0
     for name in COMPONENTS:
         one, shared = component(profile, name, pairs)
@@ -282,7 +284,7 @@ def compare(profile, pairs, harm_kinds):
         or gained > 0 and any(one["name"] == "recovery" for one in worse)
         or is_harmful
     )
-    if len(pairs) < profile["evaluation"]["sandbox_pairs"]:
+    if len(pairs) < (budget or profile["evaluation"]["sandbox_pairs"]):
         outcome = "inconclusive"
     elif rejected:
         outcome = "incompatible"
@@ -295,6 +297,7 @@ def compare(profile, pairs, harm_kinds):
         "components": found,
         "harm": measured,
         "sequences": [],
+        "live_like": None,
         "anchor": None,
         "improved": gained_lower > 0,
         "pairs": len(pairs),
@@ -305,7 +308,7 @@ def compare(profile, pairs, harm_kinds):
 def no_behavior():
     return {
         "assessment": {"outcome": "no-data", "kappa": None}, "established": None, "interval": None, "components": [],
-        "harm": [], "sequences": [], "anchor": None, "improved": False, "pairs": 0, "ended": None,
+        "harm": [], "sequences": [], "live_like": None, "anchor": None, "improved": False, "pairs": 0, "ended": None,
     }
 
 
@@ -362,6 +365,24 @@ def paired_behavior(profile, evidence, rule, harm_kinds):
         found["assessment"]["outcome"] = "incompatible"
     borne_out = rule == "full" and len(pairs) >= budget or rule == "hard-stop" and bool(stops)
     return found | {"ended": rule if borne_out else None}
+
+
+def apply_live_like(profile, found, pairs, harm_kinds):
+    """A third of the pairs by themselves: the same rules reject; the margins of a concern are twice as wide."""
+    own, outcome = [pair for pair in pairs if pair.get("live_like")], found["assessment"]["outcome"]
+    if not own or outcome not in ("compatible", "suspicious"):
+        return
+    if len(own) < math.ceil(profile["evaluation"]["sandbox_pairs"] / LIVE_LIKE_ONE_IN):
+        found["assessment"]["outcome"] = "inconclusive"
+        return
+    alone = compare(profile, own, harm_kinds, len(own))
+    sides = alone["components"] + [one for of in alone["harm"] for one in (of, of["past"])]
+    is_bounded = all(one["upper"] is not None and one["upper"] <= LIVE_LIKE_MARGIN * one["tolerance"] for one in sides)
+    if alone["assessment"]["outcome"] == "incompatible":
+        found["assessment"]["outcome"] = "incompatible"
+    elif outcome == "compatible" and not is_bounded:
+        found["assessment"]["outcome"] = "suspicious"
+    found["live_like"] = {key: alone[key] for key in ("pairs", "components", "harm")}
 
 
 def apply_anchor(profile, found, evidence, harm_kinds):
@@ -743,6 +764,7 @@ def again(profile, evidence):
     kinds = [kind.replace("_", "-") for kind in map(without_unit, harm_keys(profile))] if measured else []
     behavior = paired_behavior(profile, evidence, rule, kinds)
     recovery = charged_to_cell(profile, rehearsed(profile, *drills, rule), *drills, rule)
+    apply_live_like(profile, behavior, evidence["pairs"], kinds)
     is_open = behavior["assessment"]["outcome"] in ("compatible", "suspicious")
     is_anchored = any(binding.get("anchor") for binding in evidence["bindings"][:1])
     is_anchor_missing = is_anchored and is_open and not evidence.get("anchor")
@@ -830,7 +852,8 @@ def check_store(folder, stand_in):
         profile = profile_of(name, folder, stand_in)
         behavior, recovery, is_anchor_missing = again(profile, evidence)
         recorded = evidence["behavior"]
-        for ours, theirs in ((behavior, recorded), (behavior["anchor"] or {}, recorded.get("anchor") or {})):
+        parts = ((of.get("anchor") or {}, of.get("live_like") or {}, of) for of in (behavior, recorded))
+        for ours, theirs in zip(*parts):
             kinds = [row["kind"] for row in theirs.get("harm", [])]
             if ours.get("harm"):
                 ours["harm"] = by_kind(ours["harm"], kinds)

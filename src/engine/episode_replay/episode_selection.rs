@@ -372,7 +372,7 @@ mod tests {
     }
 
     fn pair(seed: u64, candidate: EpisodeValues, active: EpisodeValues) -> Pair {
-        Pair { seed, active, candidate }
+        Pair { seed, active, candidate, live_like: false }
     }
 
     #[test]

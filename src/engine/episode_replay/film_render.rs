@@ -99,6 +99,8 @@ impl FilmedWork<'_> {
     /// The run without its result and its events.
     fn run(&self, worker: &mut Worker) -> FilmedRun {
         let frames = worker.take_film();
+        // A task from a live start begins at a later tick of its world.
+        let from = frames.first().map_or(0, |frame| frame.tick);
         let blocks =
             worker.built_arm().map(|arm| cell_frame::blocks(arm.body().as_ref())).unwrap_or_default();
         FilmedRun {
@@ -108,14 +110,14 @@ impl FilmedWork<'_> {
             as_recorded: self.as_recorded,
             marks: Vec::new(),
             blocks,
-            frames: frames.iter().map(|frame| self.frame(frame)).collect(),
+            frames: frames.iter().map(|frame| self.frame(frame, from)).collect(),
         }
     }
 
-    fn frame(&self, frame: &EpisodeFrame) -> FilmFrame {
+    fn frame(&self, frame: &EpisodeFrame, from: u64) -> FilmFrame {
         let object_half_m = self.cell.scene.object.half_m;
         FilmFrame {
-            tick: frame.tick,
+            tick: frame.tick.saturating_sub(from),
             body: cell_frame::drawn(&self.cell.spec.robot, &frame.seen, &frame.object, object_half_m),
             q: frame.seen.q.iter().map(|at| narrow(*at)).collect(),
             tau: frame.tau.iter().map(|at| narrow(*at)).collect(),

@@ -14,6 +14,7 @@ use serde::Serialize;
 
 use super::read;
 use crate::evidence_file::EvidenceFile;
+use crate::trial::live_start;
 use crate::trial::seeds::{KEYED_FROM, SeedPurpose, SeedSource};
 use crate::version_concern::Confirmation;
 
@@ -195,10 +196,19 @@ fn check_evidence(
     // The pairs use the key's seeds in their order; a seed without a valid start is passed over.
     let tries = (pairs.len() as u64).saturating_mul(TRIES_PER_PAIR);
     let mut given = (0..tries).map(|index| SeedSource::Keyed(key).seed(purpose, index));
-    let missing = pairs.iter().find(|pair| !given.any(|seed| seed == pair.seed));
+    let missing = pairs.iter().find(|pair| !given.any(|seed| follows(pair, seed)));
     match missing {
         Some(pair) => Err(KeyProblem::OtherSeed { version: version.clone(), record, seed: pair.seed }),
         None => Ok(Some((behind.commitment.commitment, true))),
+    }
+}
+
+/// Whether a pair has this seed of its key. A seed replaces that of a live-like pair if its sequence does not come to the task.
+fn follows(pair: &Pair, seed: u64) -> bool {
+    if pair.live_like {
+        live_start::seeds_tried(seed).any(|tried| tried == pair.seed)
+    } else {
+        seed == pair.seed
     }
 }
 
@@ -269,8 +279,10 @@ mod tests {
     fn pairs(secret: u8, places: &[u64]) -> Vec<Pair> {
         let source = SeedSource::Keyed(EvaluationKey::from_secret([secret; 32]));
         let (active, candidate) = (VALUES, VALUES);
-        let pair =
-            |place: &u64| Pair { seed: source.seed(SeedPurpose::Perturbation, *place), active, candidate };
+        let pair = |place: &u64| {
+            let seed = source.seed(SeedPurpose::Perturbation, *place);
+            Pair { seed, active, candidate, live_like: false }
+        };
         places.iter().map(pair).collect()
     }
 
@@ -294,6 +306,20 @@ mod tests {
         assert!(matches!(selected, Err(KeyProblem::OtherSeed { .. })), "places were selected: {selected:?}");
         let reordered = outcome(&keys, 20, &pairs(1, &[1, 0]));
         assert!(matches!(reordered, Err(KeyProblem::OtherSeed { .. })), "{reordered:?}");
+    }
+
+    #[test]
+    fn replaced_seed_of_a_live_start_follows_from_the_key_too() {
+        let keys = [committed(10, 1)];
+        let with_start = |tried: usize, live_like: bool| {
+            let mut pairs = pairs(1, &[0, 1, 2]);
+            let seed = live_start::seeds_tried(pairs[1].seed).nth(tried).unwrap();
+            pairs[1] = Pair { seed, live_like, ..pairs[1] };
+            outcome(&keys, 20, &pairs)
+        };
+        assert!((0..8).all(|tried| matches!(with_start(tried, true), Ok(Some((_, true))))));
+        let other = with_start(1, false);
+        assert!(matches!(other, Err(KeyProblem::OtherSeed { .. })), "no other pair may have it: {other:?}");
     }
 
     #[test]

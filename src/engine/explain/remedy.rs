@@ -103,6 +103,7 @@ pub(super) fn remedy(reason: &ReasonRecord, evidence_file: &EvidenceFileRecord) 
         }
         Code::BehaviorHarmEstablished | Code::BehaviorHarmSuspicious => act_on(Action::CauseNoMoreHarm),
         Code::BehaviorAnchorWorse | Code::BehaviorAnchorSuspicious => act_on(Action::MatchAnchor),
+        Code::BehaviorLiveLikeWorse | Code::BehaviorLiveLikeSuspicious => resolve(reason),
         Code::BehaviorSequenceWorse | Code::BehaviorSequenceSuspicious => act_on(Action::PreserveHandover),
         Code::BehaviorAsksMore => Remedy::Act(Action::DeclareRequests),
         Code::BehaviorNoData | Code::CompositionNoData => Remedy::Act(Action::RunNextStage),

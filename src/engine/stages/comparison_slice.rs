@@ -5,11 +5,10 @@ use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::lifecycle::Stage;
 use holdpoint_protocol::work_unit::WorkUnit;
 use holdpoint_runtime::capability::Capability;
-use holdpoint_runtime::task::TaskRecord;
 
 use super::closing::progress;
 use super::shared_stops::alarm_since;
-use crate::cell::{Cell, Conditions};
+use crate::cell::Cell;
 use crate::context::Context;
 use crate::evidence_binding::{trial_subject, trial_team};
 use crate::evidence_file::EvidenceFiles;
@@ -18,15 +17,13 @@ use crate::recorder::EngineRecorder;
 use crate::trial::Trials;
 use crate::trial::evaluation::{Evaluation, EvaluationPlan};
 use crate::trial::seeds::SeedSource;
-use crate::trial::trace::keep_trace;
+use crate::trial::trace::{EpisodeTrace, keep_trace};
 
-/// The comparison and its conditions.
+/// The comparison and its cell.
 pub(super) struct ComparisonSlice<'a> {
     pub(super) id: &'a CapabilityId,
     pub(super) compared_with: &'a Capability,
     pub(super) cell: &'a Cell,
-    /// The conditions of the cell's sandbox.
-    pub(super) conditions: Conditions,
     pub(super) plan: EvaluationPlan,
     pub(super) seeds: SeedSource,
     /// The stage and the name in progress reports.
@@ -56,16 +53,18 @@ pub(super) fn run_slice(
     let lab = trials.lab(comparison.cell, store, comparison.seeds).with_team(team).with_anchor(anchor);
     let known = evaluation.stops().shared.len();
     let Some(slice) = evaluation.step(&lab, &new, &old, &context.profile)? else { return Ok(0) };
-    let fresh: Vec<TaskRecord> = slice.records.into_iter().map(|(new, _)| new).collect();
-    if !fresh.is_empty() {
+    let episodes = slice.pairs.len() as u64;
+    let runs: Vec<EpisodeTrace> =
+        slice.pairs.into_iter().map(|pair| EpisodeTrace::new(pair.setup, &pair.candidate)).collect();
+    if !runs.is_empty() {
         let now_ms = record.now_ms();
-        let ComparisonSlice { cell, id, conditions, .. } = *comparison;
-        keep_trace(store, cell, id, SandboxMode::Confirmation, conditions, &fresh, now_ms)?;
+        let ComparisonSlice { cell, id, .. } = *comparison;
+        keep_trace(store, cell, id, SandboxMode::Confirmation, runs, now_ms)?;
     }
     let versions = (comparison.id, &comparison.compared_with.id());
     alarm_since(context, record, versions, evaluation.stops(), known);
     let work_unit = (comparison.name_of)(slice.what);
     let done = (slice.done, comparison.plan.budget());
     progress(record, evidence_files, comparison.id, comparison.stage, work_unit, done);
-    Ok(fresh.len() as u64)
+    Ok(episodes)
 }

@@ -21,7 +21,6 @@ use holdpoint_runtime::capability::Capability;
 use super::cache_mismatch::invalidate_cache;
 use super::closing::{note_spent_time, progress};
 use super::comparison_slice::{ComparisonSlice, run_slice};
-use crate::cell::Conditions;
 use crate::context::Context;
 use crate::evidence_binding::binding;
 use crate::evidence_file::EvidenceFiles;
@@ -156,7 +155,6 @@ pub fn slice(
         id: &id,
         compared_with: &run.predecessor,
         cell: &context.cell,
-        conditions: Conditions::Sandbox,
         plan: *run.evaluation.plan(),
         seeds: run.seeds,
         stage: Stage::Sandbox,

@@ -24,7 +24,7 @@ use super::cache_mismatch::invalidate_cache;
 use super::closing::{abort_stage, note_spent_time, progress};
 use super::comparison_slice::{ComparisonSlice, run_slice};
 use super::shadow::{self, ShadowRun};
-use crate::cell::{Cell, Conditions};
+use crate::cell::Cell;
 use crate::context::Context;
 use crate::evidence_binding::binding;
 use crate::evidence_file::EvidenceFiles;
@@ -187,7 +187,6 @@ pub fn slice(
         id: &id,
         compared_with: &run.before,
         cell: &run.cell,
-        conditions: Conditions::Live,
         plan: EvaluationPlan::re_evaluation(&context.profile),
         seeds: run.seeds,
         stage: Stage::Shadow,

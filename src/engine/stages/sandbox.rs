@@ -25,6 +25,7 @@ use holdpoint_registry::store_terms::EvidenceKind;
 use holdpoint_runtime::capability::Capability;
 use holdpoint_runtime::task::TaskRecord;
 use holdpoint_runtime::terms::SkillTerms;
+use holdpoint_sim::episode::EpisodeSetup;
 
 use super::cache_mismatch::invalidate_cache;
 use super::closing::{
@@ -47,7 +48,7 @@ use crate::trial::scene_stops::SceneStops;
 use crate::trial::search::{self, Search, SearchStyle};
 use crate::trial::seeds::{SeedPurpose, SeedSource};
 use crate::trial::stress;
-use crate::trial::trace::keep_trace;
+use crate::trial::trace::{EpisodeTrace, keep_trace};
 
 /// Episodes of the canonical and of the adversarial mode.
 pub(crate) const MODE_EPISODES: u64 = 10;
@@ -327,13 +328,17 @@ impl Sandbox<'_> {
         evidence_file.anchor = evaluation.anchor().cloned();
         evidence_file.handovers = evaluation.sequences().cloned();
         keep_stops(self.context, self.record, evidence_file, (id, active), evaluation.stops());
-        let (new, old): (Vec<TaskRecord>, Vec<TaskRecord>) = slice.records.into_iter().unzip();
+        let (mut new, mut traces) = (Vec::new(), Vec::new());
+        for pair in slice.pairs {
+            traces.push(EpisodeTrace::new(pair.setup, &pair.candidate));
+            new.push(pair.candidate);
+            comparison.records.1.push(pair.active);
+        }
         evidence_file.note_use(candidate, &new);
-        if !new.is_empty() {
-            self.keep_trace(id, SandboxMode::Perturbation, Conditions::Sandbox, &new)?;
+        if !traces.is_empty() {
+            self.keep_trace(id, SandboxMode::Perturbation, traces)?;
         }
         comparison.records.0.extend(new);
-        comparison.records.1.extend(old);
         let done = (2 * MODE_EPISODES + slice.done, budget(evaluation.plan()));
         progress(self.record, self.evidence_files, id, Stage::Sandbox, slice.what, done);
         Ok(())
@@ -371,11 +376,10 @@ impl Sandbox<'_> {
         &self,
         id: &CapabilityId,
         mode: SandboxMode,
-        conditions: Conditions,
-        records: &[TaskRecord],
+        runs: Vec<EpisodeTrace>,
     ) -> Result<(), EngineFault> {
         let (store, now_ms) = (self.record.version_table().store(), self.record.now_ms());
-        keep_trace(store, &self.context.cell, id, mode, conditions, records, now_ms)
+        keep_trace(store, &self.context.cell, id, mode, runs, now_ms)
     }
 
     /// The episodes of a mode in which the candidate runs alone. Where it is stopped or unsafe, the active version runs
@@ -430,7 +434,12 @@ impl Sandbox<'_> {
         if to < MODE_EPISODES {
             return Ok(false);
         }
-        self.keep_trace(&id, mode, alone.conditions(), records)?;
+        let cell = &self.context.cell;
+        let trace = |record: &TaskRecord| {
+            let from = cell.distribution(alone.conditions());
+            EpisodeTrace::new(EpisodeSetup::sample(record.task, &cell.scene, from, record.seed), record)
+        };
+        self.keep_trace(&id, mode, records.iter().map(trace).collect())?;
         let evidence_file = self.evidence_files.edit(&id);
         evidence_file.alone.extend((0..).zip(&*records).filter_map(|(place, record)| {
             let values = record.values()?;

@@ -505,7 +505,18 @@ fn replay_assessment(
     let profile = &frame.profile;
     let UnpairedEvidence { is_settling, anchor, handovers: sequences, counted, .. } = *beside;
     let has_anchor = pairs.binding.anchor.is_some();
-    let evidence = ComparisonEvidence { pairs, drills, is_settling, has_anchor, anchor, sequences, counted };
+    // Records of older rules have no such pair.
+    let has_live_like = pairs.pairs.iter().any(|pair| pair.live_like);
+    let evidence = ComparisonEvidence {
+        pairs,
+        drills,
+        is_settling,
+        has_live_like,
+        has_anchor,
+        anchor,
+        sequences,
+        counted,
+    };
     let (mut again, recovered) = evidence.assess(&pairs.binding, ended, profile);
     behavior::add_stress_concern(&mut again, beside.unsafe_under_stress, MODE_EPISODES, profile);
     behavior::add_search_concern(&mut again, beside.searched, profile);

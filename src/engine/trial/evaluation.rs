@@ -6,6 +6,7 @@
 
 mod drill_slices;
 mod late;
+mod pairs;
 mod plan;
 
 pub use plan::EvaluationPlan;
@@ -35,6 +36,7 @@ use holdpoint_governance::shared_event::SceneKind;
 use holdpoint_governance::tries::CountedTry;
 use holdpoint_protocol::work_unit::WorkUnit;
 use holdpoint_runtime::task::TaskRecord;
+use holdpoint_cell::EpisodeSetup;
 
 /// Pieces of the active version's undisturbed work in which its phases are looked for, on the first seeds of the drills.
 const PHASE_PROBES: u64 = 5;
@@ -54,8 +56,17 @@ pub struct Slice {
     pub worked: u64,
     /// Pairs and drills worked so far.
     pub done: u64,
-    /// The records of both versions, candidate first; empty for drills.
-    pub records: Vec<(TaskRecord, TaskRecord)>,
+    /// Empty but for pairs.
+    pub pairs: Vec<PairRun>,
+}
+
+/// One pair as it ran.
+#[derive(Debug)]
+pub struct PairRun {
+    /// Everything that was drawn for it.
+    pub setup: EpisodeSetup,
+    pub candidate: TaskRecord,
+    pub active: TaskRecord,
 }
 
 /// A comparison under way.
@@ -264,7 +275,7 @@ impl Evaluation {
         if self.phases.is_none() {
             self.phases = Some(self.phases_of(lab, active)?);
         }
-        let mut records = Vec::new();
+        let mut pairs = Vec::new();
         let before = self.tried();
         let turn = self.next_turn();
         if let Some(slice) = turn {
@@ -273,7 +284,7 @@ impl Evaluation {
         let what = match turn {
             Some(NextSlice::Pairs) => {
                 let Some(worked) = self.pair_slice(lab, candidate, active, profile)? else { return Ok(None) };
-                records = worked;
+                pairs = worked;
                 WorkUnit::PairedEpisodes
             }
             Some(NextSlice::Drills(kind)) => {
@@ -310,7 +321,7 @@ impl Evaluation {
         if self.ended.is_some() {
             lab.expect(candidate, active, &[])?;
         }
-        Ok(Some(Slice { what, worked: self.tried() - before, done: self.done(), records }))
+        Ok(Some(Slice { what, worked: self.tried() - before, done: self.done(), pairs }))
     }
 
     /// The phases that the active version's work shows, of which every kind of drill gets its quota.
@@ -322,32 +333,6 @@ impl Evaluation {
             shown.iter().filter(|phases| phases.contains(phase)).count() >= PHASE_SHOWN_IN
         };
         Ok(WorkPhase::ALL.into_iter().filter(is_shown).collect())
-    }
-
-    fn pair_slice(
-        &mut self,
-        lab: &TrialLab<'_>,
-        candidate: &TrialSubject,
-        active: &TrialSubject,
-        profile: &Profile,
-    ) -> Result<Option<Vec<(TaskRecord, TaskRecord)>>, EngineFault> {
-        let seeds = self.seeds(lab, &self.progress(), NextSlice::Pairs);
-        let open = seeds.get(self.part.pairs.len()..).unwrap_or_default();
-        let next = open.get(..open.len().min(lab.part)).unwrap_or_default();
-        let worked = lab.pairs(candidate, active, next, &mut self.reuse)?;
-        self.part.pairs.extend(worked);
-        if self.part.pairs.len() < seeds.len() {
-            return Ok(None);
-        }
-        let records = std::mem::take(&mut self.part.pairs);
-        self.pairs_tried += seeds.len() as u64;
-        for (new, old) in &records {
-            self.stops.note(SceneKind::Pair, new, old, profile);
-            if let (Some(candidate), Some(active)) = (new.values(), old.values()) {
-                self.pairs.push(Pair { seed: new.seed, active, candidate });
-            }
-        }
-        Ok(Some(records))
     }
 
     /// Returns whether the slice is whole.
@@ -370,7 +355,7 @@ impl Evaluation {
             self.ended = Some(EarlyStopReason::Full);
             return Ok(true);
         }
-        let seeds = self.seeds(lab, &self.progress(), NextSlice::Sequences);
+        let seeds = self.sequence_seeds(lab, &self.progress());
         let open = seeds.get(self.part.sequences.len()..).unwrap_or_default();
         let next = open.get(..open.len().min(lab.part)).unwrap_or_default();
         let worked = lab.sequences(candidate, active, next, &mut self.reuse)?;
@@ -416,14 +401,9 @@ impl Evaluation {
         self.progress().next(&self.plan)
     }
 
-    fn seeds(&self, lab: &TrialLab<'_>, progress: &EvaluationProgress, slice: NextSlice) -> Vec<u64> {
-        let purpose = match slice {
-            NextSlice::Pairs | NextSlice::Anchor => self.plan.pair_seeds,
-            NextSlice::Drills(_) | NextSlice::Settling(_) => self.plan.drill_seeds,
-            NextSlice::Sequences => self.plan.sequence_seeds,
-        };
-        let range = progress.range(&self.plan, slice);
-        range.map(|index| lab.seeds.seed(purpose, index)).collect()
+    fn sequence_seeds(&self, lab: &TrialLab<'_>, progress: &EvaluationProgress) -> Vec<u64> {
+        let range = progress.range(&self.plan, NextSlice::Sequences);
+        range.map(|index| lab.seeds.seed(self.plan.sequence_seeds, index)).collect()
     }
 
     /// Where the drills of a slice begin: dealt round the phases by their place, and so the same for both versions.
@@ -449,8 +429,8 @@ impl Evaluation {
             let part = lab.part.max(1);
             match slice {
                 NextSlice::Pairs => {
-                    let seeds = self.seeds(lab, &progress, slice);
-                    let open = seeds.get(worked..).unwrap_or_default();
+                    let spots = self.pair_spots(lab, &progress);
+                    let open = spots.get(worked..).unwrap_or_default();
                     slices.extend(open.chunks(part).map(|part| Lookahead::Pairs(part.to_vec())));
                 }
                 NextSlice::Drills(kind) => {
@@ -462,7 +442,7 @@ impl Evaluation {
                 NextSlice::Anchor | NextSlice::Settling(_) => break,
                 NextSlice::Sequences if self.sequences.is_none() => break,
                 NextSlice::Sequences => {
-                    let seeds = self.seeds(lab, &progress, slice);
+                    let seeds = self.sequence_seeds(lab, &progress);
                     let open = seeds.get(worked..).unwrap_or_default();
                     slices.extend(open.chunks(part).map(|part| Lookahead::Sequences(part.to_vec())));
                 }
@@ -507,6 +487,7 @@ impl Evaluation {
             pairs: &pairs,
             drills: &drills,
             is_settling: self.plan.is_settling,
+            has_live_like: self.plan.live_like > 0,
             has_anchor,
             anchor: self.anchor(),
             sequences: self.sequences(),

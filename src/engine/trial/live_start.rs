@@ -8,9 +8,11 @@ use holdpoint_body::TaskKind;
 use holdpoint_cell::CellError;
 use holdpoint_cell::EpisodeSetup;
 use holdpoint_cell::rng::Stream;
+use holdpoint_governance::ids::Digest;
 use holdpoint_runtime::task::TaskRecord;
 
 use super::episodes::{alone_here, pair_here};
+use super::seeds::KEYED_FROM;
 use super::sequences::{TrialTeam, run_tasks, setup};
 use super::trial_subject::TrialSubject;
 use super::worker::Worker;
@@ -69,6 +71,15 @@ pub fn setup_of(cell: &Cell, team: &TrialTeam, task: TaskKind, seed: u64) -> Epi
     }
 }
 
+/// What determines the episode of a version from the live start of a seed: the versions before it, too.
+pub(super) fn key(cell: &Cell, team: &TrialTeam, subject: &TrialSubject, seed: u64) -> Digest {
+    let before = team.before(subject.version.bundle.task()).unwrap_or_default();
+    let under = |one: &TrialSubject| one.key(cell, CONDITIONS, seed);
+    let digests: Vec<Digest> = std::iter::once(subject).chain(before).map(under).collect();
+    let parts: Vec<&[u8]> = digests.iter().map(|digest| digest.bytes().as_slice()).collect();
+    Digest::of_parts("holdpoint.live-start.v1", &parts)
+}
+
 /// Brings the worker's arm to the live start of a seed, or of one that replaces it. Returns the seed of the start.
 fn reach(
     worker: &mut Worker,
@@ -78,20 +89,28 @@ fn reach(
     seed: u64,
 ) -> Result<Option<u64>, CellError> {
     let before = team.before(task);
-    for seed in std::iter::successors(Some(seed), |seed| Some(replacement(*seed))).take(SEEDS_TRIED) {
+    for seed in seeds_tried(seed) {
         worker.arm(cell, &setup_of(cell, team, task, seed))?;
         let Some(before) = &before else { return Ok(Some(seed)) };
         if run_tasks(worker, cell, before, (CONDITIONS, seed), &mut Vec::new())? {
             worker.built_arm()?.body_mut().begin_task(task);
+            worker.restart_film();
             return Ok(Some(seed));
         }
     }
     Ok(None)
 }
 
-/// The seed that replaces one: below 2^53, so that every reader of JSON has all of its digits.
+/// The seeds that are tried for the live start of a seed, that one first.
+pub fn seeds_tried(seed: u64) -> impl Iterator<Item = u64> {
+    std::iter::successors(Some(seed), |seed| Some(replacement(*seed))).take(SEEDS_TRIED)
+}
+
+/// The seed that replaces one: among the keyed seeds if that is one, and else below them. So every reader of JSON has all of
+/// its digits.
 fn replacement(seed: u64) -> u64 {
-    Stream::from_state(seed ^ 0x11fe_57a2_7000_0001).bits() >> 11
+    let bits = Stream::from_state(seed ^ 0x11fe_57a2_7000_0001).bits() % KEYED_FROM;
+    if (KEYED_FROM..2 * KEYED_FROM).contains(&seed) { KEYED_FROM + bits } else { bits }
 }
 
 #[cfg(test)]
@@ -193,6 +212,18 @@ mod tests {
         let slow = |subject: TrialSubject| TrialSubject { terms: subject.terms.tightened(0.05), ..subject };
         team = TrialTeam::excluding(task, team.members().iter().cloned().map(slow));
         assert!(run(&team, seed(0)).invalid);
+    }
+
+    #[test]
+    fn keyed_seeds_are_replaced_by_keyed_seeds_and_others_by_others() {
+        for seed in [seed(0), KEYED_FROM - 1, 3 << 60] {
+            assert!(seeds_tried(seed).skip(1).all(|tried| tried < KEYED_FROM), "{seed}");
+        }
+        for seed in [KEYED_FROM, 2 * KEYED_FROM - 1] {
+            let tried: Vec<u64> = seeds_tried(seed).collect();
+            assert_eq!((tried.len(), tried.first()), (SEEDS_TRIED, Some(&seed)));
+            assert!(tried.iter().all(|tried| (KEYED_FROM..2 * KEYED_FROM).contains(tried)), "{tried:?}");
+        }
     }
 
     #[test]

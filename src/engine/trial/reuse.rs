@@ -7,7 +7,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use crate::fault::EngineFault;
-use crate::trial::trial_lab::{DrillSpot, TrialLab, TrialSubject};
+use crate::trial::trial_lab::{PairSpot, TrialLab, TrialSubject};
 use holdpoint_governance::cached_result::{
     CacheLocation, CachedResultBlock, CachedResultMismatch, CachedResultUse, CachedWorkKind, SampleGroup,
     SeedRange,
@@ -23,10 +23,27 @@ pub struct ReusedResult {
     /// Of a drill: the phase in which it began.
     pub phase: Option<WorkPhase>,
     pub seed: u64,
+    /// Of an episode: it is a live-like one.
+    pub live_like: bool,
     /// Digest of its bytes.
     pub value: Digest,
     /// This process ran it itself.
     pub own: bool,
+}
+
+impl ReusedResult {
+    /// An episode of a pair, or of the anchor.
+    #[must_use]
+    pub const fn of_episode(work: CachedWorkKind, spot: PairSpot, value: Digest, own: bool) -> Self {
+        let PairSpot { seed, live_like } = spot;
+        Self { work, phase: None, seed, live_like, value, own }
+    }
+
+    /// The spot of an episode.
+    #[must_use]
+    pub const fn pair_spot(&self) -> PairSpot {
+        PairSpot { seed: self.seed, live_like: self.live_like }
+    }
 }
 
 /// The progress of the spot check.
@@ -92,15 +109,11 @@ impl Reuse {
         let part = remaining.split_off(remaining.len().saturating_sub(lab.part));
         let checked: Vec<(usize, &ReusedResult)> =
             part.iter().filter_map(|place| Some((*place, self.used.get(*place)?))).collect();
-        let spots = checked.iter().map(|(_, result)| {
-            let ReusedResult { work, phase, seed, .. } = **result;
-            (work, DrillSpot { seed, phase })
-        });
-        let reruns = lab.rerun_episodes(active, spots)?;
+        let reruns = lab.rerun_episodes(active, checked.iter().map(|(_, result)| *result))?;
         for ((place, result), bytes) in checked.into_iter().zip(reruns) {
             if value(&bytes) == result.value {
                 if result.work == CachedWorkKind::Episodes {
-                    lab.confirm_episode(active, result.seed, &bytes);
+                    lab.confirm_episode(active, result.pair_spot(), &bytes);
                 }
                 self.equal.push(place);
             } else {

@@ -7,7 +7,7 @@
 use holdpoint_cell::EpisodeSetup;
 use serde::{Deserialize, Serialize};
 
-use crate::cell::{Cell, Conditions};
+use crate::cell::Cell;
 use crate::fault::EngineFault;
 use holdpoint_governance::evidence::SandboxMode;
 use holdpoint_governance::ids::{CapabilityId, Digest};
@@ -39,32 +39,19 @@ pub struct EpisodeTrace {
     pub outputs: TaskRecord,
 }
 
-impl TraceBatch {
-    /// The records of runs drawn from `conditions`.
+impl EpisodeTrace {
+    /// The trace of a run.
     #[must_use]
-    pub fn new(
-        version: CapabilityId,
-        mode: SandboxMode,
-        cell: &Cell,
-        conditions: Conditions,
-        records: &[TaskRecord],
-    ) -> Self {
-        let run = |record: &TaskRecord| EpisodeTrace {
-            inputs: EpisodeSetup::sample(
-                record.task,
-                &cell.scene,
-                cell.distribution(conditions),
-                record.seed,
-            ),
-            outputs: TaskRecord { path: Vec::new(), ..record.clone() },
-        };
-        Self {
-            version,
-            mode,
-            environment: cell.digest(),
-            engine_build: cell.computed_by().to_owned(),
-            runs: records.iter().map(run).collect(),
-        }
+    pub fn new(inputs: EpisodeSetup, record: &TaskRecord) -> Self {
+        Self { inputs, outputs: TaskRecord { path: Vec::new(), ..record.clone() } }
+    }
+}
+
+impl TraceBatch {
+    /// The traces of a version's runs.
+    #[must_use]
+    pub fn new(version: CapabilityId, mode: SandboxMode, cell: &Cell, runs: Vec<EpisodeTrace>) -> Self {
+        Self { version, mode, environment: cell.digest(), engine_build: cell.computed_by().to_owned(), runs }
     }
 
     /// As a telemetry batch of one stage, at one moment.
@@ -92,11 +79,10 @@ pub fn keep_trace(
     cell: &Cell,
     id: &CapabilityId,
     mode: SandboxMode,
-    conditions: Conditions,
-    records: &[TaskRecord],
+    runs: Vec<EpisodeTrace>,
     now_ms: u64,
 ) -> Result<(), EngineFault> {
-    let batch = TraceBatch::new(id.clone(), mode, cell, conditions, records);
+    let batch = TraceBatch::new(id.clone(), mode, cell, runs);
     store.append_telemetry(&batch.batch(Stage::Sandbox, now_ms)?)?;
     Ok(())
 }
@@ -104,6 +90,8 @@ pub fn keep_trace(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::trial::pair_spot::PairSpot;
+    use crate::trial::sequences::TrialTeam;
     use holdpoint_body::TaskKind;
     use holdpoint_sim::SimCells;
 
@@ -112,7 +100,9 @@ mod tests {
         let cell = Cell::of(&SimCells, None).unwrap();
         let record = TaskRecord { success: true, ..TaskRecord::invalid(TaskKind::Align, 1_000_007) };
         let id = "align@1.1.0".parse::<CapabilityId>().unwrap();
-        let batch = TraceBatch::new(id, SandboxMode::Perturbation, &cell, Conditions::Sandbox, &[record]);
+        let setup = PairSpot::in_sandbox(record.seed).setup(&cell, &TrialTeam::default(), record.task);
+        let runs = vec![EpisodeTrace::new(setup, &record)];
+        let batch = TraceBatch::new(id, SandboxMode::Perturbation, &cell, runs);
         assert_eq!(batch.runs[0].inputs.seed, 1_000_007);
         assert_eq!(batch.runs[0].inputs.distribution, "sandbox");
         let stored = batch.batch(Stage::Sandbox, 5).unwrap();

@@ -13,6 +13,7 @@ use pairing::TrialPairing;
 use super::drills::DrillResult;
 use super::episodes::{alone, cache_key};
 use super::job_outcome::JobOutcome;
+pub use super::pair_spot::PairSpot;
 use super::reuse::{Reuse, ReusedResult, value};
 use super::seeds::{SeedPurpose, SeedSource};
 use super::sequences::{SequenceRecords, TrialTeam};
@@ -42,7 +43,7 @@ pub struct DrillSpot {
 /// A likely next request.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Lookahead {
-    Pairs(Vec<u64>),
+    Pairs(Vec<PairSpot>),
     Drills(DrillKind, Vec<DrillSpot>),
     Sequences(Vec<u64>),
 }
@@ -112,7 +113,7 @@ impl TrialLab<'_> {
         outcomes.into_iter().map(|outcome| Ok(outcome.pair()?.0)).collect()
     }
 
-    /// The sandbox's episodes of the given seeds with both versions: candidate first. Names the cached ones.
+    /// The episodes of the given spots with both versions: candidate first. Names the cached ones.
     ///
     /// # Errors
     /// As [`TrialLab::episodes`].
@@ -120,72 +121,66 @@ impl TrialLab<'_> {
         &self,
         candidate: &TrialSubject,
         active: &TrialSubject,
-        seeds: &[u64],
+        spots: &[PairSpot],
         reuse: &mut Reuse,
     ) -> Result<Vec<(TaskRecord, TaskRecord)>, EngineFault> {
-        let mut known: Vec<Option<CacheHit<TaskRecord>>> = Vec::with_capacity(seeds.len());
-        for seed in seeds {
-            known.push(self.cached(&self.episode_key(active, *seed), reuse));
+        let mut known: Vec<Option<CacheHit<TaskRecord>>> = Vec::with_capacity(spots.len());
+        for spot in spots {
+            known.push(self.cached(&self.episode_key(active, *spot), reuse));
         }
         let table = self.table(candidate, active);
-        let jobs = seeds.iter().zip(&known).map(|(seed, known)| table.pair(*seed, known.is_some()));
+        let jobs = spots.iter().zip(&known).map(|(spot, known)| table.pair(*spot, known.is_some()));
         let outcomes = self.worker_pool.run_jobs(jobs.collect(), self.cancel)?;
-        let mut pairs = Vec::with_capacity(seeds.len());
-        for ((outcome, known), seed) in outcomes.into_iter().zip(known).zip(seeds) {
+        let mut pairs = Vec::with_capacity(spots.len());
+        for ((outcome, known), spot) in outcomes.into_iter().zip(known).zip(spots) {
             let (new, fresh) = outcome.pair()?;
             if let Some(old) = &fresh {
-                self.cache_episode(active, old)?;
+                self.cache_episode(active, *spot, old)?;
             }
             if let Some(CacheHit { result, own }) = &known {
                 let value = value(&serde_json::to_vec(result)?);
-                reuse.note_use(ReusedResult {
-                    work: CachedWorkKind::Episodes,
-                    phase: None,
-                    seed: *seed,
-                    value,
-                    own: *own,
-                });
+                reuse.note_use(ReusedResult::of_episode(CachedWorkKind::Episodes, *spot, value, *own));
             }
             let Some(old) = fresh.or(known.map(|hit| hit.result)) else { break };
             pairs.push((new, old));
         }
-        complete(&pairs, seeds.len())?;
+        complete(&pairs, spots.len())?;
         Ok(pairs)
     }
 
-    /// The anchor's sandbox episodes of the given seeds. Names the cached ones.
+    /// The anchor's episodes of the given spots. Names the cached ones.
     ///
     /// # Errors
     /// As [`TrialLab::episodes`].
     pub fn anchor_episodes(
         &self,
         anchor: &TrialSubject,
-        seeds: &[u64],
+        spots: &[PairSpot],
         reuse: &mut Reuse,
     ) -> Result<Vec<TaskRecord>, EngineFault> {
-        let mut known: Vec<Option<CacheHit<TaskRecord>>> = Vec::with_capacity(seeds.len());
-        for seed in seeds {
-            known.push(self.cached(&self.episode_key(anchor, *seed), reuse));
+        let mut known: Vec<Option<CacheHit<TaskRecord>>> = Vec::with_capacity(spots.len());
+        for spot in spots {
+            known.push(self.cached(&self.episode_key(anchor, *spot), reuse));
         }
         let table = self.table(anchor, anchor);
-        let jobs = seeds.iter().zip(&known).filter(|(_, known)| known.is_none());
-        let jobs = jobs.map(|(seed, _)| table.pair(*seed, true)).collect();
+        let jobs = spots.iter().zip(&known).filter(|(_, known)| known.is_none());
+        let jobs = jobs.map(|(spot, _)| table.pair(*spot, true)).collect();
         let mut fresh = self.worker_pool.run_jobs(jobs, self.cancel)?.into_iter();
-        let mut episodes = Vec::with_capacity(seeds.len());
-        for (known, seed) in known.into_iter().zip(seeds) {
+        let mut episodes = Vec::with_capacity(spots.len());
+        for (known, spot) in known.into_iter().zip(spots) {
             if let Some(CacheHit { result, own }) = known {
                 let value = value(&serde_json::to_vec(&result)?);
                 let work = CachedWorkKind::AnchorEpisodes;
-                reuse.note_use(ReusedResult { work, phase: None, seed: *seed, value, own });
+                reuse.note_use(ReusedResult::of_episode(work, *spot, value, own));
                 episodes.push(result);
             } else {
                 let Some(outcome) = fresh.next() else { break };
                 let (record, _) = outcome.pair()?;
-                self.cache_episode(anchor, &record)?;
+                self.cache_episode(anchor, *spot, &record)?;
                 episodes.push(record);
             }
         }
-        complete(&episodes, seeds.len())?;
+        complete(&episodes, spots.len())?;
         Ok(episodes)
     }
 
@@ -248,7 +243,8 @@ impl TrialLab<'_> {
                 for (DrillSpot { seed, phase }, result) in spots.iter().zip(&known) {
                     let value = value(&serde_json::to_vec(result)?);
                     let work = CachedWorkKind::Drills(kind);
-                    reuse.note_use(ReusedResult { work, phase: *phase, seed: *seed, value, own });
+                    let (phase, seed) = (*phase, *seed);
+                    reuse.note_use(ReusedResult { work, phase, seed, live_like: false, value, own });
                 }
                 known
             }
@@ -334,6 +330,7 @@ impl TrialLab<'_> {
                         work: CachedWorkKind::Sequences,
                         phase: None,
                         seed: *seed,
+                        live_like: false,
                         value,
                         own,
                     });
@@ -366,11 +363,11 @@ impl TrialLab<'_> {
         let mut unreported = Reuse::default();
         for outlook in next {
             match outlook {
-                Lookahead::Pairs(seeds) => {
+                Lookahead::Pairs(spots) => {
                     let mut known =
-                        |seed| self.cached::<TaskRecord>(&self.episode_key(active, seed), &mut unreported);
-                    let pair = |seed: &u64| table.pair(*seed, known(*seed).is_some());
-                    jobs.extend(seeds.iter().map(pair));
+                        |spot| self.cached::<TaskRecord>(&self.episode_key(active, spot), &mut unreported);
+                    let pair = |spot: &PairSpot| table.pair(*spot, known(*spot).is_some());
+                    jobs.extend(spots.iter().map(pair));
                 }
                 Lookahead::Drills(kind, spots) => {
                     let known = self.cached_drills(active, *kind, spots, &mut unreported).is_some();
@@ -417,18 +414,18 @@ impl TrialLab<'_> {
     ///
     /// # Errors
     /// As [`TrialLab::episodes`].
-    pub fn rerun_episodes(
+    pub fn rerun_episodes<'r>(
         &self,
         active: &TrialSubject,
-        spots: impl Iterator<Item = (CachedWorkKind, DrillSpot)>,
+        results: impl Iterator<Item = &'r ReusedResult>,
     ) -> Result<Vec<Vec<u8>>, EngineFault> {
         let table = self.table(active, active);
         let of_anchor = self.anchor.as_ref().map(|anchor| self.table(anchor, anchor));
-        let job = |(work, spot): (CachedWorkKind, DrillSpot)| match (&of_anchor, work) {
-            (Some(table), CachedWorkKind::AnchorEpisodes) => table.rerun_drill(work, spot),
-            _ => table.rerun_drill(work, spot),
+        let job = |result: &ReusedResult| match (&of_anchor, result.work) {
+            (Some(table), CachedWorkKind::AnchorEpisodes) => table.rerun(result),
+            _ => table.rerun(result),
         };
-        let outcomes = self.worker_pool.run_jobs(spots.map(job).collect(), self.cancel)?;
+        let outcomes = self.worker_pool.run_jobs(results.map(job).collect(), self.cancel)?;
         let mut bytes = Vec::with_capacity(outcomes.len());
         for outcome in outcomes {
             bytes.push(match outcome {
@@ -443,13 +440,12 @@ impl TrialLab<'_> {
     }
 
     /// Notes the result of a re-run episode, which then counts as this process's own.
-    pub fn confirm_episode(&self, active: &TrialSubject, seed: u64, bytes: &[u8]) {
-        self.cache.remember_own(&self.episode_key(active, seed), bytes);
+    pub fn confirm_episode(&self, active: &TrialSubject, spot: PairSpot, bytes: &[u8]) {
+        self.cache.remember_own(&self.episode_key(active, spot), bytes);
     }
 
-    fn episode_key(&self, party: &TrialSubject, seed: u64) -> Digest {
-        let scenario = cache_key(self.cell, &party.terms, &party.version, Conditions::Sandbox, seed);
-        key(&self.cell, &party.version, scenario, seed)
+    fn episode_key(&self, party: &TrialSubject, spot: PairSpot) -> Digest {
+        key(self.cell, &party.version, spot.scenario(self.cell, &self.team, party), spot.seed)
     }
 
     /// The result of a sequence depends on every version in it.
@@ -502,8 +498,13 @@ impl TrialLab<'_> {
         (known.result.len() == spots.len()).then_some(known)
     }
 
-    fn cache_episode(&self, party: &TrialSubject, record: &TaskRecord) -> Result<(), EngineFault> {
-        let key = self.episode_key(party, record.seed);
+    fn cache_episode(
+        &self,
+        party: &TrialSubject,
+        spot: PairSpot,
+        record: &TaskRecord,
+    ) -> Result<(), EngineFault> {
+        let key = self.episode_key(party, spot);
         Ok(self.cache.put(&key, &serde_json::to_vec(&without_path(record))?)?)
     }
 }

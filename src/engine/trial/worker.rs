@@ -38,6 +38,13 @@ impl Worker {
         self.built.as_mut().map(|(_, arm)| arm.body_mut().take_film()).unwrap_or_default()
     }
 
+    /// Drops what its world showed so far: a film begins where a task does.
+    pub(super) fn restart_film(&mut self) {
+        if let Some((_, arm)) = self.built.as_mut().filter(|_| self.films) {
+            arm.body_mut().film();
+        }
+    }
+
     fn new_arm(&self, cell: &Cell) -> Result<Arm<Box<dyn TrialCell>>, CellError> {
         let mut world = cell.trial()?;
         if self.films {

@@ -456,7 +456,8 @@ mod tests {
             unsafe_continuation_ms: 0.0,
             harm: None,
         };
-        Pair { seed: 1, active: values, candidate: EpisodeValues { violation, ..values } }
+        let candidate = EpisodeValues { violation, ..values };
+        Pair { seed: 1, active: values, candidate, live_like: false }
     }
 
     #[test]

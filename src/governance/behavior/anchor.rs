@@ -30,8 +30,8 @@ pub struct AnchorComparison {
     pub harm: Vec<HarmComparison>,
 }
 
-/// Whether a reason says that the candidate is worse, so that it counts against the anchor too.
-const fn is_worsening(code: ReasonCode) -> bool {
+/// Whether a reason says that the candidate is worse, so that it counts in another comparison too.
+pub(super) const fn is_worsening(code: ReasonCode) -> bool {
     matches!(
         code,
         ReasonCode::BehaviorEstablishedWorse
@@ -104,14 +104,14 @@ fn compare(
     let values_of = |seed| anchor.episodes.iter().find(|episode| episode.seed == seed);
     let pairs = evidence.pairs.iter().filter_map(|pair| {
         let active = values_of(pair.seed)?.values;
-        Some(Pair { seed: pair.seed, active, candidate: pair.candidate })
+        Some(Pair { active, ..*pair })
     });
     let paired = PairedEvidence { binding: evidence.binding, pairs: pairs.collect(), hard_stops: Vec::new() };
     measured(&paired, profile)
 }
 
 /// The reasons without the worsenings that are tolerated beside others that decide.
-fn deciding(against: &BehaviorAssessment) -> Vec<&Reason> {
+pub(super) fn deciding(against: &BehaviorAssessment) -> Vec<&Reason> {
     let decides = |reason: &&Reason| match component_of(reason) {
         Some(name) => against
             .components

@@ -100,6 +100,10 @@ reason_codes! {
     BehaviorAnchorWorse = "behavior-anchor-worse",
     /// It may be worse than the family's anchor beyond a margin; the evidence does not exclude it.
     BehaviorAnchorSuspicious = "behavior-anchor-suspicious",
+    /// It is significantly worse in the live-like pairs; the text names in what.
+    BehaviorLiveLikeWorse = "behavior-live-like-worse",
+    /// It may be worse in the live-like pairs beyond a wider margin; the evidence does not exclude it.
+    BehaviorLiveLikeSuspicious = "behavior-live-like-suspicious",
     /// At the level of its try, the evidence does not exclude that success is lower by the margin.
     BehaviorTryOpen = "behavior-try-open",
     /// The tries of its author, or of its family, are spent until a person reviews them.

@@ -194,8 +194,12 @@ fn behaviour(subjects: &Subjects, effort: &FigureEffort) -> Result<MeasuredFigur
         .filter_map(|index| Some((values(predecessor, index)?, values(&subjects.candidate, index)?)))
         .collect();
     let pairs = run.iter().cycle().take(PAIRS).zip(0_u64..);
-    let pairs =
-        pairs.map(|((active, candidate), seed)| Pair { seed, active: *active, candidate: *candidate });
+    let pairs = pairs.map(|((active, candidate), seed)| Pair {
+        seed,
+        active: *active,
+        candidate: *candidate,
+        live_like: false,
+    });
     let binding = subjects.binding()?;
     let evidence = PairedEvidence { binding, pairs: pairs.collect(), hard_stops: Vec::new() };
     let name = format!("behavior assessment, {} pairs", evidence.pairs.len());
@@ -239,7 +243,7 @@ fn gate_pass(subjects: &Subjects, effort: &FigureEffort) -> Result<MeasuredFigur
     let profile = &subjects.profile;
     let binding = subjects.binding()?;
     let pairs = (0..u64::from(profile.evaluation.sandbox_pairs))
-        .map(|seed| Pair { seed, active: CLEAN, candidate: CLEAN })
+        .map(|seed| Pair { seed, active: CLEAN, candidate: CLEAN, live_like: false })
         .collect();
     let paired = PairedEvidence { binding, pairs, hard_stops: Vec::new() };
     let passed =

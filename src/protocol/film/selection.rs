@@ -136,6 +136,8 @@ pub enum ReplayDifference {
     Policies,
     /// The evidence is of another build or another cell.
     Environment,
+    /// Other versions are active beside it than those that ran before a live-like pair.
+    Neighbours,
     /// The run is longer than a film may be.
     CutOff,
 }

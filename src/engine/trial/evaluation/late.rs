@@ -3,7 +3,7 @@
 use super::Evaluation;
 use super::plan::NextSlice;
 use crate::fault::EngineFault;
-use crate::trial::trial_lab::{TrialLab, TrialSubject};
+use crate::trial::trial_lab::{PairSpot, TrialLab, TrialSubject};
 use holdpoint_governance::behavior::SequenceEvidence;
 use holdpoint_governance::composition::recovery_is_reviewable;
 use holdpoint_governance::early_stop::EarlyStopReason;
@@ -66,12 +66,13 @@ impl Evaluation {
         };
         let range = self.progress().range(&self.plan, NextSlice::Anchor);
         let of_range = range.clone().filter_map(|place| self.pairs.get(usize::try_from(place).ok()?));
-        let seeds: Vec<u64> = of_range.map(|pair| pair.seed).collect();
-        let open = seeds.get(self.part.anchor.len()..).unwrap_or_default();
+        let spots: Vec<PairSpot> =
+            of_range.map(|pair| PairSpot { seed: pair.seed, live_like: pair.live_like }).collect();
+        let open = spots.get(self.part.anchor.len()..).unwrap_or_default();
         let next = open.get(..open.len().min(lab.part)).unwrap_or_default();
         let records = lab.anchor_episodes(anchor, next, &mut self.reuse)?;
         self.part.anchor.extend(records);
-        if self.part.anchor.len() < seeds.len() {
+        if self.part.anchor.len() < spots.len() {
             return Ok(false);
         }
         self.anchored = range.end;

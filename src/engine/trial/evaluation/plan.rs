@@ -3,9 +3,11 @@
 use super::drill_slices::tally;
 use crate::trial::drills::DrillResult;
 use crate::trial::seeds::SeedPurpose;
+use holdpoint_governance::behavior::live_like_pairs;
 use holdpoint_governance::evidence::{DrillKind, RecoveryEvidence};
 use holdpoint_governance::profile::Profile;
 use holdpoint_governance::recovery::{CLEAN_DRILLS, DrillContrast, SETTLED_KINDS};
+use holdpoint_sim::rng::Stream;
 
 /// Pairs in one slice of work.
 const PAIRS_A_SLICE: u64 = 20;
@@ -26,6 +28,8 @@ const SEQUENCES_A_SLICE: u64 = 10;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct EvaluationPlan {
     pub pairs: u32,
+    /// Of them, those from live starts.
+    pub live_like: u32,
     /// Feasible drills of each kind, for both versions.
     pub drills: u32,
     /// Seeds of the pairs.
@@ -48,6 +52,7 @@ impl EvaluationPlan {
     pub const fn sandbox(profile: &Profile) -> Self {
         Self {
             pairs: profile.evaluation.sandbox_pairs,
+            live_like: live_like_pairs(profile.evaluation.sandbox_pairs),
             drills: profile.evaluation.drills_per_kind,
             pair_seeds: SeedPurpose::Perturbation,
             drill_seeds: SeedPurpose::Drill,
@@ -67,7 +72,7 @@ impl EvaluationPlan {
     /// The same with the pairs of a counted try.
     #[must_use]
     pub const fn with_pairs(self, pairs: u32) -> Self {
-        Self { pairs, ..self }
+        Self { pairs, live_like: live_like_pairs(pairs), ..self }
     }
 
     /// The same budget on seeds that the sandbox did not use.
@@ -82,15 +87,30 @@ impl EvaluationPlan {
         }
     }
 
-    /// The pairs and sequences of that budget, on seeds that neither used. Drills know no live conditions.
+    /// The pairs and sequences of that budget, on seeds that neither used. Drills know no live conditions. All pairs have
+    /// the live distribution then.
     #[must_use]
     pub const fn re_evaluation(profile: &Profile) -> Self {
         Self {
+            live_like: 0,
             drills: 0,
             pair_seeds: SeedPurpose::ReEvaluation,
             sequence_seeds: SeedPurpose::ReEvaluationSequence,
             ..Self::confirmation(profile)
         }
+    }
+
+    /// Which of the pairs are live-like. The first pair's seed chooses the places, each as likely as any other. So the pairs
+    /// come in a random order of their whole budget, on which an early end rests.
+    pub(super) fn live_like_places(&self, first_seed: u64) -> Vec<bool> {
+        let mut stream = Stream::from_state(first_seed ^ 0x11fe_11ce_0000_0001);
+        let mut wanted = self.live_like;
+        let mut is_chosen = |left: u32| {
+            let is_chosen = stream.unit() * f64::from(left) < f64::from(wanted);
+            wanted -= u32::from(is_chosen);
+            is_chosen
+        };
+        (0..self.pairs).map(|place| is_chosen(self.pairs - place)).collect()
     }
 
     /// Pairs, drills, the anchor's episodes and sequences together, if no failed drill needs more.

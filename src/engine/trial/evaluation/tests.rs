@@ -2,9 +2,11 @@
 
 use super::*;
 use crate::cell::Cell;
+use crate::trial::pair_spot::PairSpot;
 use crate::trial::seeds::CALIBRATION_FROM_RUN;
 use crate::trial::sequences::TrialTeam;
 use crate::trial::undisturbed_run::UndisturbedCache;
+use crate::trial::worker::Worker;
 use crate::trial::worker_pool::WorkerPool;
 use holdpoint_governance::decision::ReasonCode;
 use holdpoint_governance::evidence::HardStop;
@@ -137,6 +139,7 @@ fn pairs_and_drills_alternate_until_the_budget_is_used() {
     let pairs = evaluation.paired().pairs;
     assert_eq!(pairs.len(), 50);
     assert!(pairs.iter().all(|pair| pair.active == pair.candidate), "one version against itself");
+    assert_eq!(pairs.iter().filter(|pair| pair.live_like).count(), 17, "a third, rounded up");
     let rehearsed = evaluation.rehearsed();
     assert_eq!(evaluation.done(), evaluation.plan.budget());
     for kind in DrillKind::ALL {
@@ -201,6 +204,56 @@ fn the_anchor_runs_the_seeds_of_the_pairs_after_them() {
     let (behavior, _) = evaluation.assess(&profile);
     assert_eq!(behavior.assessment.outcome, BehaviorOutcome::Incompatible);
     assert_eq!(behavior.assessment.reasons[0].code, ReasonCode::BehaviorAnchorWorse);
+}
+
+#[test]
+fn a_third_of_the_pairs_is_live_like_at_places_that_a_seed_chooses() {
+    let profile = Profile::builtin(ProfileName::Sim).unwrap();
+    let plan = EvaluationPlan::sandbox(&profile);
+    let of_seeds: Vec<Vec<bool>> = (0..50).map(|seed| plan.live_like_places(seed)).collect();
+    for places in &of_seeds {
+        assert_eq!((places.len(), places.iter().filter(|place| **place).count()), (300, 100));
+    }
+    assert_ne!(of_seeds[0], of_seeds[1]);
+    // Five standard deviations of 50 in three to either side.
+    let often = |place: usize| of_seeds.iter().filter(|places| places[place]).count();
+    assert!((0..300).all(|place| (1..=33).contains(&often(place))));
+    assert_eq!(EvaluationPlan::confirmation(&profile).live_like, 100);
+    assert_eq!(plan.with_pairs(460).live_like, 154, "a third of the pairs of a later try");
+    assert!(!EvaluationPlan::re_evaluation(&profile).live_like_places(0).contains(&true));
+}
+
+#[test]
+fn live_like_pairs_begin_where_the_team_leaves_the_task() {
+    let mut profile = small();
+    profile.evaluation.sandbox_pairs = 20;
+    profile.evaluation.drills_per_kind = 10;
+    let beside = [version("grasp/1.0.0", &[]), version("place/1.0.0", &[])];
+    let align = version("align/1.0.0", &[]);
+    let (evaluation, _) = evaluate_beside(&align, &align, &beside, &profile, (usize::MAX, 1));
+    let pairs = evaluation.paired().pairs;
+    let cell = Cell::builtin().unwrap();
+    let table = Arc::new(PolicyTable::builtin(&profile).unwrap());
+    let terms = SkillTerms::new(&profile, table, cell.geometry.clone(), cell.zones.clone());
+    let subject = |version: &Capability| TrialSubject {
+        version: version.clone(),
+        terms: terms.clone(),
+        fallback: None,
+    };
+    let team = TrialTeam::excluding(align.bundle.task(), beside.iter().map(subject));
+    let align = subject(&align);
+    let mut worker = Worker::new();
+    for pair in &pairs {
+        let spot = PairSpot { seed: pair.seed, live_like: pair.live_like };
+        let record = spot.run(&mut worker, &cell, &team, &align);
+        assert_eq!((record.seed, record.values()), (pair.seed, Some(pair.active)), "{spot:?}");
+        let other = PairSpot { live_like: !pair.live_like, ..spot };
+        assert_ne!(spot.scenario(&cell, &team, &align), other.scenario(&cell, &team, &align));
+        // The versions before it are part of what determines a live-like one.
+        let alone = spot.scenario(&cell, &TrialTeam::default(), &align);
+        assert_eq!(alone != spot.scenario(&cell, &team, &align), pair.live_like);
+    }
+    assert_eq!(pairs.iter().filter(|pair| pair.live_like).count(), 7);
 }
 
 #[test]

@@ -2,11 +2,11 @@
 
 use std::sync::Arc;
 
-use super::{DrillSpot, job_key, without_path};
+use super::{DrillSpot, PairSpot, job_key, without_path};
 use crate::cell::{Cell, Conditions};
 use crate::trial::drills::{DrillCase, DrillVersions};
-use crate::trial::episodes::{alone, pair};
 use crate::trial::job_outcome::JobOutcome;
+use crate::trial::reuse::ReusedResult;
 use crate::trial::sequences::{TrialTeam, run_sequence, run_sequence_pair};
 use crate::trial::trial_subject::TrialSubject;
 use crate::trial::undisturbed_run::{UndisturbedCache, UndisturbedRun};
@@ -29,23 +29,21 @@ pub(super) struct TrialPairing {
 }
 
 impl TrialPairing {
-    /// The sandbox's episode of a seed: with both versions, or the candidate's alone if the other's is cached.
-    pub(super) fn pair(self: &Arc<Self>, seed: u64, known: bool) -> PoolJob<JobOutcome> {
-        const CONDITIONS: Conditions = Conditions::Sandbox;
+    /// The episode of a spot: with both versions, or the candidate's alone if the other's is cached.
+    pub(super) fn pair(self: &Arc<Self>, spot: PairSpot, known: bool) -> PoolJob<JobOutcome> {
         let table = Arc::clone(self);
-        let (candidate, active) =
-            (self.candidate.key(&self.cell, CONDITIONS, seed), self.active.key(&self.cell, CONDITIONS, seed));
+        let scenario = |party: &TrialSubject| spot.scenario(&self.cell, &self.team, party);
+        let (candidate, active) = (scenario(&self.candidate), scenario(&self.active));
         let (key, work): (_, JobFn<JobOutcome>) = if known {
             let work = move |worker: &mut Worker| {
-                let trial = table.candidate.trial(&table.cell, CONDITIONS, seed);
-                JobOutcome::Alone(Box::new(alone(worker, trial)))
+                let TrialPairing { cell, candidate, team, .. } = &*table;
+                JobOutcome::Alone(Box::new(spot.run(worker, cell, team, candidate)))
             };
             (job_key("episode", &[candidate]), Box::new(work))
         } else {
             let work = move |worker: &mut Worker| {
-                let both = [&table.candidate, &table.active];
-                let both = both.map(|party| party.trial(&table.cell, CONDITIONS, seed));
-                JobOutcome::Pair(Box::new(pair(worker, both)))
+                let TrialPairing { cell, candidate, active, team, .. } = &*table;
+                JobOutcome::Pair(Box::new(spot.run_both(worker, cell, team, [candidate, active])))
             };
             (job_key("pair", &[candidate, active]), Box::new(work))
         };
@@ -53,7 +51,7 @@ impl TrialPairing {
     }
 
     pub(super) fn place(self: &Arc<Self>, seed: u64, point: &EnvelopePoint) -> PoolJob<JobOutcome> {
-        let PoolJob { key, work } = self.pair(seed, false);
+        let PoolJob { key, work } = self.pair(PairSpot::in_sandbox(seed), false);
         let at: Vec<u8> = point.iter().flat_map(|share| share.to_bits().to_le_bytes()).collect();
         let key = job_key("place", &[key, Digest::of_parts("holdpoint.place.v1", &[&at])]);
         PoolJob { key, work }
@@ -119,15 +117,13 @@ impl TrialPairing {
         }
     }
 
-    pub(super) fn rerun_drill(
-        self: &Arc<Self>,
-        work: CachedWorkKind,
-        spot: DrillSpot,
-    ) -> PoolJob<JobOutcome> {
-        match work {
-            CachedWorkKind::Episodes | CachedWorkKind::AnchorEpisodes => self.pair(spot.seed, true),
-            CachedWorkKind::Drills(kind) => self.drill_errand(false, kind, spot),
-            CachedWorkKind::Sequences => self.sequences(spot.seed, true),
+    /// A cached result of the active version once more.
+    pub(super) fn rerun(self: &Arc<Self>, result: &ReusedResult) -> PoolJob<JobOutcome> {
+        let ReusedResult { seed, phase, .. } = *result;
+        match result.work {
+            CachedWorkKind::Episodes | CachedWorkKind::AnchorEpisodes => self.pair(result.pair_spot(), true),
+            CachedWorkKind::Drills(kind) => self.drill_errand(false, kind, DrillSpot { seed, phase }),
+            CachedWorkKind::Sequences => self.sequences(seed, true),
         }
     }
 

@@ -257,7 +257,7 @@ proptest! {
         let mut full = pairs(&profile);
         for (index, pair) in full.pairs.iter_mut().enumerate() {
             let candidate = if index < spoilt { FAILURE } else { new[index] };
-            *pair = Pair { seed: pair.seed, active: old[index], candidate };
+            *pair = Pair { active: old[index], candidate, ..*pair };
         }
         let whole = behavior::assess(&full, &binding(), &profile).assessment.outcome;
         for seen in 0..=60 {

@@ -164,7 +164,7 @@ pub const GOOD: EpisodeValues = EpisodeValues {
 /// As many equal pairs as the profile's budget.
 pub fn pairs(profile: &Profile) -> PairedEvidence {
     let pairs = (0..u64::from(profile.evaluation.sandbox_pairs))
-        .map(|seed| Pair { seed, active: GOOD, candidate: GOOD })
+        .map(|seed| Pair { seed, active: GOOD, candidate: GOOD, live_like: false })
         .collect();
     PairedEvidence { binding: binding(), pairs, hard_stops: Vec::new() }
 }

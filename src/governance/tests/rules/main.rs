@@ -15,6 +15,7 @@ mod fixture;
 mod gating;
 mod harm;
 mod live_harm;
+mod live_like;
 mod metric_mutations;
 mod monitoring;
 mod never_pass;

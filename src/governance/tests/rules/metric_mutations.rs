@@ -75,6 +75,7 @@ impl MutationInputs {
             pairs: &evidence.behavior,
             drills: &evidence.recovery,
             is_settling: true,
+            has_live_like: false,
             has_anchor: false,
             anchor: None,
             sequences: None,

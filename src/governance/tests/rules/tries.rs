@@ -39,6 +39,7 @@ fn outcomes(pairs: u64, lost: u64, won: u64) -> PairedEvidence {
         seed,
         active: if (lost..lost + won).contains(&seed) { FAILED } else { GOOD },
         candidate: if seed < lost { FAILED } else { GOOD },
+        live_like: false,
     };
     PairedEvidence { binding: binding(), pairs: (0..pairs).map(pair).collect(), hard_stops: Vec::new() }
 }
@@ -50,6 +51,7 @@ fn assess(counts: PairedCounts, counted: Option<&CountedTry>, profile: &Profile)
         pairs: &outcomes(pairs, candidate_only, active_only),
         drills: &recovery([100; 4], [100; 4]),
         is_settling: false,
+        has_live_like: false,
         has_anchor: false,
         anchor: None,
         sequences: None,

@@ -62,8 +62,9 @@ fn is_incompatible(pairs: &[Pair], profile: &Profile) -> bool {
 
 /// The pairs of a whole budget: some with events of the candidate alone, some of the active version alone.
 fn population(size: usize, worse: usize, better: usize, spoil: EpisodeSpoiler) -> Vec<Pair> {
-    let mut pairs: Vec<Pair> =
-        (0..size as u64).map(|seed| Pair { seed, active: CLEAN, candidate: CLEAN }).collect();
+    let mut pairs: Vec<Pair> = (0..size as u64)
+        .map(|seed| Pair { seed, active: CLEAN, candidate: CLEAN, live_like: false })
+        .collect();
     pairs.iter_mut().take(worse).for_each(|pair| spoil(&mut pair.candidate));
     pairs.iter_mut().skip(worse).take(better).for_each(|pair| spoil(&mut pair.active));
     pairs

@@ -90,7 +90,8 @@ mod tests {
 
     #[test]
     fn equal_pairs_are_equally_good_and_differ_as_recorded() {
-        let worse = Pair { seed: 7, active: CLEAN, candidate: EpisodeValues { success: false, ..CLEAN } };
+        let failed = EpisodeValues { success: false, ..CLEAN };
+        let worse = Pair { seed: 7, active: CLEAN, candidate: failed, live_like: false };
         let table = RecordedTable { name: "x", provenance: String::new(), pairs: vec![worse] };
         let pairs = SampleStream::new("pairs").equal_pairs(&table, 1_000);
         let lost = pairs.iter().filter(|pair| !pair.candidate.success).count();

@@ -91,7 +91,8 @@ pub fn read(name: &'static str, text: &str) -> Result<RecordedTable, TableError>
 fn pair(line: &str) -> Option<Pair> {
     let mut fields = line.split_ascii_whitespace().peekable();
     let seed = fields.next()?.parse().ok()?;
-    let pair = Pair { seed, active: episode(&mut fields)?, candidate: episode(&mut fields)? };
+    let (active, candidate) = (episode(&mut fields)?, episode(&mut fields)?);
+    let pair = Pair { seed, active, candidate, live_like: false };
     fields.next().is_none().then_some(pair)
 }
 
