@@ -18,8 +18,8 @@ use holdpoint_text::{WIDTH_MAX, sanitize};
 /// The arguments of `experiment distinguisher`.
 #[derive(Clone, Debug, PartialEq, Eq, Args)]
 #[command(after_help = "\
-A row has what one version saw of one task. The origins are the live cell, single tasks from live starts, and the pairs of
-the sandbox. A script trains classifiers on the rows:
+A row has what one version saw of one task. The origins are the live cell, the sandbox's live-like pairs (live-start), and
+its other pairs (sandbox). A script trains classifiers on the rows:
 
   python3 -m venv env && env/bin/pip install scikit-learn
   env/bin/python tests/reports/distinguish.py rows

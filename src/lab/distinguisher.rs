@@ -1,4 +1,4 @@
-//! The distinguisher experiment: what a version sees of its task in the live cell, from live starts, and in the sandbox.
+//! The distinguisher experiment: what a version sees of its task in the live cell, and in the two kinds of the sandbox's pairs.
 //!
 //! Runs the baselines and writes one row of features a task, from the observations that the version received.
 //! `tests/reports/distinguish.py` trains classifiers on the rows. Trains none and judges nothing itself.
@@ -12,13 +12,11 @@ use std::path::PathBuf;
 use std::time::Instant;
 
 use holdpoint_body::TaskKind;
-use holdpoint_engine::cell::{Cell, Conditions};
+use holdpoint_engine::cell::Cell;
 use holdpoint_engine::context::Context;
-use holdpoint_engine::trial::episodes::alone;
-use holdpoint_engine::trial::live_start::alone_from_live_start;
+use holdpoint_engine::trial::pair_spot::PairSpot;
 use holdpoint_engine::trial::sequences::TrialTeam;
 use holdpoint_engine::trial::trial_lab::TrialSubject;
-use holdpoint_engine::trial::undisturbed_run::TrialCase;
 use holdpoint_engine::trial::worker::Worker;
 use holdpoint_engine::world::listener::NoListener;
 use holdpoint_engine::world::live::LiveStation;
@@ -40,9 +38,9 @@ holdpoint_governance::closed_set! {
     TaskOrigin, "origin of a task", {
         /// In a sequence of the live cell.
         Live = "live",
-        /// By itself, from a start of the live cell.
+        /// As the sandbox runs its live-like pairs, from a start of the live cell.
         LiveStart = "live-start",
-        /// By itself, as the sandbox runs its pairs.
+        /// As the sandbox runs its other pairs.
         Sandbox = "sandbox",
     }
 }
@@ -189,17 +187,15 @@ impl DistinguisherBench {
             live.run_sequence(&recorded, &terms, seed(TaskOrigin::Live, index), &mut NoListener, None);
             recorded.take_rows(TaskOrigin::Live, index, &mut rows);
             for version in recorded.versions.values() {
-                let (subject, cell) = (self.subject(version), &self.cell);
+                let subject = self.subject(version);
                 let others = self.active.values().map(|version| self.subject(version));
                 let team = TrialTeam::excluding(version.bundle.task(), others);
-                let at = seed(TaskOrigin::LiveStart, index);
-                // The observations are what counts, whatever comes of the task.
-                let _ = alone_from_live_start(worker, cell, &team, &subject, at);
-                recorded.take_rows(TaskOrigin::LiveStart, index, &mut rows);
-                let (terms, at) = (&subject.terms, seed(TaskOrigin::Sandbox, index));
-                let conditions = Conditions::Sandbox;
-                let _ = alone(worker, TrialCase { cell, terms, version, conditions, seed: at });
-                recorded.take_rows(TaskOrigin::Sandbox, index, &mut rows);
+                for (origin, live_like) in [(TaskOrigin::LiveStart, true), (TaskOrigin::Sandbox, false)] {
+                    let spot = PairSpot { seed: seed(origin, index), live_like };
+                    // The observations are what counts, whatever comes of the task.
+                    let _ = spot.run(worker, &self.cell, &team, &subject);
+                    recorded.take_rows(origin, index, &mut rows);
+                }
             }
         }
         Ok(rows)

@@ -7,9 +7,9 @@ learn from one half of the sequences, task by task, and guess the origin of the 
 many rows of one origin as of the other. The advantage of a classifier is the share of its right guesses minus that of the
 wrong ones. Its bounds are exact (Clopper-Pearson), and so is its p-value against guessing.
 
-    live-start against live    single tasks from live starts: no advantage may be found
+    live-start against live    the sandbox's live-like pairs: no advantage may be found
     the same, with a leak      the first reading of one joint is shifted in the live rows: it has to be found
-    sandbox against live       they differ by design: an advantage has to be found; names what differs
+    sandbox against live       its other pairs differ by design: an advantage has to be found; names what differs
 
 Prints a line for each classifier with n, and the least advantage that it would have found in four of five runs of the
 experiment. Ends with 1 if anything is not as it has to be.

@@ -102,7 +102,7 @@ fn reach(
 }
 
 /// The seeds that are tried for the live start of a seed, that one first.
-pub fn seeds_tried(seed: u64) -> impl Iterator<Item = u64> {
+pub(crate) fn seeds_tried(seed: u64) -> impl Iterator<Item = u64> {
     std::iter::successors(Some(seed), |seed| Some(replacement(*seed))).take(SEEDS_TRIED)
 }
 
