@@ -20,6 +20,10 @@ use super::submission::InterfaceChange;
 use super::wall_time::{ClockMismatch, WallTime};
 use holdpoint_body::{FailureSignal, TaskKind};
 
+pub use vote_flaw::VoteFlaw;
+
+mod vote_flaw;
+
 crate::closed_set! {
     /// Part of an interface that has fields.
     FieldPart, "part of an interface", {
@@ -153,43 +157,6 @@ crate::closed_set! {
         TargetDigest = "target-digest",
         /// Whether the fallback resolves.
         Fallback = "fallback",
-    }
-}
-
-crate::closed_set! {
-    /// Why an answer or an approval does not count.
-    VoteFlaw, "flaw of an answer", {
-        /// The signature is not theirs.
-        Signature = "signature",
-        /// It was used before.
-        Replayed = "replayed",
-        /// It is over something else than what is asked.
-        Stale = "stale",
-        /// It has expired.
-        Expired = "expired",
-        /// They registered the version.
-        Requester = "requester",
-        /// They wrote the version.
-        Author = "author",
-        /// They asked for it themselves.
-        AskedBy = "asked-by",
-        /// Their role does not reach the risk class.
-        Role = "role",
-    }
-}
-
-impl VoteFlaw {
-    /// The code of the reason.
-    #[must_use]
-    pub const fn code(self) -> ReasonCode {
-        match self {
-            Self::Signature => ReasonCode::ApprovalSignature,
-            Self::Replayed => ReasonCode::ApprovalReplayed,
-            Self::Stale => ReasonCode::ApprovalStale,
-            Self::Expired => ReasonCode::ApprovalExpired,
-            Self::Requester | Self::Author | Self::AskedBy => ReasonCode::ApprovalSelf,
-            Self::Role => ReasonCode::ApprovalRole,
-        }
     }
 }
 

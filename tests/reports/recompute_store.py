@@ -27,7 +27,7 @@ from scipy import optimize, stats
 
 PROFILES = Path(__file__).resolve().parents[2] / "profiles"
 # The version of the rules that this file knows. Decisions of others cannot be computed again here.
-RULES = 3
+RULES = 4
 # Relative difference beyond which two numbers differ; of numbers below SMALL, that share of SMALL.
 LIMIT, SMALL = 1e-9, 1e-3
 

@@ -25,7 +25,7 @@ use holdpoint_registry::store_terms::EvidenceKind;
 use holdpoint_runtime::capability::Capability;
 use holdpoint_runtime::task::TaskRecord;
 use holdpoint_runtime::terms::SkillTerms;
-use holdpoint_sim::episode::EpisodeSetup;
+use holdpoint_cell::EpisodeSetup;
 
 use super::cache_mismatch::invalidate_cache;
 use super::closing::{

@@ -7,7 +7,7 @@ use holdpoint_governance::behavior::live_like_pairs;
 use holdpoint_governance::evidence::{DrillKind, RecoveryEvidence};
 use holdpoint_governance::profile::Profile;
 use holdpoint_governance::recovery::{CLEAN_DRILLS, DrillContrast, SETTLED_KINDS};
-use holdpoint_sim::rng::Stream;
+use holdpoint_cell::rng::Stream;
 
 /// Pairs in one slice of work.
 const PAIRS_A_SLICE: u64 = 20;

@@ -232,7 +232,7 @@ fn live_like_pairs_begin_where_the_team_leaves_the_task() {
     let align = version("align/1.0.0", &[]);
     let (evaluation, _) = evaluate_beside(&align, &align, &beside, &profile, (usize::MAX, 1));
     let pairs = evaluation.paired().pairs;
-    let cell = Cell::builtin().unwrap();
+    let cell = Cell::of(&SimCells, None).unwrap();
     let table = Arc::new(PolicyTable::builtin(&profile).unwrap());
     let terms = SkillTerms::new(&profile, table, cell.geometry.clone(), cell.zones.clone());
     let subject = |version: &Capability| TrialSubject {
