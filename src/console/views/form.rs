@@ -136,13 +136,13 @@ fn footer(model: &ConsoleModel, form: &Form, pen: &Pen<'_>, width: usize) -> Vec
         let text = format!("{} {problem}", pen.look.glyph(Glyph::Warning));
         rows.extend(wrap(&text, width, 3).iter().map(|line| Row::of(ThemeRole::Problem, line)));
     }
+    let guarded = form.is_guarded(model.now_ms);
     let buttons = Row::new()
         .and(button(pen, "Cancel", form.focus == FormFocus::Cancel))
         .with(ThemeRole::Text, "  ")
-        .and(button(pen, form.intent.verb(), form.focus == FormFocus::Confirm));
+        .and(confirming_button(pen, form, guarded));
     rows.push(buttons);
     if form.is_one_key() {
-        let guarded = form.is_guarded(model.now_ms);
         let key = if guarded { Row::of(ThemeRole::KeyOff, "[y]") } else { Row::of(ThemeRole::Key, "y") };
         let row = key
             .with(
@@ -156,6 +156,16 @@ fn footer(model: &ConsoleModel, form: &Form, pen: &Pen<'_>, width: usize) -> Vec
         rows.push(row);
     }
     rows
+}
+
+/// The button that confirms a form. As long as the form is guarded, round brackets say that it does nothing yet.
+fn confirming_button(pen: &Pen<'_>, form: &Form, guarded: bool) -> Row {
+    let has_keys = form.focus == FormFocus::Confirm;
+    if has_keys && guarded {
+        let text = format!("{}({}, in a moment)", pen.look.glyph(Glyph::Here), form.intent.verb());
+        return Row::of(ThemeRole::KeyOff, &text);
+    }
+    button(pen, form.intent.verb(), has_keys)
 }
 
 /// A button; the one that has the keys is marked by a sign as well as by its style.
