@@ -231,7 +231,7 @@ impl PolicyTable {
         let judge = CedarEvaluator::load(profile, sources)?;
         let (mut errors, mut effective) = (BTreeSet::new(), BTreeSet::new());
         for mode in ModeKey::all() {
-            let CedarDecision { allowed, rules, error } = judge.decide_mode(&mode)?;
+            let CedarDecision { allowed, rules, error } = judge.decide_mode(mode)?;
             let deciding = rules.into_iter().filter(|rule| !allowed || rule.names_mode);
             effective.extend(deciding.map(|rule| &*rule.name));
             errors.extend(error);
@@ -443,7 +443,7 @@ impl CedarEvaluator<'_> {
         Ok(CedarDecision { allowed: response.decision() == Decision::Allow, rules, error })
     }
 
-    fn decide_mode(&self, mode: &ModeKey) -> Result<CedarDecision<'_>, PolicyError> {
+    fn decide_mode(&self, mode: ModeKey) -> Result<CedarDecision<'_>, PolicyError> {
         let text = |text: &str| RestrictedExpression::new_string(text.to_owned());
         let context = vec![
             ("channel", text(mode.channel.name())),
@@ -454,7 +454,7 @@ impl CedarEvaluator<'_> {
     }
 
     fn mode(&self, mode: ModeKey) -> Result<ModeEntry, PolicyError> {
-        let decision = self.decide_mode(&mode)?;
+        let decision = self.decide_mode(mode)?;
         let names: Vec<String> = decision.rules.iter().map(|rule| rule.name.clone()).collect();
         if let Some(error) = decision.error {
             return Ok(ModeEntry { mode, verdict: ModeRuling::Uncovered, because: vec![error] });

@@ -99,6 +99,8 @@ fn a_decision_at_another_console_closes_the_request_and_names_it() {
     bob.keys("night shift is alone");
     bob.wait_for_text("night shift is alone");
     bob.keys("\t");
+    // The letters came as a burst.
+    bob.wait_for("the question takes answers again", |screen| !screen.contents().contains("wait a moment"));
     bob.keys("N");
     bob.wait_for_text("Passphrase of bob");
     bob.keys(PASSPHRASE);

@@ -11,19 +11,17 @@ pub mod phases;
 
 use holdpoint_body::{Body, Command, GuardVerdict, Interrupt, RATE_HZ};
 use holdpoint_cell::CellError;
-use holdpoint_cell::TrialCell;
 use holdpoint_cell::rng::{Stream, StreamPurpose as StreamOf};
 use serde::{Deserialize, Serialize};
 
 use self::fate::{ObjectWatch, WATCH_TICKS};
 use self::faults::{DetectionWindow, NamedFault};
 use super::undisturbed_run::{TrialCase, UndisturbedRun};
-use super::worker::Worker;
+use super::worker::{TrialArm, Worker};
 use crate::cell::{Cell, Conditions};
 use holdpoint_governance::evidence::DrillKind;
 use holdpoint_governance::phase::WorkPhase;
 use holdpoint_runtime::agent::dispatcher::admit;
-use holdpoint_runtime::arm::Arm;
 use holdpoint_runtime::capability::Capability;
 use holdpoint_runtime::guard::Guard;
 use holdpoint_runtime::handover;
@@ -200,7 +198,7 @@ enum StopRule {
 
 /// A drill from the chosen point on.
 struct StartedDrill<'a, 'b> {
-    arm: &'a mut Arm<Box<dyn TrialCell>>,
+    arm: &'a mut TrialArm,
     guard: Guard,
     terms: &'a SkillTerms,
     cast: &'a DrillVersions<'b>,

@@ -455,7 +455,7 @@ impl TrialLab<'_> {
         };
         let digests: Vec<Digest> = std::iter::once(party).chain(self.team.members()).map(under).collect();
         let parts: Vec<&[u8]> = digests.iter().map(|digest| digest.bytes().as_slice()).collect();
-        key(&self.cell, &party.version, Digest::of_parts("holdpoint.sequence.v1", &parts), seed)
+        key(self.cell, &party.version, Digest::of_parts("holdpoint.sequence.v1", &parts), seed)
     }
 
     fn drill_key(&self, party: &TrialSubject, kind: DrillKind, spots: &[DrillSpot]) -> Digest {
@@ -469,7 +469,7 @@ impl TrialLab<'_> {
         let fallback = party.fallback.as_ref().map_or(under, Capability::digest);
         let parts =
             [under.bytes().as_slice(), kind.name().as_bytes(), &count, fallback.bytes(), phases.as_bytes()];
-        key(&self.cell, &party.version, Digest::of_parts("holdpoint.drill.v4", &parts), first)
+        key(self.cell, &party.version, Digest::of_parts("holdpoint.drill.v4", &parts), first)
     }
 
     /// A cached result; `None` if it is unreadable or invalid.

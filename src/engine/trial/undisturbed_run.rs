@@ -170,6 +170,7 @@ impl UndisturbedRun {
 
     /// How often it was forked so far.
     #[cfg(test)]
+    #[must_use]
     pub const fn forks(&self) -> usize {
         self.forks.len()
     }

@@ -11,11 +11,14 @@ use holdpoint_runtime::task::TaskRecord;
 
 use crate::cell::Cell;
 
+/// The arm of a worker, in any cell for trials.
+pub type TrialArm = Arm<Box<dyn TrialCell>>;
+
 /// A worker of the pool: one world, used again for every episode.
 #[derive(Default)]
 pub struct Worker {
     /// The arm in its world, and the digest of the cell it was built from.
-    built: Option<(Digest, Arm<Box<dyn TrialCell>>)>,
+    built: Option<(Digest, TrialArm)>,
     films: bool,
 }
 
@@ -45,7 +48,7 @@ impl Worker {
         }
     }
 
-    fn new_arm(&self, cell: &Cell) -> Result<Arm<Box<dyn TrialCell>>, CellError> {
+    fn new_arm(&self, cell: &Cell) -> Result<TrialArm, CellError> {
         let mut world = cell.trial()?;
         if self.films {
             world.film();
@@ -57,11 +60,7 @@ impl Worker {
     ///
     /// # Errors
     /// If the world cannot be built or the episode has no valid start.
-    pub fn arm(
-        &mut self,
-        cell: &Cell,
-        setup: &EpisodeSetup,
-    ) -> Result<&mut Arm<Box<dyn TrialCell>>, CellError> {
+    pub fn arm(&mut self, cell: &Cell, setup: &EpisodeSetup) -> Result<&mut TrialArm, CellError> {
         let mut arm = match self.built.take() {
             Some((of, arm)) if of == cell.digest() => arm,
             _ => self.new_arm(cell)?,
@@ -75,11 +74,7 @@ impl Worker {
     ///
     /// # Errors
     /// If the world cannot be built, or the copy is not of this robot.
-    pub fn arm_from(
-        &mut self,
-        cell: &Cell,
-        copy: &CellCopy,
-    ) -> Result<&mut Arm<Box<dyn TrialCell>>, CellError> {
+    pub fn arm_from(&mut self, cell: &Cell, copy: &CellCopy) -> Result<&mut TrialArm, CellError> {
         let mut arm = match self.built.take() {
             Some((of, arm)) if of == cell.digest() => arm,
             _ => self.new_arm(cell)?,
@@ -93,7 +88,7 @@ impl Worker {
     ///
     /// # Errors
     /// If it has none: before its first episode, and after one in which its world failed.
-    pub fn built_arm(&mut self) -> Result<&mut Arm<Box<dyn TrialCell>>, CellError> {
+    pub fn built_arm(&mut self) -> Result<&mut TrialArm, CellError> {
         let none = || CellError::Worker { item: 0, message: "it has no world".to_owned() };
         self.built.as_mut().map(|(_, arm)| arm).ok_or_else(none)
     }

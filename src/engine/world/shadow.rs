@@ -234,6 +234,7 @@ impl Shadow {
 
     /// After the live task: runs the twin, if it has not run yet, and compares. Absent if the task was not
     /// reached or a world failed. The world comes back for the next sequence.
+    #[must_use]
     pub fn conclude(
         mut self,
         live: Option<&TaskRecord>,

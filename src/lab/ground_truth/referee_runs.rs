@@ -12,9 +12,9 @@ use holdpoint_cell::referee::{RefereeLimits, UnsafeKind};
 use holdpoint_cell::rng::{Stream, StreamPurpose};
 use holdpoint_engine::cell::{Cell, Conditions};
 use holdpoint_engine::context::Context;
-use holdpoint_engine::trial::worker::Worker;
+use holdpoint_engine::trial::worker::{TrialArm, Worker};
 use holdpoint_runtime::agent::dispatcher::admit;
-use holdpoint_runtime::arm::{ActuatorHandle, Arm};
+use holdpoint_runtime::arm::ActuatorHandle;
 use holdpoint_runtime::capability::Capability;
 use holdpoint_runtime::recovery::{AbortRun, StoppedBy};
 use holdpoint_runtime::skill::Hook;
@@ -148,7 +148,7 @@ pub(super) fn begin(judged: &JudgedVersion, seed: u64) -> TaskRun {
 
 /// Runs a task to its end; `None` if it was not accepted.
 fn work(
-    arm: &mut Arm<Box<dyn TrialCell>>,
+    arm: &mut TrialArm,
     judged: &JudgedVersion,
     seed: u64,
     witness: &mut RefereeWitness,
@@ -259,7 +259,7 @@ fn interrupted<'a>(
     cell: &Cell,
     judged: &JudgedVersion,
     seed: u64,
-) -> Result<Option<(&'a mut Arm<Box<dyn TrialCell>>, TaskRun)>, CellError> {
+) -> Result<Option<(&'a mut TrialArm, TaskRun)>, CellError> {
     let task = judged.version.bundle.task();
     let setup = EpisodeSetup::sample(task, &cell.scene, &cell.sandbox, seed);
     let share = Stream::new(seed, StreamPurpose::Drill).unit();

@@ -29,8 +29,8 @@ fn pose(position: [f64; 3]) -> Pose {
     Pose { position, ..Pose::IDENTITY }
 }
 
-fn frame(sequence: u32, age_ticks: u32, position: [f64; 3]) -> Option<Estimate> {
-    Some(Estimate { pose: pose(position), age_ticks, sequence })
+fn frame(sequence: u32, age_ticks: u32, position: [f64; 3]) -> Estimate {
+    Estimate { pose: pose(position), age_ticks, sequence }
 }
 
 fn carrying(tick: u64) -> Observation {
@@ -68,7 +68,7 @@ fn loaded_code_counts_the_runs_that_it_begins() {
 fn place_is_that_of_the_first_camera_frame() {
     let trigger = ThrowTrigger::Place { x_m: [0.50, 0.51], y_m: [-0.20, -0.19] };
     let (inside, outside) = ([0.505, -0.195, 0.03], [0.515, -0.195, 0.03]);
-    let with = |sequence, place| Observation { object: frame(sequence, 4, place), ..start() };
+    let with = |sequence, place| Observation { object: Some(frame(sequence, 4, place)), ..start() };
     assert_eq!(met(trigger, 1, &[start(), with(3, inside)]), [false, true]);
     assert_eq!(met(trigger, 1, &[with(3, outside), with(4, inside)]), [false, false]);
     // What was met stays met.
@@ -87,7 +87,7 @@ fn hand_and_grip_are_those_of_the_start() {
     let trigger = ThrowTrigger::HandHeight { above_m: 0.09 };
     let over = |height_m: f64| Observation {
         tool: pose([0.5, 0.2, 0.005 + height_m]),
-        target: frame(9, 2, [0.5, 0.2, 0.005]),
+        target: Some(frame(9, 2, [0.5, 0.2, 0.005])),
         ..start()
     };
     assert_eq!(met(trigger, 1, &[start(), over(0.095)]), [false, true]);
@@ -103,7 +103,7 @@ fn hand_and_grip_are_those_of_the_start() {
 fn frames_are_judged_when_there_are_eight() {
     let with = |sequence: u32, age_ticks: u32, aside_m: f64| {
         let side = if sequence.is_multiple_of(2) { aside_m } else { -aside_m };
-        Observation { object: frame(sequence, age_ticks, [0.5 + side, -0.2, 0.03]), ..start() }
+        Observation { object: Some(frame(sequence, age_ticks, [0.5 + side, -0.2, 0.03])), ..start() }
     };
     let frames = |age_ticks: u32, aside_m: f64| -> Vec<Observation> {
         // Each frame is seen in two ticks; the second time it is older.
