@@ -390,7 +390,9 @@ mod tests {
         let others: Vec<Pair> = mixed.iter().filter(|pair| !pair.live_like).copied().collect();
         let (mean, pairs) = compared(&mixed).unwrap();
         assert_eq!((Some((mean, pairs)), pairs), (compared(&others), 200));
-        mixed.iter_mut().for_each(|pair| pair.live_like = true);
+        for pair in &mut mixed {
+            pair.live_like = true;
+        }
         assert_eq!(compared(&mixed), None, "there is nothing to compare with");
     }
 
