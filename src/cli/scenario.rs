@@ -33,7 +33,7 @@ Equal scenarios with equal seeds give equal logs. The exit code says how the ver
 
 Examples:
   holdpoint scenario run tests/scenarios/promote-benign.toml
-  holdpoint scenario run tests/scenarios/reject-in-shadow.toml --seed 7 --json --data try-out")]
+  holdpoint scenario run tests/scenarios/reject-low-flight.toml --seed 7 --json --data try-out")]
 pub struct ScenarioRunArgs {
     /// The scenario file; it names the profile. Its store is temporary, unless --data names one.
     #[arg(value_name = "FILE")]

@@ -39,7 +39,8 @@ impl ComparisonEvidence<'_> {
         ended: EarlyStopReason,
         profile: &Profile,
     ) -> (BehaviorAssessment, RecoveryAssessment) {
-        let Self { pairs, drills, is_settling, has_live_like, has_anchor, anchor, sequences, counted } = *self;
+        let Self { pairs, drills, is_settling, has_live_like, has_anchor, anchor, sequences, counted } =
+            *self;
         let budget = counted.map_or(profile.evaluation.sandbox_pairs, |counted| counted.pairs);
         let profile = &profile.with_sandbox_pairs(budget);
         let mut behavior = behavior::assess_early_stop(pairs, current, profile, ended);

@@ -85,19 +85,19 @@ fn the_output_matches_the_golden_files() {
 fn a_rejection_in_shadow_begins_with_its_reasons() {
     let data = tempfile::tempdir().unwrap();
     holdpoint(&["run", "--headless", "--script", "tests/scenarios/reject-in-shadow.toml"], data.path());
-    let short = stdout_text(&holdpoint(&["explain", "align@1.1.1"], data.path()));
+    let short = stdout_text(&holdpoint(&["explain", "grasp@1.1.3"], data.path()));
     assert_is_short(&short.replace(&format!(" --data {}", data.path().display()), ""));
     let mut lines = short.lines();
     let head = lines.next().unwrap();
     assert!(
-        head.starts_with("align@1.1.1 was REJECTED in shadow (") && head.contains(" sequences, record "),
+        head.starts_with("grasp@1.1.3 was REJECTED in shadow (") && head.contains(" sequences, record "),
         "{head}"
     );
     let reasons: Vec<&str> = lines.take_while(|line| line.starts_with("  ")).collect();
-    let is_compared = |line: &&str| line.ends_with(" more often than align@1.0.0 (limit 0)");
+    let is_compared = |line: &&str| line.ends_with(" more often than grasp@1.0.0 (limit 0)");
     assert!(!reasons.is_empty() && reasons.iter().all(is_compared), "{short}");
     assert_eq!(short.lines().filter(|line| line.starts_with("to change: ")).count(), 1, "{short}");
-    let full = stdout_text(&holdpoint(&["explain", "align@1.1.1", "--full"], data.path()));
+    let full = stdout_text(&holdpoint(&["explain", "grasp@1.1.3", "--full"], data.path()));
     let shadow = full.find("\nshadow: fail").unwrap();
     assert!(
         full[..shadow].contains("+ behavior-improved: success") && !full[shadow..].contains("behavior-"),

@@ -1,7 +1,7 @@
 //! The sample outputs in the guide are what the program prints.
 //!
 //! A comment before a sample names the scenario that fills a store, or `none`, and the command:
-//! `<!-- sample: reject-in-shadow | explain align@1.1.1 -->`. Each line of the sample is a line of the output, in that order.
+//! `<!-- sample: reject-in-shadow | explain grasp@1.1.3 -->`. Each line of the sample is a line of the output, in that order.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};

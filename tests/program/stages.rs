@@ -32,8 +32,8 @@ fn code_and_stderr(output: &Output) -> (Option<i32>, String) {
 fn single_stage_run_starts_no_other_stage() {
     let folder = tempfile::tempdir().unwrap();
     let store = folder.path();
-    register(store, "align-low-transit");
-    let version = "align@1.1.1";
+    register(store, "grasp-soft-grip");
+    let version = "grasp@1.1.3";
     assert_eq!(state(store, version), "registered");
     // No stage is skipped.
     assert_error(&on(store, &["candidate", "shadow", version, "--json"]), 3, "not-now");

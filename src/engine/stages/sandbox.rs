@@ -3,6 +3,7 @@
 
 use std::ops::Range;
 
+use holdpoint_cell::EpisodeSetup;
 use holdpoint_governance::ablation::AblationPart;
 use holdpoint_governance::alarms::{AlarmKey, Priority};
 use holdpoint_governance::behavior;
@@ -25,7 +26,6 @@ use holdpoint_registry::store_terms::EvidenceKind;
 use holdpoint_runtime::capability::Capability;
 use holdpoint_runtime::task::TaskRecord;
 use holdpoint_runtime::terms::SkillTerms;
-use holdpoint_cell::EpisodeSetup;
 
 use super::cache_mismatch::invalidate_cache;
 use super::closing::{

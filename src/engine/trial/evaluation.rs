@@ -18,6 +18,7 @@ use crate::trial::reuse::Reuse;
 use crate::trial::scene_stops::SceneStops;
 use crate::trial::sequences::SequenceRecords;
 use crate::trial::trial_lab::{DrillSpot, Lookahead, TrialLab, TrialSubject};
+use holdpoint_cell::EpisodeSetup;
 use holdpoint_governance::behavior::{
     self, BehaviorAssessment, SequenceEvidence, SequencePair, SequenceStep,
 };
@@ -36,7 +37,6 @@ use holdpoint_governance::shared_event::SceneKind;
 use holdpoint_governance::tries::CountedTry;
 use holdpoint_protocol::work_unit::WorkUnit;
 use holdpoint_runtime::task::TaskRecord;
-use holdpoint_cell::EpisodeSetup;
 
 /// Pieces of the active version's undisturbed work in which its phases are looked for, on the first seeds of the drills.
 const PHASE_PROBES: u64 = 5;

@@ -3,9 +3,9 @@
 //! Says what determines it and runs it. Which spots there are, the plan of an evaluation says.
 
 use holdpoint_body::TaskKind;
+use holdpoint_cell::EpisodeSetup;
 use holdpoint_governance::ids::Digest;
 use holdpoint_runtime::task::TaskRecord;
-use holdpoint_cell::EpisodeSetup;
 
 use super::episodes::{alone, pair};
 use super::live_start::{self, alone_from_live_start, pair_from_live_start};

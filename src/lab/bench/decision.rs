@@ -40,7 +40,7 @@ const SUBJECTS: [(&str, &str); 7] = [
     ("rejected, policy", "grasp-direct-bus"),
     ("rejected, behavior", "grasp-hard-grip"),
     ("rejected, recovery", "align-no-stop"),
-    ("rejected, in shadow", "align-low-transit"),
+    ("rejected, in live-like pairs", "align-low-transit"),
     ("rejected, refined for success alone", "place-refined"),
 ];
 

@@ -3,11 +3,11 @@
 use super::drill_slices::tally;
 use crate::trial::drills::DrillResult;
 use crate::trial::seeds::SeedPurpose;
+use holdpoint_cell::rng::Stream;
 use holdpoint_governance::behavior::live_like_pairs;
 use holdpoint_governance::evidence::{DrillKind, RecoveryEvidence};
 use holdpoint_governance::profile::Profile;
 use holdpoint_governance::recovery::{CLEAN_DRILLS, DrillContrast, SETTLED_KINDS};
-use holdpoint_cell::rng::Stream;
 
 /// Pairs in one slice of work.
 const PAIRS_A_SLICE: u64 = 20;
