@@ -19,10 +19,8 @@ mod context;
 pub mod data;
 pub mod decide;
 pub mod demo;
-pub mod distinguisher;
 pub mod doctor;
 mod engine_verbs;
-pub mod experiment;
 pub mod explain;
 pub mod health;
 pub mod identity;
@@ -33,17 +31,13 @@ pub mod man;
 pub mod metrics;
 mod operator_folder;
 pub mod output;
-pub mod paper;
 mod passphrase;
-pub mod per_candidate;
-pub mod pool;
 pub mod profile;
 mod profile_authorization;
 pub mod profile_choice;
 mod progress_bar;
 mod prune;
 pub mod recordings;
-pub mod refine;
 #[cfg(feature = "console")]
 pub mod replay;
 pub mod result_cache;
@@ -51,8 +45,6 @@ mod roles;
 pub mod run;
 pub mod scenario;
 pub mod schema;
-pub mod sensors;
-pub mod series;
 pub mod serve;
 #[cfg(feature = "console")]
 mod settings;
@@ -62,9 +54,7 @@ pub mod stop;
 pub mod store;
 #[cfg(feature = "console")]
 pub mod theme;
-pub mod throwers;
 mod time_arg;
-pub mod truth;
 mod verb_executor;
 pub mod verify;
 pub mod version;
@@ -74,6 +64,10 @@ use std::ffi::OsString;
 use std::path::PathBuf;
 
 use clap::{CommandFactory, Parser, Subcommand};
+use rustix::process::Signal;
+use tokio::signal::unix::{SignalKind, signal};
+
+use crate::error::print_usage;
 
 pub use crate::error::{CliError, Exit};
 pub use context::CliContext;
@@ -173,7 +167,11 @@ Examples:
     Recordings(recordings::RecordingsArgs),
     /// Check whether this machine and terminal have what Holdpoint needs.
     Doctor(doctor::DoctorArgs),
-    /// Research: pools of candidates, refined candidates, experiments, benchmarks, metrics.
+    /// Measure the engine on this machine.
+    Bench(bench::BenchArgs),
+    /// Compute metrics from telemetry and audit log.
+    Metrics(metrics::MetricsArgs),
+    /// Say how to start the laboratory, the program for experiments.
     Lab(lab::LabArgs),
     /// Print a completion script for a shell.
     Completions(completions::CompletionsArgs),
@@ -215,23 +213,40 @@ impl Cli {
 /// Runs the program: parses `arguments`, dispatches the verb, prints, and returns the exit code.
 pub fn entry(arguments: impl IntoIterator<Item = OsString>, engine: &mut dyn EngineVerbs) -> Exit {
     let arguments: Vec<OsString> = arguments.into_iter().collect();
-    // An error of the parser, too, is printed in the requested format.
-    let json = arguments.iter().any(|argument| argument == "--json");
+    let json = wants_json(&arguments);
     let cli = match Cli::parse_line(arguments) {
         Ok(cli) => cli,
-        Err(error) => return crate::error::print_usage(&error, json),
+        Err(error) => return print_usage(&error, json),
     };
-    let mut out = CommandOutput::stdout(cli.json);
-    let ended = dispatch(&cli, engine, &mut out).and_then(|exit| out.flush().map(|()| exit));
-    match ended {
+    let mut out = CommandOutput::stdout(json);
+    let ended = dispatch(&cli, engine, &mut out).map_err(|error| match &cli.data {
+        Some(folder) => error.with_store_in_hint(folder),
+        None => error,
+    });
+    end(ended, &mut out)
+}
+
+/// A write beyond the limit of a file's size fails with an error; without a handler, its signal ends the process.
+pub fn survive_file_size_limit() {
+    let Ok(runtime) = tokio::runtime::Builder::new_current_thread().enable_io().build() else { return };
+    let _inside = runtime.enter();
+    // The handler stays until the process ends. Without it, the program works as before.
+    drop(signal(SignalKind::from_raw(Signal::XFSZ.as_raw())));
+}
+
+/// Whether answers and errors are JSON, also where the line cannot be parsed.
+#[must_use]
+pub fn wants_json(arguments: &[OsString]) -> bool {
+    arguments.iter().any(|argument| argument == "--json")
+}
+
+/// Ends a program: writes the buffered output, prints the error, and returns the exit code.
+pub fn end(ended: Result<Exit, CliError>, out: &mut CommandOutput<'_>) -> Exit {
+    match ended.and_then(|exit| out.flush().map(|()| exit)) {
         Ok(exit) => exit,
         Err(error) => {
-            let error = match &cli.data {
-                Some(folder) => error.with_store_in_hint(folder),
-                None => error,
-            };
             let mut stderr = std::io::stderr().lock();
-            if cli.json {
+            if out.is_json() {
                 error.print_json(&mut stderr);
             } else {
                 error.print(&mut stderr);
@@ -298,13 +313,9 @@ pub fn dispatch(
         Some(Verb::Audit(args)) => audit::run(&context()?, args, out),
         Some(Verb::Recordings(args)) => recordings::run(&context()?, args, out),
         Some(Verb::Doctor(args)) => doctor::run(&context()?, args, out),
-        Some(Verb::Lab(args)) => match &args.verb {
-            lab::LabVerb::Pool(args) => pool::run(args, out),
-            lab::LabVerb::Refine(args) => refine::run(args, out),
-            lab::LabVerb::Experiment(args) => experiment::run(args, out),
-            lab::LabVerb::Bench(args) => engine.bench(&without_home(), args, out),
-            lab::LabVerb::Metrics(args) => metrics::run(&context()?, args, out),
-        },
+        Some(Verb::Bench(args)) => engine.bench(&without_home(), args, out),
+        Some(Verb::Metrics(args)) => metrics::run(&context()?, args, out),
+        Some(Verb::Lab(args)) => Err(args.error()),
         Some(Verb::Completions(args)) => completions::run(Cli::command(), cli.data.as_deref(), args, out),
         Some(Verb::Man(args)) => man::run(Cli::command(), args, out),
         Some(Verb::Schema(args)) => schema::run(args, out),

@@ -394,7 +394,8 @@ fn one_line(message: &Untrusted) -> SafeText {
 }
 
 /// Prints what clap reports of the command line. Help and version are answers; the rest is a usage error.
-pub(crate) fn print_usage(error: &clap::Error, json: bool) -> Exit {
+#[must_use]
+pub fn print_usage(error: &clap::Error, json: bool) -> Exit {
     if json && error.use_stderr() {
         let text = error.render().to_string();
         let message = one_line(&text.trim_start_matches("error: ").to_owned().into()).to_string();

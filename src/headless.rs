@@ -3,6 +3,7 @@
 //! The same engine as behind every other front end; this module reads events and sends commands.
 
 pub mod script;
+pub mod scripted_approver;
 
 mod commands;
 mod driver;

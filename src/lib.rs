@@ -1,5 +1,6 @@
 #![doc = include_str!(concat!(env!("OUT_DIR"), "/src/ARCHITECTURE.md"))]
 
+pub mod bench;
 pub mod cells;
 pub mod cli;
 pub mod error;
@@ -14,7 +15,6 @@ pub use holdpoint_builder as builder;
 pub use holdpoint_console as console;
 pub use holdpoint_engine as engine;
 pub use holdpoint_governance as governance;
-pub use holdpoint_lab as lab;
 pub use holdpoint_protocol as protocol;
 pub use holdpoint_recordings as recordings;
 pub use holdpoint_registry as registry;

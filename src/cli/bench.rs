@@ -1,93 +1,23 @@
-//! `holdpoint lab bench`: arguments and the printed report.
+//! `holdpoint bench`: arguments and the printed report.
 //!
-//! Prints the results of [`holdpoint_lab::bench`]; measures nothing, and rounds nothing in JSON.
+//! Prints the results of [`mod@crate::bench`]; measures nothing, and rounds nothing in JSON.
 
-use std::path::{Path, PathBuf};
+use clap::Args;
 
-use clap::{Args, Subcommand};
-use indicatif::ProgressBar;
-
-use super::output::TextTable;
-use crate::cli::output::CommandOutput;
+use super::output::{CommandOutput, TextTable};
+use crate::bench::{self, BenchReport};
 use crate::error::{CliError, Exit};
-use holdpoint_lab::bench::decision::DecisionBudget;
-use holdpoint_lab::bench::peers::{self, PeerError, PeerReport, PeerSettings};
-use holdpoint_lab::bench::stats::{self, StatedBound};
-use holdpoint_lab::bench::{self, BenchReport};
 
 /// The arguments of `bench`.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Args)]
 #[command(after_help = "\
 Examples:
-  holdpoint lab bench
-  holdpoint lab bench --quick --json
-  holdpoint lab bench decision
-  holdpoint lab bench stats --runs 2000
-  holdpoint lab bench peers --python .peers/venv/bin/python --scripts bench/peers")]
-#[command(args_conflicts_with_subcommands = true)]
+  holdpoint bench
+  holdpoint bench --quick --json")]
 pub struct BenchArgs {
-    /// Measures this instead of times.
-    #[command(subcommand)]
-    pub what: Option<BenchStudy>,
     /// Fewer repetitions, so less precise numbers.
     #[arg(long)]
     pub quick: bool,
-}
-
-/// What `bench` can measure besides times.
-#[derive(Clone, Debug, PartialEq, Eq, Subcommand)]
-pub enum BenchStudy {
-    /// Simulates the error rates of the rules and compares them with those the profiles state.
-    ///
-    /// Exits with 1 if a stated rate is refuted.
-    Stats(StatsArgs),
-    /// Counts the episodes of a promotion and of six kinds of rejection, by part, and times them.
-    #[command(after_help = "\
-Examples:
-  holdpoint lab bench decision
-  holdpoint lab bench decision --json")]
-    Decision,
-    /// Times the grasp-and-place episode in Holdpoint and in other physics engines, in interleaved rounds.
-    Peers(PeersArgs),
-}
-
-/// The arguments of `bench stats`.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Args)]
-#[command(after_help = "\
-Examples:
-  holdpoint lab bench stats
-  holdpoint lab bench stats --runs 2000 --json")]
-pub struct StatsArgs {
-    /// Runs for each figure.
-    #[arg(long, default_value_t = stats::RUNS, value_parser = clap::value_parser!(u32).range(i64::from(stats::RUNS_MIN)..=i64::from(stats::RUNS_MAX)))]
-    pub runs: u32,
-}
-
-/// The arguments of `bench peers`.
-#[derive(Clone, Debug, PartialEq, Eq, Args)]
-#[command(after_help = "\
-The scripts are pybullet_grasp.py and mujoco_grasp.py with their folder models; each prints one JSON line of figures.
-Missing scripts and engines are named and left out.
-
-Examples:
-  holdpoint lab bench peers --python .peers/venv/bin/python --scripts bench/peers
-  holdpoint lab bench peers --python .peers/venv/bin/python --scripts bench/peers --native .peers/bin/mujoco_grasp_native")]
-pub struct PeersArgs {
-    /// The interpreter that has the peers installed.
-    #[arg(long, value_name = "PROGRAM")]
-    pub python: PathBuf,
-    /// The folder with the peers' scripts.
-    #[arg(long, value_name = "DIR")]
-    pub scripts: PathBuf,
-    /// The compiled peer, in C.
-    #[arg(long, value_name = "PROGRAM")]
-    pub native: Option<PathBuf>,
-    /// Rounds; every engine runs once in each.
-    #[arg(long, default_value_t = peers::ROUNDS, value_parser = clap::value_parser!(u32).range(1..=i64::from(peers::ROUNDS_MAX)))]
-    pub rounds: u32,
-    /// Episodes for each round in this cell.
-    #[arg(long, default_value_t = 100, value_parser = clap::value_parser!(u64).range(1..=10_000))]
-    pub episodes: u64,
 }
 
 /// Measures and prints.
@@ -95,35 +25,9 @@ pub struct PeersArgs {
 /// # Errors
 /// If the engine could not be measured, or the output cannot be written.
 pub fn run(args: &BenchArgs, out: &mut CommandOutput<'_>) -> Result<Exit, CliError> {
-    if let Some(BenchStudy::Peers(args)) = &args.what {
-        let report = compare(args)?;
-        out.answer(&report, |out| show_peers(&report, out))?;
-        return Ok(Exit::Confirmed);
-    }
-    if let Some(BenchStudy::Stats(args)) = &args.what {
-        let report = stats::run(args.runs).map_err(CliError::fault)?;
-        out.answer(&report, |out| show_study(&report, out))?;
-        return Ok(exit_of(report.holds()));
-    }
-    if matches!(args.what, Some(BenchStudy::Decision)) {
-        let bar = ProgressBar::new_spinner();
-        let report = bench::decision::run(|decision| {
-            bar.set_message(decision);
-            bar.tick();
-        });
-        bar.finish_and_clear();
-        let report = report.map_err(CliError::fault)?;
-        out.answer(&report, |out| show_budget(&report, out))?;
-        return Ok(Exit::Confirmed);
-    }
     let report = bench::run(args.quick).map_err(CliError::fault)?;
     out.answer(&report, |out| show(&report, out))?;
     Ok(Exit::Confirmed)
-}
-
-/// The exit code of a study: a refuted rate is a failed check.
-const fn exit_of(holds: bool) -> Exit {
-    if holds { Exit::Confirmed } else { Exit::Rejected }
 }
 
 fn show(report: &BenchReport, out: &mut CommandOutput<'_>) -> Result<(), CliError> {
@@ -160,127 +64,9 @@ fn show(report: &BenchReport, out: &mut CommandOutput<'_>) -> Result<(), CliErro
     out.table(&table)
 }
 
-fn show_budget(report: &DecisionBudget, out: &mut CommandOutput<'_>) -> Result<(), CliError> {
-    out.line(&format!("holdpoint {}, {} build, one worker, no recording", report.version, report.build))?;
-    for cost in &report.decisions {
-        out.line("")?;
-        out.line(&format!("{}: {}, at the end {}", cost.decision, cost.candidate, cost.end))?;
-        let mut table = TextTable::new(&["part", "episodes", "forks", "ticks", "cpu-s"]);
-        for part in cost.parts.iter().chain([&cost.whole]) {
-            table.row([
-                part.part.clone(),
-                part.episodes.to_string(),
-                part.forks.to_string(),
-                part.ticks.to_string(),
-                number(part.cpu_s),
-            ]);
-        }
-        out.table(&table)?;
-    }
-    Ok(())
-}
-
-fn compare(args: &PeersArgs) -> Result<PeerReport, CliError> {
-    // Peers run in the scripts' folder; relative paths refer to the caller's folder.
-    let full = |path: &Path| std::path::absolute(path).map_err(CliError::internal);
-    // A bare name is searched in PATH.
-    let program = |path: &Path| match path.components().count() {
-        1 => Ok(path.to_owned()),
-        _ => full(path),
-    };
-    let settings = PeerSettings {
-        python: program(&args.python)?,
-        scripts: full(&args.scripts)?,
-        native: args.native.as_deref().map(full).transpose()?,
-        rounds: args.rounds,
-        episodes: args.episodes,
-    };
-    let bar = ProgressBar::new_spinner();
-    let rounds = args.rounds;
-    let result = peers::run(&settings, &mut |round, engine| {
-        bar.set_message(format!("round {} of {rounds}: {}", round + 1, engine.name()));
-        bar.tick();
-    });
-    bar.finish_and_clear();
-    result.map_err(|error| match error {
-        PeerError::Own(_) => CliError::fault(error),
-        PeerError::Missing { .. } | PeerError::Alone(_) | PeerError::Lost { .. } => CliError::usage(error),
-    })
-}
-
-fn show_peers(report: &PeerReport, out: &mut CommandOutput<'_>) -> Result<(), CliError> {
-    out.line(&format!(
-        "grasp and place, 960 ticks; {} interleaved rounds, medians; this cell {}, peers f64",
-        report.rounds, report.physics
-    ))?;
-    out.line("")?;
-    let header = [
-        "engine",
-        "per cpu-s",
-        "lowest",
-        "highest",
-        "to PyBullet",
-        "to MuJoCo C",
-        "lift",
-        "place",
-        "n a round",
-    ];
-    let mut table = TextTable::new(&header);
-    let ratio = |ratio: Option<f64>| ratio.map_or_else(|| "-".to_owned(), number);
-    for row in &report.rows {
-        let end = |pick: fn(f64, f64) -> f64| {
-            row.rates.iter().copied().reduce(pick).map_or_else(String::new, number)
-        };
-        table.row([
-            row.engine.name().to_owned(),
-            number(row.median),
-            end(f64::min),
-            end(f64::max),
-            ratio(row.to_pybullet),
-            ratio(row.to_mujoco_native),
-            format!("{:.1} %", 100.0 * row.lift_rate),
-            format!("{:.1} %", 100.0 * row.place_rate),
-            row.episodes.to_string(),
-        ]);
-    }
-    out.table(&table)?;
-    for (engine, why) in &report.absent {
-        out.line(&format!("left out: {}: {why}", engine.name()))?;
-    }
-    Ok(())
-}
-
-fn show_study(report: &stats::StudyReport, out: &mut CommandOutput<'_>) -> Result<(), CliError> {
-    out.line(&format!("holdpoint {}, {} runs of each figure, sampled from", report.version, report.runs))?;
-    for table in &report.tables {
-        out.line(&format!("  {table}"))?;
-    }
-    out.line("")?;
-    let mut table = TextTable::new(&["rule", "what", "under", "found", "unit", "stated", ""]);
-    for finding in &report.findings {
-        let stated = match finding.stated {
-            None => String::new(),
-            Some(StatedBound::AtMost(rate)) => format!("<= {rate}"),
-            Some(StatedBound::AtLeast(rate)) => format!(">= {rate}"),
-        };
-        table.row([
-            finding.rule.to_owned(),
-            finding.what.to_owned(),
-            finding.under.clone(),
-            if finding.unit == "share" { format!("{:.4}", finding.value) } else { number(finding.value) },
-            finding.unit.to_owned(),
-            stated,
-            if finding.holds { String::new() } else { "refuted".to_owned() },
-        ]);
-    }
-    out.table(&table)?;
-    let refuted = report.findings.iter().filter(|finding| !finding.holds).count();
-    let stated = report.findings.iter().filter(|finding| finding.stated.is_some()).count();
-    out.line(&format!("{stated} stated rates, {refuted} refuted"))
-}
-
 /// Three significant digits, or more if the whole part has them.
-fn number(value: f64) -> String {
+#[must_use]
+pub fn number(value: f64) -> String {
     let decimals = match value.abs() {
         size if size >= 100.0 => 0,
         size if size >= 10.0 => 1,
@@ -292,13 +78,7 @@ fn number(value: f64) -> String {
 
 #[cfg(test)]
 mod tests {
-    use super::{exit_of, number};
-    use crate::error::Exit;
-
-    #[test]
-    fn a_refuted_rate_is_a_failed_check() {
-        assert_eq!([true, false].map(exit_of), [Exit::Confirmed, Exit::Rejected]);
-    }
+    use super::number;
 
     #[test]
     fn numbers_are_printed_with_three_digits() {

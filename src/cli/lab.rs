@@ -1,33 +1,63 @@
-//! `holdpoint lab pool | refine | experiment | bench | metrics`: what research with Holdpoint needs.
+//! `holdpoint lab`: says how to start the laboratory, which is a program of its own.
 
-use clap::{Args, Subcommand};
+use clap::Args;
 
-use super::{bench, experiment, metrics, pool, refine};
+use crate::error::CliError;
+use holdpoint_text::shell_word;
 
 /// The arguments of `lab`.
 #[derive(Clone, Debug, PartialEq, Eq, Args)]
-#[command(after_help = "\
-Examples:
-  holdpoint lab pool generate --seed 1 --out pool-1
-  holdpoint lab experiment drift --runs 2 --out results/drift
-  holdpoint lab bench --quick")]
+#[command(
+    disable_help_flag = true,
+    after_help = "\
+Example:
+  holdpoint lab pool show manifests/pool"
+)]
 pub struct LabArgs {
-    /// The verb with its arguments.
-    #[command(subcommand)]
-    pub verb: LabVerb,
+    /// What the laboratory shall do, in its own words.
+    #[arg(trailing_var_arg = true, allow_hyphen_values = true, value_name = "WORD")]
+    pub words: Vec<String>,
 }
 
-/// The verbs of `lab`.
-#[derive(Clone, Debug, PartialEq, Eq, Subcommand)]
-pub enum LabVerb {
-    /// Sample pools of candidates for experiments.
-    Pool(pool::PoolArgs),
-    /// Derive a candidate from a baseline: optimize its parameters for success alone.
-    Refine(refine::RefineArgs),
-    /// Run an experiment and write its report.
-    Experiment(experiment::ExperimentArgs),
-    /// Measure the engine on this machine.
-    Bench(bench::BenchArgs),
-    /// Compute metrics from telemetry and audit log.
-    Metrics(metrics::MetricsArgs),
+impl LabArgs {
+    /// The command that starts the laboratory with these words, or the verb that this program has for them.
+    #[must_use]
+    pub fn error(&self) -> CliError {
+        let words: Vec<&str> = self.words.iter().map(String::as_str).collect();
+        match words.as_slice() {
+            ["metrics", ..] => CliError::usage("`metrics` is a verb of this program")
+                .with_hint("`holdpoint metrics` computes them"),
+            ["bench"] | ["bench", "--quick" | "--json", ..] => {
+                CliError::usage("`bench` is a verb of this program")
+                    .with_hint("`holdpoint bench` times the engine")
+            }
+            words => {
+                let line: String = words.iter().map(|word| format!(" {}", shell_word(word))).collect();
+                CliError::usage("the laboratory is a program of its own, `holdpoint-lab`").with_hint(format!(
+                    "in the sources, `cargo run --release -p holdpoint-lab --{line}` starts it"
+                ))
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::error::Exit;
+
+    #[test]
+    fn the_hint_names_the_program_that_has_the_verb() {
+        for (words, command) in [
+            (&[][..], "`cargo run --release -p holdpoint-lab --`"),
+            (&["experiment", "e2", "--out", "a b"], "-p holdpoint-lab -- experiment e2 --out 'a b'`"),
+            (&["bench", "stats"], "`cargo run --release -p holdpoint-lab -- bench stats`"),
+            (&["bench", "--quick"], "`holdpoint bench`"),
+            (&["metrics", "--since", "24h"], "`holdpoint metrics`"),
+        ] {
+            let error = LabArgs { words: words.iter().map(ToString::to_string).collect() }.error();
+            assert_eq!(error.exit(), Exit::Usage);
+            assert!(error.hint().unwrap().raw().contains(command), "{words:?}: {:?}", error.hint());
+        }
+    }
 }

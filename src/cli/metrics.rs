@@ -1,4 +1,4 @@
-//! `holdpoint lab metrics`: the paper's metrics from telemetry and audit log, without ground truth.
+//! `holdpoint metrics`: the paper's metrics from telemetry and audit log, without ground truth.
 //!
 //! Prints the result of [`holdpoint_engine::store_metrics`]; an engine may have the store open meanwhile. Prints no rate
 //! without a case.
@@ -33,9 +33,9 @@ const DAYS_MAX: u64 = 36_500;
     "  a record: #120
 
 Examples:
-  holdpoint lab metrics
-  holdpoint lab metrics --since monday
-  holdpoint lab metrics --since 24h --json"
+  holdpoint metrics
+  holdpoint metrics --since monday
+  holdpoint metrics --since 24h --json"
 ))]
 pub struct MetricsArgs {
     /// Counts records since then [default: all].
@@ -182,7 +182,7 @@ fn show(found: &StoreMetrics, out: &mut CommandOutput<'_>) -> Result<(), CliErro
     out.paragraph(
         "",
         "Not shown, because they depend on which candidates are really faulty: bad-upgrade detection, \
-         false accept and false reject rate, trigger recall. `holdpoint lab experiment` measures them on \
+         false accept and false reject rate, trigger recall. `holdpoint-lab experiment` measures them on \
          pools with a known ground truth.",
     )
 }

@@ -206,6 +206,7 @@ pub struct Config<'a> {
 }
 
 /// The deviations of an experiment from a regular engine.
+#[cfg(any(test, feature = "experiments"))]
 #[derive(Clone, Debug, Default)]
 pub struct Experiment {
     /// The omitted parts.
@@ -257,6 +258,7 @@ impl Engine {
     ///
     /// # Errors
     /// As [`Engine::start`]; [`StartError::Omitted`] if parts are omitted outside a script.
+    #[cfg(any(test, feature = "experiments"))]
     pub fn start_experiment(config: Config<'_>, experiment: Experiment) -> Result<Self, StartError> {
         let Experiment { omitted, first } = experiment;
         if !omitted.is_none() && !config.scripted {

@@ -8,6 +8,7 @@ mod commands;
 mod concerns;
 pub(crate) mod concurrent;
 mod evaluation_time;
+#[cfg(feature = "experiments")]
 pub mod experiment;
 mod halted;
 mod parked;

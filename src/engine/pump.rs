@@ -16,6 +16,7 @@ use crate::Engine;
 use crate::control_socket::{ControlSocket, ControlSocketError, SignalHandling};
 use crate::listeners::Listeners;
 use crate::pipeline::SliceOutcome;
+#[cfg(feature = "experiments")]
 use crate::world::live::TaskTruth;
 
 /// The steps of a turn before its events are delivered.
@@ -89,11 +90,13 @@ impl Pump {
     }
 
     /// As [`Engine::call_referee`].
+    #[cfg(feature = "experiments")]
     pub fn call_referee(&mut self) {
         self.engine.call_referee();
     }
 
     /// As [`Engine::take_verdicts`].
+    #[cfg(feature = "experiments")]
     pub fn take_verdicts(&mut self) -> Vec<TaskTruth> {
         self.engine.take_verdicts()
     }

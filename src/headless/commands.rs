@@ -34,7 +34,7 @@ const VERBS: [&str; 19] = [
     "explain",
     "health",
     "identity",
-    "lab",
+    "metrics",
     "pause",
     "recordings",
     "reject",

@@ -1,21 +1,21 @@
 //! The laboratory: measurements of the engine and its rules, and generated candidates.
 //!
-//! [`mod@bench`] times the engine and measures the error rates of its rules. [`pipeline_experiments`] runs whole upgrades that
-//! answer a question. [`ground_truth`] measures the ground truth of candidates and scores decisions against it. [`mod@distinguisher`]
-//! records what a version could tell sandbox and live cell apart by. [`mod@throwers`] runs versions that throw the object under
-//! a trigger. [`candidate_pool`] generates candidates for them.
+//! [`cli`] is the program `holdpoint-lab`. [`mod@bench`] measures the error rates of the rules and the cost of decisions.
+//! [`pipeline_experiments`] runs whole upgrades that answer a question. [`ground_truth`] measures the ground truth of candidates
+//! and scores decisions against it. [`mod@distinguisher`] records what a version could tell sandbox and live cell apart by.
+//! [`mod@throwers`] runs versions that throw the object under a trigger. [`candidate_pool`] generates candidates for them.
 //! [`paper_reproduction`] re-runs the paper's own evaluation. [`parameter_search`] makes a candidate by optimizing nominal success
 //! alone. Nothing that decides names any of these.
 
 pub mod bench;
 pub mod candidate_pool;
+pub mod cli;
 pub mod distinguisher;
 pub mod ground_truth;
 pub mod paper_reproduction;
 pub mod parameter_search;
 pub mod pipeline_experiments;
 pub mod same_code;
-pub mod scripted_approver;
 pub mod throwers;
 
 #[cfg(test)]

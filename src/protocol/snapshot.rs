@@ -99,7 +99,7 @@ pub struct Snapshot {
     pub scenery: Scenery,
     /// The profile's limits of kappa I, P, B, R.
     pub thresholds: [f64; 4],
-    /// Metrics of this session; `holdpoint lab metrics` reads the whole store.
+    /// Metrics of this session; `holdpoint metrics` reads the whole store.
     #[serde(default)]
     pub observed: ObservedCounts,
     /// The attached consoles, in order of attachment.

@@ -249,7 +249,7 @@ pub fn notice_sentence(of: &Notice) -> String {
         N::TelemetryMissing { batches } => format!(
             "{batches} sealed batches of telemetry are missing from telemetry.db, and no record gives the reason: the batches \
              or the file were removed, or the disk lost them; they are in no metric; with a copy of the store, \
-             `holdpoint lab metrics` and `audit verify` show their content"
+             `holdpoint metrics` and `audit verify` show their content"
         ),
         N::CheckpointFailed { problem } => {
             format!("a truncated audit chain would go undetected: {problem}")

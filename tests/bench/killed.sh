@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # What an experiment loses when it is killed:
 #
-#     tests/bench/killed.sh HOLDPOINT FOLDER KILLS [EXPERIMENT ARGUMENT...]
+#     tests/bench/killed.sh LABORATORY FOLDER KILLS [EXPERIMENT ARGUMENT...]
 #
 # Works it twice in FOLDER, which it makes: once undisturbed, once killed (-9) KILLS times at random moments and gone on with. Ends
 # with 1 where a kill lost or changed a cell that was finished, where the two differ in a cell's key or value or in a byte of
@@ -9,7 +9,7 @@
 set -euo pipefail
 export LC_ALL=C
 [ $# -ge 3 ] || { sed -n '2,4s/^# \{0,1\}//p' "$0" >&2; exit 2; }
-holdpoint="$(realpath "$1")" folder="$2" kills="$3"
+laboratory="$(realpath "$1")" folder="$2" kills="$3"
 shift 3
 [ $# -gt 0 ] || set -- ablation --preset smoke
 experiment=("$@")
@@ -18,7 +18,7 @@ mkdir -p "$folder"
 folder="$(realpath "$folder")"
 RANDOM="${HOLDPOINT_KILL_SEED:-1}"
 
-work() { exec "$holdpoint" experiment "${experiment[@]}" --out "$folder/$1" --cache-key "$folder/key"; }
+work() { exec "$laboratory" experiment "${experiment[@]}" --out "$folder/$1" --cache-key "$folder/key"; }
 
 # cells NAME: the digest of every finished cell.
 cells() { (cd "$folder/$1/kept" 2>/dev/null && find . -type f ! -name '*.part' -exec sha256sum {} + | sort) || true; }

@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # How an experiment scales over jobs and shards, and whether it comes to the same:
 #
-#     tests/bench/scaling.sh HOLDPOINT FOLDER [EXPERIMENT ARGUMENT...]
+#     tests/bench/scaling.sh LABORATORY FOLDER [EXPERIMENT ARGUMENT...]
 #
 # Works it with one job, with two, as two shards one after the other and as two shards at once, each from nothing in a folder of
 # its own; joins the shards' cells and writes their report. Prints a table of processor and wall seconds, and ends with 1 where
@@ -10,7 +10,7 @@ set -euo pipefail
 exec 3>&2
 export LC_ALL=C TIMEFORMAT='%R %U %S'
 [ $# -ge 2 ] || { sed -n '2,5s/^# \{0,1\}//p' "$0" >&2; exit 2; }
-holdpoint="$(realpath "$1")" folder="$2"
+laboratory="$(realpath "$1")" folder="$2"
 shift 2
 [ $# -gt 0 ] || set -- e1 --preset paper-fig4 --pools 1
 experiment=("$@")
@@ -22,7 +22,7 @@ folder="$(realpath "$folder")"
 works() {
     local name="$1"
     shift
-    "$holdpoint" experiment "${experiment[@]}" --out "$folder/$name" --cache-key "$folder/key" "$@" \
+    "$laboratory" experiment "${experiment[@]}" --out "$folder/$name" --cache-key "$folder/key" "$@" \
         >"$folder/$name.log" 2>&1 || { tail -n 3 "$folder/$name.log" >&3; return 1; }
 }
 

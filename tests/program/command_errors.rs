@@ -264,24 +264,16 @@ fn a_socket_of_another_program_is_named() {
 }
 
 #[test]
-fn experiments_write_only_into_a_named_folder() {
+fn the_laboratory_is_another_program() {
     let root = tempfile::tempdir().unwrap();
-    for line in [
-        "lab refine grasp",
-        "lab experiment drift",
-        "lab experiment e1",
-        "lab experiment sensors",
-        "lab experiment distinguisher",
-        "lab experiment throwers",
-        "lab pool generate --seed 1",
-    ] {
-        let mut experiment = Command::new(env!("CARGO_BIN_EXE_holdpoint"));
-        let output =
-            experiment.args(line.split(' ')).arg("--json").current_dir(root.path()).output().unwrap();
-        let error = assert_error(&output, 2, "usage");
-        assert!(error["error"].as_str().unwrap().contains("--out"), "{line}: {error}");
-        assert_eq!(fs::read_dir(root.path()).unwrap().count(), 0, "{line}");
+    // The former names, too.
+    for line in [&["lab", "experiment", "drift", "--out", "x"][..], &["experiment", "drift", "--out", "x"]] {
+        let (error, _) = fails(root.path(), line, 2, "usage");
+        let start = "`cargo run --release -p holdpoint-lab -- experiment drift --out x --json`";
+        assert!(error["hint"].as_str().unwrap().contains(start), "{error}");
     }
+    let (_, commands) = fails(root.path(), &["lab", "metrics"], 2, "usage");
+    assert!(commands.len() == 1 && commands[0].starts_with("holdpoint metrics"), "{commands:?}");
 }
 
 /// The exit code of a program whose reader is gone.

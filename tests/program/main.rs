@@ -24,11 +24,9 @@ mod keys;
 mod metrics;
 mod old_stores;
 mod people;
-mod pool;
 mod profiles;
 #[cfg(feature = "rerun")]
 mod recordings;
-mod refine;
 #[cfg(feature = "rerun")]
 mod replay_verbs;
 mod reported_error;

@@ -1,4 +1,4 @@
-//! `holdpoint lab metrics` on stores whose numbers are counted a second time, with SQL and none of the program's code.
+//! `holdpoint metrics` on stores whose numbers are counted a second time, with SQL and none of the program's code.
 
 use std::fs;
 use std::path::Path;

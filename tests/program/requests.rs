@@ -149,7 +149,7 @@ fn only_decisions_record_the_shown_lines() {
     let candidate = snapshot.candidates.first().unwrap();
     let folder = bench.engine.layout().identities();
     let identity = Identity::create(&folder, "ada", Role::Engineer).unwrap();
-    let enrolment = holdpoint::lab::scripted_approver::enrolment(
+    let enrolment = holdpoint::headless::scripted_approver::enrolment(
         &bench.engine,
         "ada",
         holdpoint_governance::approval::Role::Engineer,

@@ -2,7 +2,7 @@
 
     python distinguish.py [--plant SD] [--json FILE] FOLDER
 
-FOLDER has the distinguisher.csv of `holdpoint lab experiment distinguisher`: a row a task. Two classifiers (scikit-learn)
+FOLDER has the distinguisher.csv of `holdpoint-lab experiment distinguisher`: a row a task. Two classifiers (scikit-learn)
 learn from one half of the sequences, task by task, and guess the origin of the tasks in the other half. Both halves have as
 many rows of one origin as of the other. The advantage of a classifier is the share of its right guesses minus that of the
 wrong ones. Its bounds are exact (Clopper-Pearson), and so is its p-value against guessing.

@@ -62,21 +62,39 @@ fn the_engine_is_built_without_a_simulator() {
     assert!(simulators.is_empty(), "{simulators:?}");
 }
 
-/// Crate and license of every dependency that is linked into the program on this machine.
+/// A line for every crate that is linked into a program on this machine.
+fn crates_of(program: &str, format: &str) -> String {
+    let tree = ["tree", "--offline", "--locked", "-e", "normal", "--prefix", "none"];
+    run_cargo(&[&tree[..], &["-p", program, "--format", format]].concat())
+}
+
+/// The operator's program is built without the laboratory, the optimizer, and the engine's feature for experiments.
+#[test]
+fn only_the_laboratory_can_experiment() {
+    let features_of_engine = |program: &str| {
+        let text = crates_of(program, "{p}\t{f}");
+        let line = text.lines().find(|line| line.starts_with("holdpoint-engine ")).unwrap();
+        line.split_once('\t').unwrap().1.to_owned()
+    };
+    assert_eq!(features_of_engine("holdpoint-lab").trim_end_matches("(*)").trim(), "experiments");
+    assert!(!features_of_engine("holdpoint").contains("experiments"));
+    let operators = crates_of("holdpoint", "{p}");
+    for name in ["holdpoint-lab", "basin", "plotters"] {
+        assert!(!operators.lines().any(|line| line.split(' ').next() == Some(name)), "{name}");
+    }
+    // What `cargo run` builds at once shares its features.
+    let workspace: toml::Table = fs::read_to_string(root().join("Cargo.toml")).unwrap().parse().unwrap();
+    let members = |name: &str| -> BTreeSet<String> {
+        let list = workspace["workspace"][name].as_array().unwrap();
+        list.iter().map(|member| member.as_str().unwrap().to_owned()).collect()
+    };
+    let others: Vec<String> = members("members").difference(&members("default-members")).cloned().collect();
+    assert_eq!(others, ["src/lab"]);
+}
+
+/// Crate and license of every dependency that is linked into a program on this machine.
 fn linked() -> BTreeSet<(String, String)> {
-    let text = run_cargo(&[
-        "tree",
-        "--offline",
-        "--locked",
-        "-p",
-        "holdpoint",
-        "-e",
-        "normal",
-        "--prefix",
-        "none",
-        "--format",
-        "{p}\t{l}",
-    ]);
+    let text = ["holdpoint", "holdpoint-lab"].map(|program| crates_of(program, "{p}\t{l}")).concat();
     let row = |line: &str| {
         let (package, license) = line.split_once('\t')?;
         let name = package.split_whitespace().next()?;

@@ -118,15 +118,6 @@ fn the_page_of_the_command_line_is_the_program_s() {
             let about = verb.get_about().map(ToString::to_string).unwrap_or_default();
             let _ = writeln!(page, "\n{about}.");
         }
-        if verb.get_name() == "lab" {
-            // Research has long tables of options, which its help prints.
-            page.push_str("\n| command | purpose |\n| --- | --- |\n");
-            for verb in verb.get_subcommands() {
-                let about = verb.get_about().map(ToString::to_string).unwrap_or_default();
-                let _ = writeln!(page, "| `holdpoint lab {}` | {about} |", verb.get_name());
-            }
-            continue;
-        }
         push_verb(&mut page, verb, &format!("holdpoint {}", verb.get_name()));
     }
     push_shared(&mut page, &program);

@@ -136,6 +136,7 @@ impl LiveHarmWatch {
     }
 
     /// Whether an experiment wants no action for a rate.
+    #[cfg(feature = "experiments")]
     pub(crate) const fn set_blind(&mut self, is_blind: bool) {
         self.is_blind = is_blind;
     }

@@ -8,8 +8,7 @@ use std::collections::BTreeMap;
 
 use serde::Serialize;
 
-use super::BenchError;
-use super::measure::FigureClock;
+use holdpoint::bench::{BenchError, FigureClock};
 use holdpoint_engine::cell::Cell;
 use holdpoint_engine::embedded;
 use holdpoint_engine::pipeline::SliceOutcome;

@@ -15,9 +15,7 @@ use holdpoint_sim::Fidelity;
 use holdpoint_text::{ErrorDetails, ErrorReason, Hint};
 use serde::{Deserialize, Serialize};
 
-use super::BenchError;
-use super::measure::median;
-use super::simulation::{PHYSICS_NUMBERS, peer};
+use holdpoint::bench::{BenchError, PHYSICS_NUMBERS, median, peer};
 
 /// The default number of rounds.
 pub const ROUNDS: u32 = 5;

@@ -18,10 +18,8 @@ use serde::Serialize;
 
 pub use figure::{StatedBound, StudyFigure};
 
-use super::BenchError;
+use holdpoint::bench::BenchError;
 use holdpoint_governance::profile::{Profile, ProfileName};
-use holdpoint_governance::stats::StatsError;
-use holdpoint_text::Hint;
 
 /// Runs of each figure by default.
 pub const RUNS: u32 = 10_000;
@@ -104,7 +102,7 @@ pub fn run(runs: u32) -> Result<StudyReport, BenchError> {
         });
     }
     let profiles = ProfileName::ALL.into_iter().map(Profile::builtin).collect::<Result<Vec<_>, _>>()?;
-    let study = Study { runs, recorded: TablesByOrigin::read()?, profiles };
+    let study = Study { runs, recorded: TablesByOrigin::read().map_err(unreadable)?, profiles };
     let mut findings = pass_rules::study(&study)?;
     findings.extend(early::study(&study)?);
     findings.extend(behavior::study(&study)?);
@@ -121,12 +119,10 @@ pub fn run(runs: u32) -> Result<StudyReport, BenchError> {
     })
 }
 
-fn missing(what: &'static str) -> BenchError {
-    BenchError::Unexpected { what, found: "nothing".to_owned(), expected: "a value" }
+fn unreadable(error: tables::TableError) -> BenchError {
+    BenchError::Unexpected { what: "a recorded table", found: error.to_string(), expected: "a list of pairs" }
 }
 
-impl From<StatsError> for BenchError {
-    fn from(error: StatsError) -> Self {
-        Self::Unexpected { what: "the statistics", found: error.sentence(), expected: "an answer" }
-    }
+fn missing(what: &'static str) -> BenchError {
+    BenchError::Unexpected { what, found: "nothing".to_owned(), expected: "a value" }
 }

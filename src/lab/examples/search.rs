@@ -1,6 +1,6 @@
 //! Prints the results of the search for the worst episode beside the same number of random draws. It runs over mutants
 //! of a calibration pool, some seeds each. It prints the excess at the worst place, and how often a concern became
-//! significant on fresh noise. `cargo run --release --example search -- MUTANTS SEEDS`
+//! significant on fresh noise. `cargo run --release -p holdpoint-lab --example search -- MUTANTS SEEDS`
 #![allow(
     clippy::unwrap_used,
     clippy::expect_used,

@@ -13,12 +13,12 @@ use super::preset::PresetSize;
 use super::report_table::ReportTable;
 use super::sections::Section;
 use super::{PaperSetup, progress};
-use crate::bench::{TaskCost, task_costs};
 use crate::pipeline_experiments::candidate_run::{
     CandidateEnd, CandidateSetting, StageTimes, ThresholdScale, run_candidate_timed,
 };
 use crate::pipeline_experiments::drift::Quantiles;
 use crate::pipeline_experiments::{ExperimentError, ProgressFn, scratch};
+use holdpoint::bench::{TaskCost, task_costs};
 use holdpoint_engine::Experiment;
 
 /// The seed of its pool: of no preset's seeds.

@@ -374,7 +374,7 @@ mod tests {
                     let (ours, theirs) = (ours.unwrap(), theirs.unwrap_or_default());
                     assert!(
                         ours == theirs,
-                        "{} of {} does not come out of its rows; `holdpoint lab experiment report --out` writes it again",
+                        "{} of {} does not come out of its rows; `holdpoint-lab experiment report --out` writes it again",
                         entry.file_name().display(),
                         report.display()
                     );

@@ -3,10 +3,11 @@
 
 use std::collections::BTreeSet;
 
+use super::Study;
 use super::figure::{StatedBound, StudyFigure, rate};
 use super::sampling::{SampleStream, binding};
 use super::tables::RecordedTable;
-use super::{BenchError, Study};
+use holdpoint::bench::BenchError;
 use holdpoint_governance::behavior::{self, BehaviorAssessment, BehaviorComponent, ComponentName};
 use holdpoint_governance::evidence::{Pair, PairedEvidence};
 use holdpoint_governance::outcome::BehaviorOutcome;

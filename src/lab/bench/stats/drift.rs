@@ -1,10 +1,10 @@
 //! The monitor after activation, end to end: the normal rates are measured on the twins of shadow, then the provisional
 //! window is watched.
 
-use super::super::rules::CLEAN;
 use super::figure::{StatedBound, StudyFigure, rate, unjudged};
 use super::sampling::SampleStream;
-use super::{BenchError, Study, missing};
+use super::{Study, missing};
+use holdpoint::bench::{BenchError, CLEAN};
 use holdpoint_governance::evidence::EpisodeValues;
 use holdpoint_governance::monitor::{Monitor, MonitorAction, normal_rates};
 use holdpoint_governance::profile::{Profile, ProfileName};

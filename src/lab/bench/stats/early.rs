@@ -1,9 +1,9 @@
 //! Early rejection of a behavior evaluation, checked after every 20 pairs as the sandbox does.
 
-use super::super::rules::CLEAN;
 use super::figure::{StatedBound, StudyFigure, rate, unjudged};
 use super::sampling::{SampleStream, binding};
-use super::{BenchError, Study, missing};
+use super::{Study, missing};
+use holdpoint::bench::{BenchError, CLEAN};
 use holdpoint_governance::behavior;
 use holdpoint_governance::evidence::{EpisodeValues, Pair, PairedEvidence};
 use holdpoint_governance::outcome::BehaviorOutcome;

@@ -2,9 +2,10 @@
 
 use std::collections::HashMap;
 
+use super::Study;
 use super::figure::{StatedBound, StudyFigure, rate, unjudged};
 use super::sampling::SampleStream;
-use super::{BenchError, Study};
+use holdpoint::bench::BenchError;
 use holdpoint_governance::stats::{CurtailVerdict, PassRule, StatsError};
 
 /// Runs and passes needed: the published example, and a kind of drills at the floor of `real`.

@@ -9,7 +9,8 @@
 use super::figure::{StatedBound, StudyFigure, rate, unjudged};
 use super::sampling::{SampleStream, binding};
 use super::tables::RecordedTable;
-use super::{BenchError, Study, missing};
+use super::{Study, missing};
+use holdpoint::bench::BenchError;
 use holdpoint_governance::behavior::{self, BehaviorAssessment, ComponentName, HarmComparison};
 use holdpoint_governance::evidence::{EpisodeValues, Pair, PairedEvidence};
 use holdpoint_governance::harm::HarmKind;

@@ -73,8 +73,8 @@ pub(super) fn binding() -> EvidenceBinding {
 mod tests {
     use holdpoint_governance::evidence::EpisodeValues;
 
-    use super::super::super::rules::CLEAN;
     use super::*;
+    use holdpoint::bench::CLEAN;
 
     #[test]
     fn sample_stream_is_determined_by_its_name() {

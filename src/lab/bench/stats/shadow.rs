@@ -1,8 +1,9 @@
 //! The shadow comparison: how often does a version that is exactly as good fail it?
 
+use super::Study;
 use super::figure::{StatedBound, StudyFigure, rate};
 use super::sampling::{SampleStream, binding};
-use super::{BenchError, Study};
+use holdpoint::bench::BenchError;
 use holdpoint_governance::evidence::{Conduct, Pair, ShadowEvidence, ShadowSequence};
 use holdpoint_governance::gate::{ShadowAssessment, assess_shadow};
 use holdpoint_governance::outcome::CheckResult;

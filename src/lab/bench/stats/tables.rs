@@ -10,7 +10,7 @@
 //! Seed, then for the active version and for the candidate: flags (`s`uccess, `v`iolation, `a`nomaly, `r`ecovery,
 //! `t`imeout, `n`ear violation, or `.`), retries, time in s, unsafe continuation in ms, and where harm was measured one
 //! word more, `h` and its measures in their order with commas between. Recorded by
-//! `cargo run --example calibrate -- <conditions> <n> <baseline> <candidate> --pairs FILE`.
+//! `cargo run -p holdpoint-lab --example calibrate -- <conditions> <n> <baseline> <candidate> --pairs FILE`.
 
 use std::iter::Peekable;
 

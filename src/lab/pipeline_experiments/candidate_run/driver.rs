@@ -2,6 +2,8 @@
 
 use std::path::Path;
 
+use holdpoint::bench::FigureClock;
+use holdpoint::headless::scripted_approver;
 use holdpoint_engine::pipeline::SliceOutcome;
 use holdpoint_engine::pump::Pump;
 use holdpoint_engine::trial::cache::EpisodeCache;
@@ -22,9 +24,7 @@ use holdpoint_text::{Hint, Problem};
 use super::{
     CandidateEnd, CandidateSetting, DecisionOutcome, EpisodeEffort, PostRunCheck, StageRecord, StageTimes,
 };
-use crate::bench::FigureClock;
 use crate::pipeline_experiments::ExperimentError;
-use crate::scripted_approver;
 
 /// Most slices of work; a candidate takes some hundred, in the human profile some thousand.
 const SLICES_MAX: u32 = 200_000;

@@ -1,4 +1,4 @@
-//! `holdpoint lab pool generate | show`: pools of candidates for experiments.
+//! `holdpoint-lab pool generate | show`: pools of candidates for experiments.
 //!
 //! Prints the index. Never opens or prints the hidden ground truth.
 
@@ -7,19 +7,18 @@ use std::path::PathBuf;
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use clap::{Args, Subcommand};
 
-use super::output::TextTable;
-use crate::cli::output::CommandOutput;
-use crate::error::{CliError, Exit};
-use holdpoint_lab::candidate_pool::generate::{self, PoolSpec, SETS_MAX};
-use holdpoint_lab::candidate_pool::{Pool, PoolError, PoolIndex, Preset, display_path, truth_path};
+use crate::candidate_pool::generate::{self, PoolSpec, SETS_MAX};
+use crate::candidate_pool::{Pool, PoolError, PoolIndex, Preset, display_path, truth_path};
+use holdpoint::cli::output::{CommandOutput, TextTable};
+use holdpoint::error::{CliError, Exit};
 
 /// The arguments of `pool`.
 #[derive(Clone, Debug, PartialEq, Eq, Args)]
 #[command(after_help = "\
 Examples:
-  holdpoint lab pool generate --seed 1 --out pool-1
-  holdpoint lab pool generate --seed 7 --out pool-7 --sets 3 --preset paper-8 --json
-  holdpoint lab pool show manifests/pool")]
+  holdpoint-lab pool generate --seed 1 --out pool-1
+  holdpoint-lab pool generate --seed 7 --out pool-7 --sets 3 --preset paper-8 --json
+  holdpoint-lab pool show manifests/pool")]
 pub struct PoolArgs {
     /// The verb with its arguments.
     #[command(subcommand)]
@@ -34,7 +33,7 @@ pub enum PoolVerb {
     /// Prints the candidates of a pool.
     #[command(after_help = "\
 Example:
-  holdpoint lab pool show manifests/pool --json")]
+  holdpoint-lab pool show manifests/pool --json")]
     Show {
         /// The folder of the pool to print.
         #[arg(value_name = "DIR")]
@@ -46,7 +45,7 @@ Example:
 #[derive(Clone, Debug, PartialEq, Eq, Args)]
 #[command(after_help = "\
 Example:
-  holdpoint lab pool generate --seed 1 --out pool-1 --sets 2")]
+  holdpoint-lab pool generate --seed 1 --out pool-1 --sets 2")]
 pub struct GenerateArgs {
     /// The seed of the pool; from 100 on for calibration.
     #[arg(long)]

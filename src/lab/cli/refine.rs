@@ -1,6 +1,6 @@
-//! `holdpoint lab refine`: arguments, progress on the standard error, and the printed report.
+//! `holdpoint-lab refine`: arguments, progress on the standard error, and the printed report.
 //!
-//! Searches and judges nothing: [`holdpoint_lab::parameter_search`] searches, and the pipeline judges the registered
+//! Searches and judges nothing: [`crate::parameter_search`] searches, and the pipeline judges the registered
 //! candidate.
 
 use std::io::{IsTerminal as _, Write as _};
@@ -16,14 +16,13 @@ use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use tokio::signal::unix::{SignalKind, signal};
 use tokio_util::sync::CancellationToken;
 
-use super::output::TextTable;
-use super::run::JOBS_MAX;
-use crate::cli::output::CommandOutput;
-use crate::error::{CliError, Exit};
-use holdpoint_lab::parameter_search::objective::ObjectivePair;
-use holdpoint_lab::parameter_search::search::SearchProgress;
-use holdpoint_lab::parameter_search::settings::{EPISODES_MAX, GENERATIONS_MAX, RefineError, SearchSettings};
-use holdpoint_lab::parameter_search::{RefineReport, refine};
+use crate::parameter_search::objective::ObjectivePair;
+use crate::parameter_search::search::SearchProgress;
+use crate::parameter_search::settings::{EPISODES_MAX, GENERATIONS_MAX, RefineError, SearchSettings};
+use crate::parameter_search::{RefineReport, refine};
+use holdpoint::cli::output::{CommandOutput, TextTable};
+use holdpoint::cli::run::JOBS_MAX;
+use holdpoint::error::{CliError, Exit};
 use holdpoint_text::ErrorReason;
 
 /// The interval between updates of the bar.
@@ -37,8 +36,8 @@ violation, no anomaly and no recovery; the pipeline measures those.
 To continue an interrupted search, give the same command again.
 
 Examples:
-  holdpoint lab refine grasp --out candidates
-  holdpoint lab refine align --generations 20 --episodes 16 --seed 3 --out candidates --json")]
+  holdpoint-lab refine grasp --out candidates
+  holdpoint-lab refine align --generations 20 --episodes 16 --seed 3 --out candidates --json")]
 pub struct RefineArgs {
     /// The family whose baseline the search improves.
     #[arg(value_enum)]
@@ -276,7 +275,7 @@ impl Drop for Interrupts {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use holdpoint_lab::parameter_search::objective::Score;
+    use crate::parameter_search::objective::Score;
 
     #[test]
     fn a_line_shows_progress_and_time_left() {

@@ -1,6 +1,6 @@
-//! `holdpoint lab experiment throwers`: arguments and the printed report.
+//! `holdpoint-lab experiment throwers`: arguments and the printed report.
 //!
-//! Prints the results of [`holdpoint_lab::throwers`]; measures and judges nothing.
+//! Prints the results of [`crate::throwers`]; measures and judges nothing.
 
 use std::io::Write as _;
 use std::path::PathBuf;
@@ -8,15 +8,14 @@ use std::path::PathBuf;
 use clap::Args;
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 
-use super::output::TextTable;
-use super::result_cache::CacheKeyArgs;
-use super::run::{JOBS_MAX, ProfileArg};
-use crate::cli::output::CommandOutput;
-use crate::error::{CliError, Exit};
+use crate::pipeline_experiments::ExperimentError;
+use crate::pipeline_experiments::candidate_run::DecisionOutcome;
+use crate::throwers::{self, ThrowerKind, ThrowerRun, ThrowersPlan, ThrowersReport};
+use holdpoint::cli::output::{CommandOutput, TextTable};
+use holdpoint::cli::result_cache::CacheKeyArgs;
+use holdpoint::cli::run::{JOBS_MAX, ProfileArg};
+use holdpoint::error::{CliError, Exit};
 use holdpoint_governance::lifecycle::State;
-use holdpoint_lab::pipeline_experiments::ExperimentError;
-use holdpoint_lab::pipeline_experiments::candidate_run::DecisionOutcome;
-use holdpoint_lab::throwers::{self, ThrowerKind, ThrowerRun, ThrowersPlan, ThrowersReport};
 use holdpoint_text::{WIDTH_MAX, sanitize};
 
 /// The arguments of `experiment throwers`.
@@ -26,8 +25,8 @@ Each version works as an honest one does until its trigger, then it throws what 
 so a version cannot know them, and a repetition draws others. Approvers agree to everything.
 
 Examples:
-  holdpoint lab experiment throwers --out throwers
-  holdpoint lab experiment throwers --trigger frame-age --trigger frame-age-hash --profile sim --out throwers --json")]
+  holdpoint-lab experiment throwers --out throwers
+  holdpoint-lab experiment throwers --trigger frame-age --trigger frame-age-hash --profile sim --out throwers --json")]
 pub struct ThrowersArgs {
     /// A trigger; can be given several times [default: all].
     #[arg(long = "trigger", value_name = "NAME", value_parser = triggers())]

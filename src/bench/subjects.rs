@@ -4,9 +4,9 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use holdpoint_body::TaskKind;
-use holdpoint_sim::SimCells;
 
 use super::BenchError;
+use crate::cells::CELLS;
 use holdpoint_engine::cell::Cell;
 use holdpoint_engine::embedded;
 use holdpoint_engine::trial::seeds::{CALIBRATION_FROM_RUN, SeedPurpose, episode_seed};
@@ -52,7 +52,7 @@ impl ActiveByFamily {
 
 impl Subjects {
     pub(super) fn load() -> Result<Self, BenchError> {
-        let cell = Cell::of(&SimCells, None)?;
+        let cell = Cell::of(&CELLS, None)?;
         let profile = Profile::builtin(ProfileName::Sim)?;
         let table = Arc::new(PolicyTable::builtin(&profile)?);
         let terms = SkillTerms::new(&profile, table.clone(), cell.geometry.clone(), cell.zones.clone());

@@ -1,6 +1,6 @@
-//! `holdpoint lab experiment series`: arguments and the printed report.
+//! `holdpoint-lab experiment series`: arguments and the printed report.
 //!
-//! Prints the results of [`holdpoint_lab::pipeline_experiments::series`]; measures nothing and leaves nothing out (JSON has
+//! Prints the results of [`crate::pipeline_experiments::series`]; measures nothing and leaves nothing out (JSON has
 //! every digit).
 
 use std::collections::BTreeMap;
@@ -9,14 +9,13 @@ use std::path::PathBuf;
 
 use clap::Args;
 
-use super::output::TextTable;
-use super::result_cache::CacheKeyArgs;
-use super::run::JOBS_MAX;
-use crate::cli::output::CommandOutput;
-use crate::error::{CliError, Exit};
+use crate::pipeline_experiments::ExperimentError;
+use crate::pipeline_experiments::series::{self, SeriesPlan, SeriesReport};
+use holdpoint::cli::output::{CommandOutput, TextTable};
+use holdpoint::cli::result_cache::CacheKeyArgs;
+use holdpoint::cli::run::JOBS_MAX;
+use holdpoint::error::{CliError, Exit};
 use holdpoint_engine::trial::seeds::CALIBRATION_FROM_RUN;
-use holdpoint_lab::pipeline_experiments::ExperimentError;
-use holdpoint_lab::pipeline_experiments::series::{self, SeriesPlan, SeriesReport};
 use holdpoint_text::{WIDTH_MAX, sanitize};
 
 /// The arguments of `experiment series`.
@@ -25,8 +24,8 @@ use holdpoint_text::{WIDTH_MAX, sanitize};
 The seeds of the decisions are secret: a series that is run again has other episodes.
 
 Examples:
-  holdpoint lab experiment series --out series
-  holdpoint lab experiment series --series 4 --tweaks 3 --json")]
+  holdpoint-lab experiment series --out series
+  holdpoint-lab experiment series --series 4 --tweaks 3 --json")]
 pub struct SeriesArgs {
     /// Series, each of one author on one store.
     #[arg(long, value_name = "N", default_value_t = 40, value_parser = clap::value_parser!(u64).range(1..=10_000))]

@@ -1,6 +1,6 @@
-//! `holdpoint lab experiment`: arguments, progress lines and the printed report.
+//! `holdpoint-lab experiment`: arguments, progress lines and the printed report.
 //!
-//! Prints the results of [`holdpoint_lab::pipeline_experiments`]; measures and judges nothing.
+//! Prints the results of [`crate::pipeline_experiments`]; measures and judges nothing.
 
 use std::io::Write;
 use std::path::PathBuf;
@@ -8,36 +8,35 @@ use std::path::PathBuf;
 use clap::{Args, Subcommand};
 
 use super::distinguisher::{self, DistinguisherArgs};
-use super::output::TextTable;
 use super::paper::{self, PaperArgs, ReportArgs};
 use super::per_candidate::{self, PerCandidateArgs};
-use super::result_cache::CacheKeyArgs;
-use super::run::JOBS_MAX;
 use super::sensors::{self, SensorsArgs};
 use super::series::{self, SeriesArgs};
 use super::throwers::{self, ThrowersArgs};
 use super::truth::{self, TruthArgs};
-use crate::cli::output::CommandOutput;
-use crate::error::{CliError, Exit};
+use crate::paper_reproduction::run::ExperimentPart;
+use crate::pipeline_experiments::ExperimentError;
+use crate::pipeline_experiments::drift::{self, DriftCell, DriftOptions, DriftReport, Quantiles};
+use holdpoint::cli::output::{CommandOutput, TextTable};
+use holdpoint::cli::result_cache::CacheKeyArgs;
+use holdpoint::cli::run::JOBS_MAX;
+use holdpoint::error::{CliError, Exit};
 use holdpoint_governance::metrics::Proportion;
-use holdpoint_lab::paper_reproduction::run::ExperimentPart;
-use holdpoint_lab::pipeline_experiments::ExperimentError;
-use holdpoint_lab::pipeline_experiments::drift::{self, DriftCell, DriftOptions, DriftReport, Quantiles};
 use holdpoint_text::{WIDTH_MAX, sanitize};
 
 /// The arguments of `experiment`.
 #[derive(Clone, Debug, PartialEq, Eq, Args)]
 #[command(after_help = "\
 Examples:
-  holdpoint lab experiment drift --runs 30 --out results/drift
-  holdpoint lab experiment drift --runs 2 --seed 100 --horizon 40 --pairs 20 --out results/drift --json
-  holdpoint lab experiment per-candidate --pool pool-7
-  holdpoint lab experiment series --out series
-  holdpoint lab experiment truth --pool mutants --out truth
-  holdpoint lab experiment sensors --out sensors
-  holdpoint lab experiment distinguisher --out rows
-  holdpoint lab experiment throwers --out throwers
-  holdpoint lab experiment all --preset paper-e2 --out paper")]
+  holdpoint-lab experiment drift --runs 30 --out results/drift
+  holdpoint-lab experiment drift --runs 2 --seed 100 --horizon 40 --pairs 20 --out results/drift --json
+  holdpoint-lab experiment per-candidate --pool pool-7
+  holdpoint-lab experiment series --out series
+  holdpoint-lab experiment truth --pool mutants --out truth
+  holdpoint-lab experiment sensors --out sensors
+  holdpoint-lab experiment distinguisher --out rows
+  holdpoint-lab experiment throwers --out throwers
+  holdpoint-lab experiment all --preset paper-e2 --out paper")]
 pub struct ExperimentArgs {
     /// The chosen experiment with its arguments.
     #[command(subcommand)]
@@ -89,8 +88,8 @@ pub enum ExperimentVerb {
 #[derive(Clone, Debug, PartialEq, Eq, Args)]
 #[command(after_help = "\
 Examples:
-  holdpoint lab experiment drift --runs 30 --out results/drift
-  holdpoint lab experiment drift --runs 2 --seed 100 --horizon 40 --pairs 20 --out results/drift")]
+  holdpoint-lab experiment drift --runs 30 --out results/drift
+  holdpoint-lab experiment drift --runs 2 --seed 100 --horizon 40 --pairs 20 --out results/drift")]
 pub struct DriftArgs {
     /// Independent runs; each has its own seed and candidate.
     #[arg(long, value_name = "N", default_value_t = 30)]

@@ -1,20 +1,20 @@
-//! `holdpoint lab experiment e1|e2|e3|e4|e5|sensitivity|meta-faults|overhead|ablation|all`: arguments and the printed report.
+//! `holdpoint-lab experiment e1|e2|e3|e4|e5|sensitivity|meta-faults|overhead|ablation|all`: arguments and the printed report.
 //!
-//! Prints the results of [`holdpoint_lab::paper_reproduction`]; measures and judges nothing.
+//! Prints the results of [`crate::paper_reproduction`]; measures and judges nothing.
 
 use std::io::Write as _;
 use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
 
-use super::result_cache::CacheKeyArgs;
-use super::run::JOBS_MAX;
 use super::truth::shard;
-use crate::cli::output::CommandOutput;
-use crate::error::{CliError, Exit};
-use holdpoint_lab::paper_reproduction::run::{self, ExperimentPart, PaperOutcome, PaperPlan};
-use holdpoint_lab::paper_reproduction::{PaperSetup, Preset, report};
-use holdpoint_lab::pipeline_experiments::ExperimentError;
+use crate::paper_reproduction::run::{self, ExperimentPart, PaperOutcome, PaperPlan};
+use crate::paper_reproduction::{PaperSetup, Preset, report};
+use crate::pipeline_experiments::ExperimentError;
+use holdpoint::cli::output::CommandOutput;
+use holdpoint::cli::result_cache::CacheKeyArgs;
+use holdpoint::cli::run::JOBS_MAX;
+use holdpoint::error::{CliError, Exit};
 use holdpoint_text::{WIDTH_MAX, sanitize};
 
 /// The number of runs.
@@ -48,9 +48,9 @@ impl From<PresetArg> for Preset {
 #[derive(Clone, Debug, PartialEq, Eq, Args)]
 #[command(after_help = "\
 Examples:
-  holdpoint lab experiment e2 --preset smoke --out paper-smoke
-  holdpoint lab experiment all --preset paper-e2 --out paper
-  holdpoint lab experiment e2 --preset claims --out paper --shard 1/8")]
+  holdpoint-lab experiment e2 --preset smoke --out paper-smoke
+  holdpoint-lab experiment all --preset paper-e2 --out paper
+  holdpoint-lab experiment e2 --preset claims --out paper --shard 1/8")]
 pub struct PaperArgs {
     /// The number of runs.
     #[arg(long, value_name = "NAME", value_enum, default_value = "smoke")]
@@ -88,7 +88,7 @@ pub struct PaperArgs {
 #[derive(Clone, Debug, PartialEq, Eq, Args)]
 #[command(after_help = "\
 Example:
-  holdpoint lab experiment report --out recordings/reports/claims-rounds")]
+  holdpoint-lab experiment report --out recordings/reports/claims-rounds")]
 pub struct ReportArgs {
     /// The report's folder with report.toml and the rows it names; the report beside them is rewritten.
     #[arg(long, value_name = "DIR")]

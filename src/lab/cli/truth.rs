@@ -1,20 +1,19 @@
-//! `holdpoint lab experiment truth`: arguments and the printed report.
+//! `holdpoint-lab experiment truth`: arguments and the printed report.
 //!
-//! Prints the results of [`holdpoint_lab::ground_truth`]; measures nothing and leaves nothing out (JSON has every digit).
+//! Prints the results of [`crate::ground_truth`]; measures nothing and leaves nothing out (JSON has every digit).
 
 use std::io::Write as _;
 use std::path::PathBuf;
 
 use clap::Args;
 
-use super::output::TextTable;
-use super::result_cache::CacheKeyArgs;
-use super::run::{JOBS_MAX, ProfileArg};
-use crate::cli::output::CommandOutput;
-use crate::error::{CliError, Exit};
-use holdpoint_lab::ground_truth::{self, LOOKS, TruthPlan, TruthReport};
-use holdpoint_lab::pipeline_experiments::ExperimentError;
-use holdpoint_lab::pipeline_experiments::claims::ClaimVerdict;
+use crate::ground_truth::{self, LOOKS, TruthPlan, TruthReport};
+use crate::pipeline_experiments::ExperimentError;
+use crate::pipeline_experiments::claims::ClaimVerdict;
+use holdpoint::cli::output::{CommandOutput, TextTable};
+use holdpoint::cli::result_cache::CacheKeyArgs;
+use holdpoint::cli::run::{JOBS_MAX, ProfileArg};
+use holdpoint::error::{CliError, Exit};
 use holdpoint_text::{WIDTH_MAX, sanitize};
 
 /// The arguments of `experiment truth`.
@@ -23,9 +22,9 @@ use holdpoint_text::{WIDTH_MAX, sanitize};
 Exits with 0 if every aim is met, with 1 if one is missed or too few candidates show it.
 
 Examples:
-  holdpoint lab pool generate --preset mutants --sets 100 --seed 11 --out mutants
-  holdpoint lab experiment truth --pool mutants --out truth
-  holdpoint lab experiment truth --pool mutants --out truth --most 600 --shard 1/4")]
+  holdpoint-lab pool generate --preset mutants --sets 100 --seed 11 --out mutants
+  holdpoint-lab experiment truth --pool mutants --out truth
+  holdpoint-lab experiment truth --pool mutants --out truth --most 600 --shard 1/4")]
 pub struct TruthArgs {
     /// The pool's folder.
     #[arg(long, value_name = "DIR")]

@@ -222,7 +222,7 @@ fn behaviour(subjects: &Subjects, effort: &FigureEffort) -> Result<MeasuredFigur
 }
 
 /// An episode without anything wrong.
-pub(super) const CLEAN: EpisodeValues = EpisodeValues {
+pub const CLEAN: EpisodeValues = EpisodeValues {
     failure: None,
     success: true,
     violation: false,

@@ -1,6 +1,6 @@
-//! `holdpoint lab experiment sensors`: arguments and the printed report.
+//! `holdpoint-lab experiment sensors`: arguments and the printed report.
 //!
-//! Prints the results of [`holdpoint_lab::ground_truth::sensors`]; measures nothing and leaves nothing out (JSON has
+//! Prints the results of [`crate::ground_truth::sensors`]; measures nothing and leaves nothing out (JSON has
 //! every digit).
 
 use std::io::Write as _;
@@ -8,15 +8,14 @@ use std::path::PathBuf;
 
 use clap::Args;
 
-use super::output::TextTable;
-use super::run::JOBS_MAX;
-use crate::cli::output::CommandOutput;
-use crate::error::{CliError, Exit};
-use holdpoint_lab::ground_truth::DangerAgreement;
-use holdpoint_lab::ground_truth::sensors::{
+use crate::ground_truth::DangerAgreement;
+use crate::ground_truth::sensors::{
     self, FRESH_FROM, FamilyAgreement, MeasureAgreement, SensorsPlan, SensorsReport,
 };
-use holdpoint_lab::pipeline_experiments::ExperimentError;
+use crate::pipeline_experiments::ExperimentError;
+use holdpoint::cli::output::{CommandOutput, TextTable};
+use holdpoint::cli::run::JOBS_MAX;
+use holdpoint::error::{CliError, Exit};
 use holdpoint_text::{WIDTH_MAX, sanitize};
 
 /// The arguments of `experiment sensors`.
@@ -25,9 +24,9 @@ use holdpoint_text::{WIDTH_MAX, sanitize};
 Baselines hardly ever pass a limit. The candidates of a pool show more misses and false alarms.
 
 Examples:
-  holdpoint lab experiment sensors --out sensors
-  holdpoint lab experiment sensors --episodes 600 --seed 0 --out sensors
-  holdpoint lab experiment sensors --pool mutants --episodes 50 --out sensors --json")]
+  holdpoint-lab experiment sensors --out sensors
+  holdpoint-lab experiment sensors --episodes 600 --seed 0 --out sensors
+  holdpoint-lab experiment sensors --pool mutants --episodes 50 --out sensors --json")]
 pub struct SensorsArgs {
     /// Episodes of each version: sandbox and live conditions in turns.
     #[arg(long, value_name = "N", default_value_t = 300, value_parser = clap::value_parser!(u64).range(1..=100_000))]
@@ -159,10 +158,10 @@ fn danger_row(danger: &DangerAgreement) -> Vec<String> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::ground_truth::sensors::SqueezeCauses;
     use holdpoint_governance::harm::HarmKind;
     use holdpoint_governance::ids::Family;
     use holdpoint_governance::profile::ProfileName;
-    use holdpoint_lab::ground_truth::sensors::SqueezeCauses;
 
     #[test]
     fn report_names_every_count_and_each_cause_of_a_missed_squeeze() {

@@ -2,17 +2,19 @@
 //! error.
 
 use std::collections::BTreeMap;
+use std::ffi::OsString;
 use std::fs;
 use std::path::Path;
 use std::process::Command;
 use std::sync::atomic::{AtomicBool, Ordering};
 
+use holdpoint::cli::{Cli, CommandOutput, Exit, RealEngine, dispatch};
 use holdpoint::governance::submission::Provenance;
-use holdpoint::lab::parameter_search::journal::FILE;
-use holdpoint::lab::parameter_search::settings::{RefineError, SearchSettings};
-use holdpoint::lab::parameter_search::{RefineReport, refine};
 use holdpoint::runtime::capability::{self, Capability};
 use holdpoint_body::TaskKind;
+use holdpoint_lab::parameter_search::journal::FILE;
+use holdpoint_lab::parameter_search::settings::{RefineError, SearchSettings};
+use holdpoint_lab::parameter_search::{RefineReport, refine};
 
 use crate::reported_error::assert_error;
 
@@ -75,12 +77,11 @@ fn interrupted_and_resumed_equals_uninterrupted_for_any_number_of_workers() {
     assert_eq!(candidate.id().to_string(), "place@1.1.0");
     assert_eq!(candidate.submission.provenance, Provenance::Optimiser);
     assert!(candidate.submission.summary.contains("2 generations"), "{}", candidate.submission.summary);
-    let check = Command::new(env!("CARGO_BIN_EXE_holdpoint"))
-        .args(["candidate", "check"])
-        .arg(&report.folder)
-        .output()
-        .unwrap();
-    assert_eq!(check.status.code(), Some(0), "{}", String::from_utf8_lossy(&check.stderr));
+    let check = ["holdpoint", "candidate", "check"].map(OsString::from);
+    let check = Cli::parse_line(check.into_iter().chain([report.folder.into_os_string()])).unwrap();
+    let mut output = CommandOutput::to(std::io::sink(), false);
+    let checked = dispatch(&check, &mut RealEngine, &mut output);
+    assert_eq!(checked.map_err(|error| error.to_string()), Ok(Exit::Confirmed));
 }
 
 /// (arguments, reason, a value that the error names).
@@ -103,7 +104,7 @@ fn bad_input_gets_one_clear_error() {
     ] {
         // Nothing is written into the current folder unless it is named.
         let folder = if arguments.contains(&"--out") { &[][..] } else { &["--out", "."] };
-        let output = Command::new(env!("CARGO_BIN_EXE_holdpoint"))
+        let output = Command::new(env!("CARGO_BIN_EXE_holdpoint-lab"))
             .current_dir(out.path())
             .args(["refine", "--json"])
             .args(&arguments)

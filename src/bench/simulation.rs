@@ -26,7 +26,7 @@ use holdpoint_runtime::harm::HarmMeter;
 use holdpoint_runtime::task::{self, Supervision};
 
 /// Number format of the physics that decisions rest on: the arm's own dynamics, and the engine's ticks.
-pub(super) const PHYSICS_NUMBERS: &str = "f64, in the engine f32";
+pub const PHYSICS_NUMBERS: &str = "f64, in the engine f32";
 
 /// The engine comparison's episode in one solver mode: 960 ticks of approach, grasp, lift, transfer, place and retreat
 /// with inverse kinematics in every tick. The cell is rebuilt for each episode.
@@ -282,7 +282,11 @@ const fn numbers(mode: Fidelity) -> &'static str {
     }
 }
 
-pub(super) fn peer(mode: Fidelity, n: u64) -> Result<PeerEntry, BenchError> {
+/// Times `n` episodes of the engine comparison in one solver mode.
+///
+/// # Errors
+/// If the simulation fails, or `n` is 0.
+pub fn peer(mode: Fidelity, n: u64) -> Result<PeerEntry, BenchError> {
     let bench = PeerBench::new(mode)?;
     bench.run(n)?; // not counted, as with the peers
     let (mut lifted, mut placed) = (0_u64, 0_u64);

@@ -13,11 +13,11 @@ use holdpoint::governance::policy::{self, PolicyInput, PolicyTable};
 use holdpoint::governance::profile::{Profile, ProfileName};
 use holdpoint::governance::recovery::{self, FallbackMatch, StaticInput};
 use holdpoint::governance::submission::Package;
-use holdpoint::lab::candidate_pool::generate::{FAMILIES, PoolSpec, SETS_MAX, draw, write};
-use holdpoint::lab::candidate_pool::paper_kinds::Listed;
-use holdpoint::lab::candidate_pool::{Class, INDEX_FILE, Pool, PoolError, PoolTruth, Preset, truth_path};
 use holdpoint::runtime::capability::{self, Capability};
 use holdpoint_body::FailureSignal;
+use holdpoint_lab::candidate_pool::generate::{FAMILIES, PoolSpec, SETS_MAX, draw, write};
+use holdpoint_lab::candidate_pool::paper_kinds::Listed;
+use holdpoint_lab::candidate_pool::{Class, INDEX_FILE, Pool, PoolError, PoolTruth, Preset, truth_path};
 
 /// Seeds for calibration: reported pools use other seeds.
 const SEEDS: [u64; 4] = [100, 101, 102, 103];
@@ -139,9 +139,9 @@ fn a_readable_fault_has_its_intended_verdict() {
     }
     assert!(problems.is_empty(), "{}", problems.join("\n"));
     // Every mechanism occurs in the generated pools.
-    for kind in holdpoint::lab::candidate_pool::structure::INTERFACE
+    for kind in holdpoint_lab::candidate_pool::structure::INTERFACE
         .iter()
-        .chain(&holdpoint::lab::candidate_pool::structure::PERMISSION)
+        .chain(&holdpoint_lab::candidate_pool::structure::PERMISSION)
     {
         assert!(seen.contains(kind.0), "{} never occurred", kind.0);
     }
@@ -199,8 +199,7 @@ fn a_set_has_the_kinds_of_its_preset_and_no_two_alike() {
             let kinds: BTreeSet<&String> = of(Class::Faulty).into_iter().collect();
             assert_eq!(kinds.len(), faulty, "{family}: two candidates are made in the same way: {kinds:?}");
         }
-        let grasp_force =
-            |entry: &&holdpoint::lab::candidate_pool::TruthEntry| entry.kind == "behavior-force";
+        let grasp_force = |entry: &&holdpoint_lab::candidate_pool::TruthEntry| entry.kind == "behavior-force";
         let example =
             truth.entries.iter().find(grasp_force).expect("the paper's own example is in every set");
         assert!(example.what.contains("grip_force_n 18.0 -> 25.2"), "{}", example.what);
@@ -326,7 +325,7 @@ fn bad_input_is_refused_with_the_allowed_values() {
 #[test]
 fn frozen_pools_equal_those_of_their_seeds() {
     for (folder, seed) in [("manifests/pool", 1), ("manifests/calibration", 100)] {
-        let dir = Path::new(env!("CARGO_MANIFEST_DIR")).join(folder);
+        let dir = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..").join(folder);
         let pool = Pool::read(&dir).unwrap();
         let generated = draw(pool_spec(seed, 1, Preset::Full10)).unwrap();
         assert_eq!(pool.index, generated.index, "{folder}");

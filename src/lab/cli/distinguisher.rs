@@ -1,18 +1,17 @@
-//! `holdpoint lab experiment distinguisher`: arguments and the printed report.
+//! `holdpoint-lab experiment distinguisher`: arguments and the printed report.
 //!
-//! Prints the number of rows of [`holdpoint_lab::distinguisher`]; trains no classifier.
+//! Prints the number of rows of [`crate::distinguisher`]; trains no classifier.
 
 use std::io::Write as _;
 use std::path::PathBuf;
 
 use clap::Args;
 
-use super::output::TextTable;
-use super::run::JOBS_MAX;
-use crate::cli::output::CommandOutput;
-use crate::error::{CliError, Exit};
-use holdpoint_lab::distinguisher::{self, DistinguisherPlan, DistinguisherReport};
-use holdpoint_lab::pipeline_experiments::ExperimentError;
+use crate::distinguisher::{self, DistinguisherPlan, DistinguisherReport};
+use crate::pipeline_experiments::ExperimentError;
+use holdpoint::cli::output::{CommandOutput, TextTable};
+use holdpoint::cli::run::JOBS_MAX;
+use holdpoint::error::{CliError, Exit};
 use holdpoint_text::{WIDTH_MAX, sanitize};
 
 /// The arguments of `experiment distinguisher`.
@@ -25,8 +24,8 @@ its other pairs (sandbox). A script trains classifiers on the rows:
   env/bin/python tests/reports/distinguish.py rows
 
 Examples:
-  holdpoint lab experiment distinguisher --out rows
-  holdpoint lab experiment distinguisher --sequences 400 --seed 100000 --out rows --json")]
+  holdpoint-lab experiment distinguisher --out rows
+  holdpoint-lab experiment distinguisher --sequences 400 --seed 100000 --out rows --json")]
 pub struct DistinguisherArgs {
     /// Sequences of the live cell; each origin runs each task as often, as far as it comes to it.
     #[arg(long, value_name = "N", default_value_t = 4_000, value_parser = clap::value_parser!(u64).range(1..=100_000))]
@@ -83,8 +82,8 @@ fn show(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::distinguisher::{RowCount, TaskOrigin};
     use holdpoint_body::TaskKind;
-    use holdpoint_lab::distinguisher::{RowCount, TaskOrigin};
 
     #[test]
     fn report_has_the_rows_of_each_origin_and_task() {

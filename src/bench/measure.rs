@@ -195,7 +195,8 @@ impl Figure {
 }
 
 /// Median of sorted samples: the middle one, or the mean of the two.
-pub(super) fn median(sorted: &[f64]) -> Option<f64> {
+#[must_use]
+pub fn median(sorted: &[f64]) -> Option<f64> {
     let upper = sorted.get(sorted.len() / 2)?;
     if sorted.len() % 2 == 1 {
         return Some(*upper);

@@ -2,12 +2,12 @@
 //! threshold was set with. With `--from` it measures frozen versions on other seeds; the versions
 //! after the first are compared with it in pairs.
 //!
-//! `cargo run --example calibrate -- <conditions> <n> <folder> [<folder> …] [--from SEED] [--profile NAME]
+//! `cargo run -p holdpoint-lab --example calibrate -- <conditions> <n> <folder> [<folder> …] [--from SEED] [--profile NAME]
 //! [--pairs FILE]`,
 //! conditions `canonical`, `sandbox`, `live`, or `drills` for the recovery drills.
 //!
 //! `--pairs` writes the pairs of the first two versions (the active version first) in the form that
-//! `holdpoint lab bench stats` reads from `src/bench/data/`.
+//! `holdpoint-lab bench stats` reads from `src/lab/bench/data/`.
 #![allow(clippy::print_stdout, reason = "a command-line tool")]
 
 use std::collections::BTreeMap;
@@ -28,12 +28,12 @@ use holdpoint::governance::policy::PolicyTable;
 use holdpoint::governance::profile::{Profile, ProfileName};
 use holdpoint::governance::recovery::rho;
 use holdpoint::governance::stats::{PairedCounts, binary_pairs};
-use holdpoint::lab::bench::stats::tables;
 use holdpoint::runtime::capability::{self, Capability};
 use holdpoint::runtime::guard::PolicyHit;
 use holdpoint::runtime::task::TaskRecord;
 use holdpoint::runtime::terms::SkillTerms;
 use holdpoint::runtime::watcher::WatcherSignal;
+use holdpoint_lab::bench::stats::tables;
 use holdpoint_sim::SimCells;
 use holdpoint_sim::pool::run_ordered;
 

@@ -1,6 +1,6 @@
-//! `holdpoint lab experiment per-candidate`: arguments and the printed report.
+//! `holdpoint-lab experiment per-candidate`: arguments and the printed report.
 //!
-//! Prints the results of [`holdpoint_lab::pipeline_experiments::per_candidate`]; measures nothing and leaves nothing out
+//! Prints the results of [`crate::pipeline_experiments::per_candidate`]; measures nothing and leaves nothing out
 //! (JSON has every digit).
 
 use std::io::Write as _;
@@ -8,15 +8,14 @@ use std::path::PathBuf;
 
 use clap::Args;
 
-use super::output::TextTable;
-use super::result_cache::CacheKeyArgs;
-use super::run::{JOBS_MAX, ProfileArg};
-use crate::cli::output::CommandOutput;
-use crate::error::{CliError, Exit};
+use crate::pipeline_experiments::ExperimentError;
+use crate::pipeline_experiments::claims::{ClaimVerdict, Summary};
+use crate::pipeline_experiments::per_candidate::{self, PerCandidateReport};
+use holdpoint::cli::output::{CommandOutput, TextTable};
+use holdpoint::cli::result_cache::CacheKeyArgs;
+use holdpoint::cli::run::{JOBS_MAX, ProfileArg};
+use holdpoint::error::{CliError, Exit};
 use holdpoint_governance::metrics::Proportion;
-use holdpoint_lab::pipeline_experiments::ExperimentError;
-use holdpoint_lab::pipeline_experiments::claims::{ClaimVerdict, Summary};
-use holdpoint_lab::pipeline_experiments::per_candidate::{self, PerCandidateReport};
 use holdpoint_text::{WIDTH_MAX, sanitize};
 
 /// The arguments of `experiment per-candidate`.
@@ -25,9 +24,9 @@ use holdpoint_text::{WIDTH_MAX, sanitize};
 Exits with 0 if no claim is refuted, with 1 if one is.
 
 Examples:
-  holdpoint lab pool generate --seed 7 --out pool-7
-  holdpoint lab experiment per-candidate --pool pool-7
-  holdpoint lab experiment per-candidate --pool pool-7 --profile sim --profile real --profile human --json")]
+  holdpoint-lab pool generate --seed 7 --out pool-7
+  holdpoint-lab experiment per-candidate --pool pool-7
+  holdpoint-lab experiment per-candidate --pool pool-7 --profile sim --profile real --profile human --json")]
 pub struct PerCandidateArgs {
     /// The pool's folder; its truth file is beside it.
     #[arg(long, value_name = "DIR")]

@@ -1,0 +1,118 @@
+//! The command line of `holdpoint-lab`: experiments, pools, the optimizer, benchmarks of rules and peers.
+//!
+//! Parses arguments and prints reports. Answers, errors and exit codes are those of `holdpoint`.
+
+mod bench;
+mod distinguisher;
+mod experiment;
+mod paper;
+mod per_candidate;
+mod pool;
+mod refine;
+mod sensors;
+mod series;
+mod throwers;
+mod truth;
+
+use std::ffi::OsString;
+
+use clap::{Parser, Subcommand};
+use holdpoint::cli::{CommandOutput, end, wants_json};
+use holdpoint::error::{CliError, Exit, print_usage};
+
+/// Measures Holdpoint: experiments, pools of candidates, an optimizer, benchmarks.
+#[derive(Clone, Debug, Parser)]
+#[command(
+    name = "holdpoint-lab",
+    bin_name = "holdpoint-lab",
+    version,
+    max_term_width = 100,
+    after_help = "\
+Examples:
+  holdpoint-lab pool generate --seed 1 --out pool-1
+  holdpoint-lab experiment drift --runs 2 --out results/drift
+  holdpoint-lab bench decision"
+)]
+struct Cli {
+    /// Prints JSON, one document a line.
+    #[arg(long, global = true)]
+    json: bool,
+    /// The verb with its arguments.
+    #[command(subcommand)]
+    verb: Verb,
+}
+
+/// The verbs.
+#[derive(Clone, Debug, Subcommand)]
+enum Verb {
+    /// Sample pools of candidates for experiments.
+    Pool(pool::PoolArgs),
+    /// Derive a candidate from a baseline: optimize its parameters for success alone.
+    Refine(refine::RefineArgs),
+    /// Run an experiment and write its report.
+    Experiment(experiment::ExperimentArgs),
+    /// Measure the rules, whole decisions and other physics engines.
+    Bench(bench::BenchArgs),
+}
+
+/// The program's definition.
+#[must_use]
+pub fn program() -> clap::Command {
+    <Cli as clap::CommandFactory>::command()
+}
+
+/// Runs the program: parses `arguments`, runs the verb, prints, and returns the exit code.
+#[must_use]
+pub fn entry(arguments: impl IntoIterator<Item = OsString>) -> Exit {
+    let arguments: Vec<OsString> = arguments.into_iter().collect();
+    let json = wants_json(&arguments);
+    match Cli::try_parse_from(arguments) {
+        Ok(cli) => {
+            let mut out = CommandOutput::stdout(cli.json);
+            let ended = run(&cli.verb, &mut out);
+            end(ended, &mut out)
+        }
+        Err(error) => print_usage(&error, json),
+    }
+}
+
+fn run(verb: &Verb, out: &mut CommandOutput<'_>) -> Result<Exit, CliError> {
+    match verb {
+        Verb::Pool(args) => pool::run(args, out),
+        Verb::Refine(args) => refine::run(args, out),
+        Verb::Experiment(args) => experiment::run(args, out),
+        Verb::Bench(args) => bench::run(args, out),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn definitions_are_consistent() {
+        program().debug_assert();
+    }
+
+    #[test]
+    fn every_verb_has_examples_that_parse() {
+        fn walk(command: &clap::Command, seen: &mut usize) {
+            let name = command.get_name();
+            let help = command.get_after_help().map(ToString::to_string).unwrap_or_default();
+            let examples: Vec<&str> =
+                help.lines().filter(|line| line.starts_with("  holdpoint-lab ")).collect();
+            assert!(!examples.is_empty(), "{name}: no example");
+            for example in examples {
+                let parsed = Cli::try_parse_from(example.split_whitespace());
+                assert!(parsed.is_ok(), "{name}: {example}: {:?}", parsed.err());
+                *seen += 1;
+            }
+            for verb in command.get_subcommands() {
+                walk(verb, seen);
+            }
+        }
+        let mut seen = 0;
+        walk(&program(), &mut seen);
+        assert!(seen >= 15, "{seen}");
+    }
+}
