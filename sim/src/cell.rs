@@ -50,7 +50,7 @@ pub(crate) fn cell_spec(robot: &RobotModel, scene: &Arc<Scene>) -> CellSpec {
         tasks: TaskKind::SEQUENCE.to_vec(),
         rate_hz: RATE_HZ,
         camera_hz: CAMERA_HZ,
-        abilities: Abilities { export_state: true, film: true, referee: true },
+        abilities: Abilities { export_state: true, set_observed: false, film: true, referee: true },
         scene: Arc::clone(scene),
     }
 }

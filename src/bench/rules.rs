@@ -270,9 +270,16 @@ fn gate_pass(subjects: &Subjects, effort: &FigureEffort) -> Result<MeasuredFigur
             envelope_divergence: 0.0,
             live_conduct: Conduct::default(),
             twin_conduct: Conduct::default(),
+            twin_difference: None,
         })
         .collect();
-    let shadowed = ShadowEvidence { binding, sequences, hard_stops: Vec::new() };
+    let shadowed = ShadowEvidence {
+        binding,
+        sequences,
+        hard_stops: Vec::new(),
+        outputs: Vec::new(),
+        missing: Vec::new(),
+    };
     let kappas = Kappas {
         behavior: behavior::assess(&paired, &binding, profile).assessment,
         recovery: recovery::assess(&rehearsed, &binding, profile).assessment,

@@ -5,7 +5,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 use holdpoint_body::disturbance::Drift;
-use holdpoint_body::{Body, TICK_SECS, TaskKind};
+use holdpoint_body::{Body, Observation, TICK_SECS, TaskKind};
 use nalgebra::Isometry3;
 
 use crate::distribution::Distribution;
@@ -59,6 +59,11 @@ pub trait RobotCell: Body + Send {
     /// [`CellError::Unable`] for a cell that cannot export its state.
     fn export(&self) -> Result<StateImage, CellError> {
         Err(CellError::Unable("export its state"))
+    }
+
+    /// What the sensors tell of the present state, for a trial cell to be set to; `None` for a cell that does not say.
+    fn observed(&self) -> Option<Observation> {
+        None
     }
 
     /// True state, for reports and for a screen; `None` for a cell that knows no more than its sensors tell.
@@ -122,6 +127,15 @@ pub trait TrialCell: RobotCell {
     /// # Errors
     /// [`CellError::Snapshot`] for bytes that are no state of this cell; this one is then unchanged.
     fn import(&mut self, image: &StateImage) -> Result<(), CellError>;
+
+    /// Goes to the state that another cell observed, as far as that tells. What is not observed it chooses itself.
+    ///
+    /// # Errors
+    /// [`CellError::Unable`] for a cell that cannot be set to an observation; [`CellError::Snapshot`] for one that it
+    /// cannot reach.
+    fn set_to(&mut self, _observed: &Observation) -> Result<(), CellError> {
+        Err(CellError::Unable("be set to an observation"))
+    }
 
     /// Breaks something, from the next tick on and for the rest of the episode.
     fn inject(&mut self, fault: InjectedFault);

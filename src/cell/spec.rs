@@ -62,6 +62,8 @@ pub struct Workpiece {
 pub struct Abilities {
     /// It gives its state, so that a trial cell continues from it.
     pub export_state: bool,
+    /// Its live cell says what its sensors tell of its state, and its trial cells can be set to that.
+    pub set_observed: bool,
     /// It keeps the frames of an episode.
     pub film: bool,
     /// It gives true state, so that a referee can judge it.

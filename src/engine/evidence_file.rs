@@ -11,16 +11,18 @@ use crate::trial::mode_metrics::ModeMetrics;
 use crate::version_concern::{self, Confirmation, ReEvaluationEvidence, VersionConcern};
 use holdpoint_governance::behavior::{BehaviorAssessment, SequenceEvidence};
 use holdpoint_governance::cached_result::CachedResultUse;
+use holdpoint_governance::cell_ability::CellAbility;
 use holdpoint_governance::composition::{Kappas, composite};
 use holdpoint_governance::condition::Condition;
 use holdpoint_governance::decision::{Decision, Dimension, Kappa, Reason};
 use holdpoint_governance::evidence::{
-    AnchorEvidence, DrillKind, DrillTallies, EpisodeValues, EvidenceBinding, FailedDrill, HardStop, Pair,
-    SettlingTallies, ShadowSequence, SoloEpisode,
+    AnchorEvidence, DrillKind, DrillTallies, EpisodeValues, EvidenceBinding, FailedDrill, HardStop,
+    OutputSequence, Pair, SettlingTallies, ShadowEvidence, ShadowSequence, Signature, SoloEpisode,
 };
 use holdpoint_governance::finding::Finding;
 use holdpoint_governance::gate::{GateOutcome, ShadowAssessment};
 use holdpoint_governance::ids::{CapabilityId, Digest};
+use holdpoint_governance::monitor::normal_rates;
 use holdpoint_governance::outcome::{Assessment, Basis, DimensionOutcome};
 use holdpoint_governance::permission::PermissionUse;
 use holdpoint_governance::profile::{Profile, ProfileName};
@@ -125,6 +127,12 @@ pub struct EvidenceFile {
     pub sequences: Vec<ShadowSequence>,
     /// The values of the candidate in the twins: its normal values in the live cell.
     pub twins: Vec<EpisodeValues>,
+    /// The sequences of shadow in a cell without a twin; empty in records of older builds.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub outputs: Vec<OutputSequence>,
+    /// Abilities of the cell that shadow lacked; empty in records of older builds.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub missing: Vec<CellAbility>,
     /// The re-evaluation, if shadow was inconclusive.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub again: Option<ReEvaluationEvidence>,
@@ -200,6 +208,39 @@ impl EvidenceFile {
             DrillContrast::of(DrillKind::Rollback, &confirmation.drills).failed() > 0
         });
         has_passed && is_clean && !failed_again
+    }
+
+    /// Forgets what shadow gave.
+    pub fn clear_shadow(&mut self) {
+        self.sequences.clear();
+        self.twins.clear();
+        self.outputs.clear();
+        self.missing.clear();
+    }
+
+    /// What shadow is judged by.
+    #[must_use]
+    pub fn shadow_evidence(&self, binding: EvidenceBinding) -> ShadowEvidence {
+        ShadowEvidence {
+            binding,
+            sequences: self.sequences.clone(),
+            hard_stops: self.hard_stops.clone(),
+            outputs: self.outputs.clone(),
+            missing: self.missing.clone(),
+        }
+    }
+
+    /// The normal rates of the version: those of its twins, or of its pairs where shadow rested on outputs alone.
+    #[must_use]
+    pub fn normal_rates(&self) -> Option<Signature> {
+        if self.outputs.is_empty() { normal_rates(&self.twins) } else { self.normal_rates_in_pairs() }
+    }
+
+    /// The normal rates of the version by its pairs.
+    #[must_use]
+    pub fn normal_rates_in_pairs(&self) -> Option<Signature> {
+        let alone: Vec<EpisodeValues> = self.pairs.iter().map(|pair| pair.candidate).collect();
+        normal_rates(&alone)
     }
 
     /// Adds the static assessment.

@@ -6,7 +6,7 @@ use holdpoint_governance::ablation::AblationPart;
 use holdpoint_governance::decision::{Reason, ReasonCode};
 use holdpoint_governance::evidence::EpisodeValues;
 use holdpoint_governance::ids::{CapabilityId, Family};
-use holdpoint_governance::monitor::{Monitor, MonitorAction, normal_rates};
+use holdpoint_governance::monitor::{Monitor, MonitorAction};
 use holdpoint_governance::strictness::Strictness;
 use holdpoint_protocol::monitor_chart::ChartView;
 use holdpoint_protocol::snapshot::{EscalationView, MonitorView};
@@ -56,11 +56,9 @@ impl ActivationMonitor {
             .and_then(|evidence_file| {
                 if context.omitted.has(AblationPart::Shadow) {
                     // An experiment omitted shadow: only the values of the sandbox are available.
-                    let alone: Vec<EpisodeValues> =
-                        evidence_file.pairs.iter().map(|pair| pair.candidate).collect();
-                    normal_rates(&alone)
+                    evidence_file.normal_rates_in_pairs()
                 } else {
-                    normal_rates(&evidence_file.twins)
+                    evidence_file.normal_rates()
                 }
             })
             .ok_or_else(|| {

@@ -37,6 +37,17 @@ pub(crate) fn seeded_pipeline(
     seeds: EpisodeSeeds,
     wall: impl FnOnce(Option<WallTime>) -> WallClock,
 ) -> Pipeline {
+    pipeline_in(folder, profile, Cell::of(&SimCells, None).unwrap(), seeds, wall)
+}
+
+/// As [`seeded_pipeline`], in another cell.
+pub(crate) fn pipeline_in(
+    folder: &Path,
+    profile: Profile,
+    cell: Cell,
+    seeds: EpisodeSeeds,
+    wall: impl FnOnce(Option<WallTime>) -> WallClock,
+) -> Pipeline {
     let store = Store::open(folder).unwrap();
     let clock = Clock::scripted(store.opening().head.at_ms);
     let settings = PipelineSettings {
@@ -45,7 +56,7 @@ pub(crate) fn seeded_pipeline(
         table: PolicyTable::builtin(&profile).unwrap(),
         profile,
         own: None,
-        cell: Cell::of(&SimCells, None).unwrap(),
+        cell,
         cache: EpisodeCache::InStore,
         controls: Controls::default(),
         omitted: holdpoint_governance::ablation::AblatedParts::default(),

@@ -384,7 +384,7 @@ fn stale_evidence_is_reported_with_its_cause() {
     assert_eq!(stale(&third), [StaleCause::ActiveVersion]);
 }
 
-fn compatible<O>(outcome: O) -> Assessment<O> {
+pub(crate) fn compatible<O>(outcome: O) -> Assessment<O> {
     let kappa = Kappa::new(0.97);
     Assessment { outcome, kappa, basis: Basis::Measured, reasons: Vec::new(), conditions: Vec::new() }
 }

@@ -18,6 +18,7 @@ pub mod shadow;
 pub mod stop_switch;
 pub mod supervisor;
 pub mod thread;
+pub(crate) mod twin_start;
 
 use std::collections::VecDeque;
 use std::sync::Arc;

@@ -248,7 +248,7 @@ pub fn compare_with_sandbox(
     let looked_at = matches!(result.check, CheckResult::Pass | CheckResult::Inconclusive);
     // Live-like pairs are no sample of the sandbox's distribution.
     let sandbox: Vec<Pair> = sandbox.iter().filter(|pair| !pair.live_like).copied().collect();
-    if !looked_at || sandbox.is_empty() || result.sequences < profile.evaluation.shadow_sequences {
+    if !looked_at || sandbox.is_empty() || shadow.sequences.is_empty() || result.sequences < profile.evaluation.shadow_sequences {
         return;
     }
     let found = significant_shifts(&sandbox, &shadow.sequences, profile);
@@ -316,6 +316,7 @@ mod tests {
             envelope_divergence: 0.0,
             live_conduct: conduct(0.001),
             twin_conduct: conduct(0.001 + more_m + 1e-5 * f64::from(seed % 50)),
+            twin_difference: None,
         };
         let digest = Digest::of_parts("test", &[]);
         let binding = EvidenceBinding {
@@ -327,7 +328,13 @@ mod tests {
             neighbours: None,
             anchor: None,
         };
-        ShadowEvidence { binding, sequences: (0..count).map(sequence).collect(), hard_stops: Vec::new() }
+        ShadowEvidence {
+            binding,
+            sequences: (0..count).map(sequence).collect(),
+            hard_stops: Vec::new(),
+            outputs: Vec::new(),
+            missing: Vec::new(),
+        }
     }
 
     fn judged(name: ProfileName, count: u32, more_m: f64) -> ShadowAssessment {

@@ -4,6 +4,7 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::cell_ability::CellAbility;
 use super::failure_cause::FailureCause;
 use super::harm::HarmMeasures;
 use super::ids::{CapabilityId, Digest};
@@ -469,6 +470,9 @@ pub struct ShadowSequence {
     /// How the candidate went about it in the twin.
     #[serde(default)]
     pub twin_conduct: Conduct,
+    /// How far the twin began from the observed state; absent where it continued from the exported one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub twin_difference: Option<TwinDifference>,
 }
 
 impl ShadowSequence {
@@ -484,7 +488,40 @@ impl ShadowSequence {
         let harm = [self.live_conduct.harm, self.twin_conduct.harm];
         shares.iter().all(|share| (0.0..=1.0).contains(share))
             && harm.iter().flatten().all(HarmMeasures::is_valid)
+            && self.twin_difference.is_none_or(|difference| difference.is_valid())
     }
+}
+
+/// How far the state of a twin, when it began, was from the observed state of the live cell.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct TwinDifference {
+    /// Largest difference of a joint position, rad.
+    pub joints_rad: f64,
+    /// Difference of the distance between the finger pads, m.
+    pub width_m: f64,
+    /// Distance of the object from where it was seen, m; absent where it was not seen.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub object_m: Option<f64>,
+}
+
+impl TwinDifference {
+    /// Whether every value is finite and not negative.
+    #[must_use]
+    pub fn is_valid(&self) -> bool {
+        let values = [self.joints_rad, self.width_m, self.object_m.unwrap_or_default()];
+        values.iter().all(|value| value.is_finite() && *value >= 0.0)
+    }
+}
+
+/// The values of one shadow sequence in a cell without a twin: outputs alone.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct OutputSequence {
+    /// Seed of the sequence.
+    pub seed: u64,
+    /// Mean distance of the candidate's commands from the active version's on the same observations, 0 to 1 of range.
+    pub output_divergence: f64,
 }
 
 /// The whole sequences of one shadow deployment.
@@ -497,4 +534,10 @@ pub struct ShadowEvidence {
     pub sequences: Vec<ShadowSequence>,
     /// Hard stops seen in the twin or the live world, in order; one fails shadow.
     pub hard_stops: Vec<HardStop>,
+    /// The sequences of a cell without a twin, in the order of running; `sequences` is empty then.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub outputs: Vec<OutputSequence>,
+    /// Abilities of the cell that shadow lacked.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub missing: Vec<CellAbility>,
 }

@@ -5,6 +5,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::behavior::{ComponentName, SequenceMeasure};
+use super::cell_ability::CellAbility;
 use super::decision::{Dimension, ReasonCode};
 use super::distribution_shift::ShiftSignal;
 use super::early_stop::EarlyStopReason;
@@ -434,6 +435,12 @@ findings! {
     ShadowGap { gap: EvidenceGap } => ShadowNoData,
     /// More sequences are needed.
     MoreSequencesNeeded => ShadowNoData,
+    /// The twins began at the observed state: the largest differences to it over the sequences.
+    TwinObserved { sequences: u64, joints_rad: f64, width_m: f64, object_m: Option<f64> } => ShadowTwinObserved,
+    /// The cell has no twin; the profile permits that shadow rests on outputs alone.
+    OutputsAlone { missing: Vec<CellAbility> } => ShadowOutputsAlone,
+    /// The cell has no twin, and outputs alone are not enough under the profile.
+    TwinMissing { missing: Vec<CellAbility> } => ShadowTwinMissing,
 
     /// Every demand of the profile is met.
     GatePassed => GatePassed,

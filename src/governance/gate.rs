@@ -3,6 +3,7 @@
 //! Owns the typed pass that activation needs; nothing else can make one. Reads measured values only.
 //! Source: paper equation 10, Table 4, section 5.2 stage 5; design rule 3.7.
 
+mod outputs_alone;
 mod terms;
 
 use std::collections::BTreeSet;
@@ -89,7 +90,8 @@ pub fn worse_signal(reason: &Reason) -> Option<TwinSignal> {
 /// policy hits, watcher events. Output and envelope divergence, a signal that leans toward worse, and conduct (more
 /// new attempts, more policy warnings, more time near a limit) only lengthen it (design rules 3.7, 5.4).
 ///
-/// A measure of harm that is significantly worse beyond its margin fails it as well.
+/// A measure of harm that is significantly worse beyond its margin fails it as well. Where the cell has no twin, the
+/// profile says whether outputs alone are enough.
 ///
 /// `shadow_alpha` is shared by the three signals, the measures of harm and the two looks (after the plain and after the longest
 /// shadow), so that an equally good candidate fails with probability at most `shadow_alpha`.
@@ -101,13 +103,16 @@ pub fn assess_shadow(
 ) -> ShadowAssessment {
     let settings = &profile.evaluation;
     let count = u32::try_from(evidence.sequences.len()).unwrap_or(u32::MAX);
-    let done = |check, reasons, output: Option<f64>, envelope: Option<f64>| ShadowAssessment {
-        check,
-        reasons,
-        sequences: count,
-        output_divergence: output,
-        envelope_divergence: envelope,
-        alignment: envelope.map(|_| Alignment::of(&evidence.sequences, settings.envelope_divergence_max)),
+    let done = |check, mut reasons: Vec<Reason>, output: Option<f64>, envelope: Option<f64>| {
+        reasons.extend(outputs_alone::observed_twin(&evidence.sequences));
+        ShadowAssessment {
+            check,
+            reasons,
+            sequences: count,
+            output_divergence: output,
+            envelope_divergence: envelope,
+            alignment: envelope.map(|_| Alignment::of(&evidence.sequences, settings.envelope_divergence_max)),
+        }
     };
     let no_data =
         |gap| done(CheckResult::NoData, vec![shadow_reason(Finding::ShadowGap { gap })], None, None);
@@ -117,6 +122,9 @@ pub fn assess_shadow(
     if let Some(stop) = evidence.hard_stops.first() {
         let hard = shadow_reason(Finding::ShadowHardStop { stop: *stop });
         return done(CheckResult::Fail, vec![hard], None, None);
+    }
+    if !evidence.outputs.is_empty() {
+        return outputs_alone::assess(evidence, profile);
     }
     if evidence.sequences.is_empty() || !evidence.sequences.iter().all(ShadowSequence::is_valid) {
         return no_data(EvidenceGap::NoEpisodes);

@@ -222,6 +222,7 @@ pub mod approval;
 pub mod behavior;
 pub mod cached_result;
 pub mod calendar;
+pub mod cell_ability;
 pub mod closed_set;
 pub mod comparison_evidence;
 pub mod component;

@@ -22,6 +22,7 @@ mod harm;
 mod live_harm;
 pub mod name;
 mod reasons;
+mod shadow_settings;
 mod try_settings;
 
 use fields::Weights;
@@ -30,6 +31,7 @@ pub use live_harm::LiveHarmSettings;
 pub use name::{ProfileName, ProfileNameError, SiteName, SiteNameError, titled};
 pub use reasons::ReasonedNumber;
 use reasons::Reasons;
+pub use shadow_settings::{OutputsAlone, ShadowSettings};
 pub use try_settings::TrySettings;
 
 /// The largest profile text, bytes; checked before it is parsed.
@@ -54,6 +56,8 @@ pub struct Profile {
     pub watcher: WatcherTolerances,
     /// Budgets and error rates of sandbox, shadow and drills.
     pub evaluation: EvaluationSettings,
+    /// What is demanded of shadow where the cell has no twin.
+    pub shadow: ShadowSettings,
     /// How many tries an author has, at which levels, and against which margin.
     pub tries: TrySettings,
     /// Costs per unit of worsening that make up `kappa_B`.

@@ -12,7 +12,7 @@ use serde_json::Value;
 
 use super::ids::{Digest, canonical_json};
 use super::policy_table::{ModeRuling, PolicyError, PolicyTable};
-use super::profile::fields::{FIELDS, StricterDirection};
+use super::profile::fields::{FIELDS, StricterDirection, WORDS};
 use super::profile::{Profile, ProfileName};
 use super::site_profile::SiteProfileError;
 
@@ -229,15 +229,6 @@ enum SettingOrder {
     Unordered,
 }
 
-/// Settings whose words have an order of strictness.
-const WORDS: &[(&str, &[&str])] = &[
-    ("name", &["sim", "real", "human"]),
-    ("activation.require_improvement", &["false", "true"]),
-    ("activation.rollback_coupled", &["false", "true"]),
-    ("activation.approval_bound", &["false", "true"]),
-    ("domain.outside", &["count", "last-covering", "refuse"]),
-    ("approval.break_glass", &["true", "false"]),
-];
 /// Priorities of alarms.
 const PRIORITIES: &[&str] = &["low", "medium", "high"];
 /// Verdicts of policies on a mode or an activation; an absent mode is denied.

@@ -480,6 +480,7 @@ fn frequency_of_reported_shifts_is_measured() {
             envelope_divergence: 0.0,
             live_conduct: old.conduct(),
             twin_conduct: new.conduct(),
+            twin_difference: None,
         };
         let sequences: Vec<ShadowSequence> = old.iter().zip(&new).map(sequence).collect();
         let mut counts: BTreeMap<String, u32> = BTreeMap::new();

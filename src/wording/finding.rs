@@ -1,6 +1,7 @@
 //! A finding of a rule in words.
 
 use crate::harm::{self, percent};
+use crate::twin;
 use holdpoint_body::CodeFault;
 use holdpoint_governance::behavior::SequenceMeasure;
 use holdpoint_governance::decision::Dimension;
@@ -267,6 +268,11 @@ pub fn finding(found: &Finding) -> String {
         ),
         F::ShadowGap { gap } => evidence_gap(*gap, "sequences"),
         F::MoreSequencesNeeded => "more sequences are needed".into(),
+        F::TwinObserved { sequences, joints_rad, width_m, object_m } => {
+            twin::observed(*sequences, [*joints_rad, *width_m], *object_m)
+        }
+        F::OutputsAlone { missing } => twin::outputs_alone("which the profile permits", missing),
+        F::TwinMissing { missing } => twin::outputs_alone("which the profile does not permit", missing),
 
         F::GatePassed => "every demand of the profile is met".into(),
         F::DimensionIncompatible { of } => format!("{of}: incompatible"),

@@ -22,6 +22,7 @@ pub mod request;
 pub mod seeds;
 pub mod stage;
 mod task_failure;
+mod twin;
 
 pub use counted_try::counted_try;
 pub use finding::{finding, hard_stop};

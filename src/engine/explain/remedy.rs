@@ -130,6 +130,7 @@ pub(super) fn remedy(reason: &ReasonRecord, evidence_file: &EvidenceFileRecord) 
         | Code::RecoveryUnsettled => act_on(Action::PassDrillsAsOften),
         Code::RecoveryNoData
         | Code::ShadowNoData
+        | Code::ShadowTwinMissing
         | Code::GateNoData
         | Code::InterfaceNoData
         | Code::PolicyNoData => act_on(Action::SupplyEvidence),
@@ -221,6 +222,8 @@ pub(super) fn remedy(reason: &ReasonRecord, evidence_file: &EvidenceFileRecord) 
         | Code::ApprovalNotNeeded
         | Code::MonitorHealthy
         | Code::MonitorConfirmed
+        | Code::ShadowTwinObserved
+        | Code::ShadowOutputsAlone
         | Code::CompositionRestricted => return None,
     };
     Some(remedy)

@@ -4,13 +4,13 @@
 //! answer lifts no restriction and confirms no version.
 
 use crate::context::Context;
-use crate::evidence_file::EvidenceFiles;
+use crate::evidence_file::{EvidenceFile, EvidenceFiles};
 use crate::fault::EngineFault;
 use crate::monitors::Monitors;
 use crate::operations::checked;
 use crate::recorder::EngineRecorder;
 use holdpoint_governance::alarms::{AlarmEvent, AlarmKey};
-use holdpoint_governance::monitor::{MonitorAction, MonitorAnswer, normal_rates};
+use holdpoint_governance::monitor::{MonitorAction, MonitorAnswer};
 use holdpoint_governance::record::RecordKind;
 use holdpoint_protocol::command::{Operation, Refusal, Reply};
 use holdpoint_protocol::event::EventKind;
@@ -25,7 +25,7 @@ pub(crate) fn answer_continue(
 ) -> Result<Reply, EngineFault> {
     let id = checked(record, operation)?;
     let now_tick = record.now_tick();
-    let expected = evidence_files.of(&id).and_then(|evidence_file| normal_rates(&evidence_file.twins));
+    let expected = evidence_files.of(&id).and_then(EvidenceFile::normal_rates);
     let monitor = monitors.of_mut(&id).filter(|watched| {
         watched.monitor.escalation().is_some_and(|escalation| escalation.deadline_tick > now_tick)
     });

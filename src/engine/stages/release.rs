@@ -7,7 +7,7 @@ use holdpoint_governance::alarms::{AlarmEvent, AlarmKey};
 use holdpoint_governance::approval::{ApprovalOutcome, ApprovalResult};
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::lifecycle::{LifecycleEvent, State};
-use holdpoint_governance::monitor::{MonitorAction, MonitorAnswer, normal_rates};
+use holdpoint_governance::monitor::{MonitorAction, MonitorAnswer};
 use holdpoint_governance::notice::Notice;
 use holdpoint_governance::profile::ProfileName;
 use holdpoint_governance::record::RecordKind;
@@ -17,7 +17,7 @@ use holdpoint_registry::AuditBody;
 use holdpoint_registry::store_terms::RequestState;
 
 use crate::context::Context;
-use crate::evidence_file::EvidenceFiles;
+use crate::evidence_file::{EvidenceFile, EvidenceFiles};
 use crate::fault::EngineFault;
 use crate::monitors::Monitors;
 use crate::operations::checked;
@@ -165,7 +165,7 @@ fn release_monitor(
     id: &CapabilityId,
 ) -> Result<(), EngineFault> {
     let now_tick = record.now_tick();
-    let expected = evidence_files.of(id).and_then(|evidence_file| normal_rates(&evidence_file.twins));
+    let expected = evidence_files.of(id).and_then(EvidenceFile::normal_rates);
     let (Some(watched), Some(expected)) = (monitors.of_mut(id), expected) else { return Ok(()) };
     watched
         .monitor

@@ -177,8 +177,7 @@ pub fn begin(
     evidence_file.unsafe_under_stress = 0;
     evidence_file.searched = None;
     evidence_file.handovers = None;
-    evidence_file.sequences.clear();
-    evidence_file.twins.clear();
+    evidence_file.clear_shadow();
     evidence_file.drills = Some((DrillTallies::default(), DrillTallies::default()));
     evidence_file.settling = SettlingTallies::default();
     evidence_file.failed_drills.clear();

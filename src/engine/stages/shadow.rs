@@ -6,7 +6,7 @@ use holdpoint_governance::composition::{PsiContext, psi_after_shadow};
 use holdpoint_governance::condition::shadow_needed;
 use holdpoint_governance::decision::{Reason, ReasonCode};
 use holdpoint_governance::distribution_shift::{apply_re_evaluation, compare_with_sandbox, is_suspicious};
-use holdpoint_governance::evidence::{EvidenceBinding, ShadowEvidence};
+use holdpoint_governance::evidence::EvidenceBinding;
 use holdpoint_governance::gate::assess_shadow;
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::lifecycle::{LifecycleEvent, Stage};
@@ -28,6 +28,7 @@ use crate::monitors::Monitors;
 use crate::recorder::EngineRecorder;
 use crate::trial::scene_stops::SceneStops;
 use crate::world::shadow::{Shadow, ShadowTrace};
+use crate::world::twin_start::missing_abilities;
 
 /// Live sequences tried for one usable shadow sequence: the live world may not reach the task.
 const ATTEMPTS_FACTOR: u32 = 6;
@@ -76,8 +77,8 @@ pub fn begin(
     let candidate = record.capability(id)?;
     let binding = binding(context, record.version_table(), &candidate);
     let evidence_file = evidence_files.edit(id);
-    evidence_file.sequences.clear();
-    evidence_file.twins.clear();
+    evidence_file.clear_shadow();
+    evidence_file.missing = missing_abilities(context.cell.spec.abilities);
     evidence_file.again = None;
     evidence_file.time_excess = None;
     // What it was suspected of when it was active before is not what this shadow shows.
@@ -140,9 +141,12 @@ pub fn take_in(
     run.tried += 1;
     let evidence_file = evidence_files.edit(&id);
     if let Some(trace) = trace {
-        evidence_file.sequences.push(trace.values);
-        evidence_file.twins.extend(trace.twin.values());
-        run.stops.note(SceneKind::Shadow, &trace.twin, &trace.live, &context.profile);
+        evidence_file.sequences.extend(trace.values);
+        evidence_file.outputs.extend(trace.outputs);
+        if let Some(twin) = &trace.twin {
+            evidence_file.twins.extend(twin.values());
+            run.stops.note(SceneKind::Shadow, twin, &trace.live, &context.profile);
+        }
         run.traces.push(trace);
     }
     if let Some(active) = record.active_of(&id.family) {
@@ -185,18 +189,14 @@ fn decide(
     let id = run.id.clone();
     let profile = &context.profile;
     let evidence_file = evidence_files.edit(&id);
-    let evidence = ShadowEvidence {
-        binding: run.binding,
-        sequences: evidence_file.sequences.clone(),
-        hard_stops: evidence_file.hard_stops.clone(),
-    };
+    let evidence = evidence_file.shadow_evidence(run.binding);
     let mut result = assess_shadow(&evidence, &run.binding, profile);
     compare_with_sandbox(&mut result, &evidence, &evidence_file.pairs, profile);
     let longest = profile.evaluation.shadow_sequences_max;
     let lengthened = run.budget >= longest;
     if result.check == CheckResult::Inconclusive
         && !lengthened
-        && evidence.sequences.len() as u64 >= u64::from(run.budget)
+        && (evidence.sequences.len() + evidence.outputs.len()) as u64 >= u64::from(run.budget)
     {
         // Output or envelope divergence decide nothing by themselves: they make shadow longer.
         run.budget = longest;

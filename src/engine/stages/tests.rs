@@ -9,6 +9,7 @@ mod live_harm;
 mod omitted_stages;
 mod outside_domain;
 mod outside_gate;
+mod outputs_alone;
 mod paused;
 mod refused;
 mod shared_events;

@@ -5,7 +5,7 @@ use serde_json::Value;
 use holdpoint_governance::decision::ReasonCode;
 use holdpoint_governance::live_harm::danger_reason;
 use holdpoint_governance::metrics::store_metrics::{NotReplayable, ReplayOutcome};
-use holdpoint_governance::monitor::{Monitor, MonitorDecision, normal_rates, roll_back};
+use holdpoint_governance::monitor::{Monitor, MonitorDecision, roll_back};
 use holdpoint_governance::record::{AuditRecord, RecordKind};
 use holdpoint_governance::strictness::Strictness;
 
@@ -56,7 +56,7 @@ pub(super) fn action(
         return not(NotReplayable::TelemetryPruned);
     }
     let evidence_file = of.shadow_before(control.from_seq);
-    let Some(normal) = evidence_file.and_then(|evidence_file| normal_rates(&evidence_file.twins)) else {
+    let Some(normal) = evidence_file.and_then(|evidence_file| evidence_file.normal_rates()) else {
         return not(NotReplayable::NormalUnknown);
     };
     let Some(frame) = replayer.frame_at(&of.id, record.seq) else {
@@ -160,7 +160,7 @@ mod tests {
     use holdpoint_body::TaskKind;
     use holdpoint_governance::condition::Condition;
     use holdpoint_governance::evidence::EpisodeValues;
-    use holdpoint_governance::monitor::MonitorAction;
+    use holdpoint_governance::monitor::{MonitorAction, normal_rates};
     use holdpoint_governance::profile::{Profile, ProfileName};
     use holdpoint_runtime::task::TaskRecord;
 

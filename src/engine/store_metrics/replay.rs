@@ -18,9 +18,7 @@ use holdpoint_governance::condition::Condition;
 use holdpoint_governance::decision::{Decision, DecisionContext};
 use holdpoint_governance::distribution_shift::{apply_re_evaluation, compare_with_sandbox, is_suspicious};
 use holdpoint_governance::early_stop::EarlyStopReason;
-use holdpoint_governance::evidence::{
-    AnchorEvidence, EvidenceBinding, PairedEvidence, RecoveryEvidence, ShadowEvidence,
-};
+use holdpoint_governance::evidence::{AnchorEvidence, EvidenceBinding, PairedEvidence, RecoveryEvidence};
 use holdpoint_governance::gate::{self, GateInput, assess_shadow};
 use holdpoint_governance::ids::{CapabilityId, Digest};
 use holdpoint_governance::interface::{RegisteredVersion, unmet};
@@ -546,11 +544,7 @@ fn replay_shadow(evidence_file: &EvidenceFile, frame: &RulesInForce) -> Result<C
     let (Some(binding), Some(recorded)) = (evidence_file.bindings.last(), &evidence_file.shadow) else {
         return Err(NotReplayable::EvidenceMissing.into());
     };
-    let evidence = ShadowEvidence {
-        binding: *binding,
-        sequences: evidence_file.sequences.clone(),
-        hard_stops: evidence_file.hard_stops.clone(),
-    };
+    let evidence = evidence_file.shadow_evidence(*binding);
     let mut again = assess_shadow(&evidence, binding, &frame.profile);
     compare_with_sandbox(&mut again, &evidence, &evidence_file.pairs, &frame.profile);
     if let Some(re_evaluation) = &evidence_file.again {

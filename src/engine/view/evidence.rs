@@ -225,6 +225,7 @@ mod tests {
             envelope_divergence: 0.5,
             live_conduct: Conduct::default(),
             twin_conduct: Conduct::default(),
+            twin_difference: None,
         }
     }
 

@@ -17,6 +17,11 @@ use holdpoint_cell::{
 use holdpoint_sim::{SimCells, published};
 use nalgebra::Isometry3;
 
+use super::listener::Listener as _;
+use super::shadow::Shadow;
+use crate::cell::Cell;
+use holdpoint_runtime::task::{TaskRecord, Tick};
+
 mod tests;
 
 /// What the engine asked of a live cell.
@@ -34,6 +39,8 @@ pub(crate) struct FakeFactory {
     pub(crate) build: String,
     /// The live cell is given no work.
     pub(crate) is_starved: bool,
+    /// How far the first joint is off in a trial cell that is set to an observation.
+    pub(crate) set_error_rad: f64,
     pub(crate) calls: Arc<Mutex<Vec<FakeCall>>>,
 }
 
@@ -41,16 +48,29 @@ impl FakeFactory {
     /// Cells of the built-in arm that export nothing.
     pub(crate) fn new() -> Self {
         let spec = CellSpec {
-            abilities: Abilities { export_state: false, film: false, referee: false },
+            abilities: Abilities { export_state: false, set_observed: false, film: false, referee: false },
             ..CellSpec::clone(SimCells.builtin(None).unwrap().spec())
         };
-        Self { spec: Arc::new(spec), build: "fake".to_owned(), is_starved: false, calls: Arc::default() }
+        Self {
+            spec: Arc::new(spec),
+            build: "fake".to_owned(),
+            is_starved: false,
+            set_error_rad: 0.0,
+            calls: Arc::default(),
+        }
     }
 
     /// Cells of the built-in arm that export their state.
     pub(crate) fn exporting() -> Self {
         let mut factory = Self::new();
         Arc::make_mut(&mut factory.spec).abilities.export_state = true;
+        factory
+    }
+
+    /// Cells of the built-in arm that export nothing; a trial cell is set to what was observed, with this error of a joint.
+    pub(crate) fn observing(set_error_rad: f64) -> Self {
+        let mut factory = Self { set_error_rad, ..Self::new() };
+        Arc::make_mut(&mut factory.spec).abilities.set_observed = true;
         factory
     }
 
@@ -111,8 +131,8 @@ impl FakeCell {
     }
 }
 
-impl Body for FakeCell {
-    fn observe(&mut self, last: GuardVerdict) -> Observation {
+impl FakeCell {
+    fn seen(&self, last: GuardVerdict) -> Observation {
         Observation {
             tick: self.tick,
             q: self.joints.q.clone(),
@@ -129,6 +149,12 @@ impl Body for FakeCell {
             goal: self.task,
             guard: last,
         }
+    }
+}
+
+impl Body for FakeCell {
+    fn observe(&mut self, last: GuardVerdict) -> Observation {
+        self.seen(last)
     }
     fn telemetry(&self) -> Telemetry {
         Telemetry {
@@ -189,6 +215,9 @@ impl RobotCell for FakeCell {
             Err(CellError::Unable("export its state"))
         }
     }
+    fn observed(&self) -> Option<Observation> {
+        self.script.spec.abilities.set_observed.then(|| self.seen(GuardVerdict::Allowed))
+    }
 }
 
 impl LiveCell for FakeCell {
@@ -216,6 +245,17 @@ impl TrialCell for FakeCell {
         self.tick = u64::from_le_bytes(image.bytes().try_into().map_err(wrong)?);
         Ok(())
     }
+    fn set_to(&mut self, observed: &Observation) -> Result<(), CellError> {
+        if !self.script.spec.abilities.set_observed {
+            return Err(CellError::Unable("be set to an observation"));
+        }
+        self.tick = observed.tick;
+        self.joints.q.clone_from(&observed.q);
+        if let Some(first) = self.joints.q.first_mut() {
+            *first += self.script.set_error_rad;
+        }
+        Ok(())
+    }
     fn inject(&mut self, _: InjectedFault) {}
     fn true_state(&self) -> TrueState<'_> {
         let (joints, forces) = (&self.joints, &self.forces);
@@ -224,4 +264,27 @@ impl TrialCell for FakeCell {
     fn as_any(&self) -> &dyn Any {
         self
     }
+}
+
+/// A live task that a candidate is in shadow of: the active version commands nothing in three ticks, and is done.
+pub(crate) fn stand_still(shadow: &mut Shadow, cell: &Cell, seed: u64) -> TaskRecord {
+    let task = shadow.task();
+    let mut live = cell.live_cell().unwrap();
+    live.begin_task(task);
+    shadow.before_task(live.as_ref(), task, seed);
+    let (observation, seen) = (live.observe(GuardVerdict::Allowed), live.telemetry());
+    for tick in 1..=3 {
+        let passed = Tick {
+            tick,
+            observation: &observation,
+            command: &Command::Hold,
+            seen: &seen,
+            raised: &[],
+            checked: None,
+            measured: None,
+            settling: false,
+        };
+        shadow.tick(live.as_ref(), task, &passed);
+    }
+    TaskRecord { success: true, invalid: false, ..TaskRecord::refused(task, seed) }
 }

@@ -2,8 +2,8 @@
 //!
 //! Same observations: the candidate decides tick by tick on what the active version sees; its
 //! commands go to a [`CommandRecorder`]. Twin: at the start of the family's task the live world is forked;
-//! the candidate drives the fork under the same disturbances. Sources: paper sections 5.2 (stage 4)
-//! and 6.7; design rule 5.4.
+//! the candidate drives the fork under the same disturbances. A cell that cannot be forked has a twin at the observed
+//! state, or none (`twin_start.rs`). Sources: paper sections 5.2 (stage 4) and 6.7; design rule 5.4.
 
 use std::panic::resume_unwind;
 use std::thread::JoinHandle;
@@ -14,7 +14,8 @@ use serde::{Deserialize, Serialize};
 
 use super::forked_task::ForkedTask;
 use super::listener::Listener;
-use holdpoint_governance::evidence::ShadowSequence;
+use super::twin_start::TwinStart;
+use holdpoint_governance::evidence::{OutputSequence, ShadowSequence};
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_runtime::agent::dispatcher::admit;
 use holdpoint_runtime::arm::CommandRecorder;
@@ -85,23 +86,28 @@ pub struct ShadowTrace {
     pub proposed_commands: Vec<(u64, Command)>,
     /// What the active version did in the live world.
     pub live: TaskRecord,
-    /// What the candidate did in the twin.
-    pub twin: TaskRecord,
-    /// The values the rules use.
-    pub values: ShadowSequence,
+    /// What the candidate did in the twin; absent in a cell without one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub twin: Option<TaskRecord>,
+    /// The values the rules use; absent in a cell without a twin.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub values: Option<ShadowSequence>,
+    /// The values the rules use in a cell without a twin; absent in another.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub outputs: Option<OutputSequence>,
 }
 
 impl ShadowTrace {
     /// The record without the paths if both worlds ended alike: the seed gives them again.
     #[must_use]
     pub fn without_equal_paths(mut self) -> Self {
-        let values = &self.values;
+        let (Some(values), Some(twin)) = (&self.values, &mut self.twin) else { return self };
         let alike = values.live_success == values.twin_success
             && values.live_policy_hit == values.twin_policy_hit
             && values.live_watcher_event == values.twin_watcher_event;
         if alike {
             self.live.path = Vec::new();
-            self.twin.path = Vec::new();
+            twin.path = Vec::new();
         }
         self
     }
@@ -112,6 +118,8 @@ pub struct Shadow {
     candidate: Capability,
     terms: SkillTerms,
     fork: Option<Box<dyn TrialCell>>,
+    /// Where the twin began; absent before the task.
+    start: Option<TwinStart>,
     skill: Option<Box<dyn Skill>>,
     /// The dispatcher would not call it, as the live world stands at its task.
     refused: bool,
@@ -165,6 +173,7 @@ impl Shadow {
             candidate,
             terms,
             fork: Some(fork),
+            start: None,
             skill: None,
             refused: false,
             recorder: CommandRecorder::default(),
@@ -189,6 +198,15 @@ impl Shadow {
 
     pub(crate) fn task(&self) -> TaskKind {
         self.candidate.bundle.task()
+    }
+
+    fn has_twin(&self) -> bool {
+        self.start.is_some_and(TwinStart::has_twin)
+    }
+
+    /// Mean distance of the candidate's commands from the active version's.
+    fn output_divergence(&self) -> f64 {
+        self.divergence_sum / f64::from(self.ticks.max(1))
     }
 
     /// The twin's task; `None` if it was not reached, or the dispatcher would not call the candidate.
@@ -227,7 +245,7 @@ impl Shadow {
         seed: u64,
         look: &mut dyn FnMut(&dyn RobotCell, &Tick<'_>),
     ) {
-        if task == self.task() && self.skill.is_some() && self.twin.is_none() {
+        if task == self.task() && self.has_twin() && self.twin.is_none() {
             self.run_twin(seed, look);
         }
     }
@@ -240,10 +258,15 @@ impl Shadow {
         live: Option<&TaskRecord>,
         seed: u64,
     ) -> (Option<ShadowTrace>, Option<Box<dyn TrialCell>>) {
-        let (Some(live), true) = (live, self.skill.is_some()) else {
+        let (Some(live), Some(start)) = (live, self.start) else {
             let ran = self.take_twin().and_then(|ran| ran.world);
             return (None, self.fork.take().or(ran));
         };
+        if !start.has_twin() {
+            let compared = !live.invalid && (self.refused || self.ticks > 0);
+            let trace = compared.then(|| self.trace_of_outputs(live, seed));
+            return (trace, self.fork.take());
+        }
         if self.twin.is_none() {
             self.run_twin(seed, &mut |_, _| {});
         }
@@ -259,24 +282,38 @@ impl Shadow {
             twin_policy_hit: twin.violation,
             live_watcher_event: live.anomaly,
             twin_watcher_event: twin.anomaly,
-            output_divergence: self.divergence_sum / f64::from(self.ticks.max(1)),
+            output_divergence: self.output_divergence(),
             envelope_divergence: outside_tube(&live.path, &twin.path),
             live_conduct: live.conduct(),
             twin_conduct: twin.conduct(),
+            twin_difference: start.difference(),
         };
+        let trace = ShadowTrace { twin: Some(twin), values: Some(values), ..self.trace(live, seed) };
+        (Some(trace), world)
+    }
+
+    /// The record of a sequence without a twin. A candidate that the dispatcher would not call commands nothing, which
+    /// is the largest divergence.
+    fn trace_of_outputs(&self, live: &TaskRecord, seed: u64) -> ShadowTrace {
+        let output_divergence = if self.refused { 1.0 } else { self.output_divergence() };
+        ShadowTrace { outputs: Some(OutputSequence { seed, output_divergence }), ..self.trace(live, seed) }
+    }
+
+    /// The record without what is compared.
+    fn trace(&self, live: &TaskRecord, seed: u64) -> ShadowTrace {
         let first =
             |recorder: &CommandRecorder| recorder.commands().iter().take(COMMANDS_KEPT).cloned().collect();
-        let trace = ShadowTrace {
+        ShadowTrace {
             version: self.candidate.id(),
             task: self.task(),
             seed,
             live_commands: first(&self.live_recorder),
             proposed_commands: first(&self.recorder),
             live: live.clone(),
-            twin,
-            values,
-        };
-        (Some(trace), world)
+            twin: None,
+            values: None,
+            outputs: None,
+        }
     }
 }
 
@@ -285,11 +322,13 @@ impl Listener for Shadow {
         if task != self.task() {
             return;
         }
-        let forked = self.fork.as_mut().and_then(|fork| fork.go_on_from(&world.copy().ok()?).ok());
-        if forked.is_some() {
+        let start = self.fork.as_mut().and_then(|fork| TwinStart::at(world, fork.as_mut()));
+        if let Some(start) = start {
+            self.start = Some(start);
             self.refused = admit(&self.candidate.manifest, &Body::telemetry(world)).is_err();
             self.skill = Some(self.candidate.start(self.terms.bundle_seed(seed)));
             if self.beside
+                && start.has_twin()
                 && let Some(twin) = self.start_twin(seed)
             {
                 self.twin = Some(Twin::beside(twin));

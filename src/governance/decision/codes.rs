@@ -193,6 +193,12 @@ reason_codes! {
     ShadowEnvelopeDivergence = "shadow-envelope-divergence",
     /// Too few shadow sequences, or none usable.
     ShadowNoData = "shadow-no-data",
+    /// The twin began at the observed state of the live cell, which cannot export its own.
+    ShadowTwinObserved = "shadow-twin-observed",
+    /// The cell has no twin; shadow rests on outputs alone, which the profile permits.
+    ShadowOutputsAlone = "shadow-outputs-alone",
+    /// The cell has no twin, and outputs alone are not enough under the profile; on hold.
+    ShadowTwinMissing = "shadow-twin-missing",
 
     /// Every demand of the gate is met.
     GatePassed = "gate-passed",

@@ -182,6 +182,17 @@ pub const FIELDS: &[ProfileField] = &[
     field("clock.jump_max_s", 0.5, 600.0, Lower),
 ];
 
+/// Settings whose words have an order of strictness: path, and the words, the least strict first.
+pub const WORDS: &[(&str, &[&str])] = &[
+    ("name", &["sim", "real", "human"]),
+    ("shadow.outputs_alone", &["enough", "hold"]),
+    ("activation.require_improvement", &["false", "true"]),
+    ("activation.rollback_coupled", &["false", "true"]),
+    ("activation.approval_bound", &["false", "true"]),
+    ("domain.outside", &["count", "last-covering", "refuse"]),
+    ("approval.break_glass", &["true", "false"]),
+];
+
 /// Every number of a profile's JSON form with its path.
 #[must_use]
 pub fn numbers(profile: &Profile) -> Vec<(String, f64)> {

@@ -57,7 +57,7 @@ pub(crate) const GOOD: EpisodeValues = EpisodeValues {
 };
 
 pub(crate) struct Bench {
-    folder: TempDir,
+    pub(crate) folder: TempDir,
     pub(crate) pipeline: Pipeline,
 }
 

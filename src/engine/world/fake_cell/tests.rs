@@ -2,20 +2,20 @@
 
 use std::collections::BTreeMap;
 
+use holdpoint_governance::cell_ability::CellAbility;
 use holdpoint_governance::ids::Family;
 use holdpoint_governance::policy::PolicyTable;
 use holdpoint_governance::profile::{Profile, ProfileName};
 use holdpoint_runtime::agent::ActiveView;
 use holdpoint_runtime::capability::Capability;
-use holdpoint_runtime::task::TaskRecord;
 use holdpoint_runtime::terms::SkillTerms;
 
 use super::*;
-use crate::cell::Cell;
 use crate::embedded;
-use crate::world::listener::{Listener, NoListener};
+use crate::world::listener::NoListener;
 use crate::world::live::{LiveStation, SequenceReport};
-use crate::world::shadow::Shadow;
+use crate::world::shadow::ShadowTrace;
+use crate::world::twin_start::{TwinStart, missing_abilities};
 
 struct Baselines(BTreeMap<Family, Capability>);
 
@@ -66,19 +66,68 @@ fn sequence_without_work_has_failed() {
     assert!(report.failed && report.tasks.iter().all(|done| done.record.invalid), "{report:?}");
 }
 
+/// What shadow records of a task of this kind in which the live cell stood still.
+fn shadowed(factory: FakeFactory, task: TaskKind) -> ShadowTrace {
+    let cell = Cell::new(Arc::new(factory)).unwrap();
+    let mut candidates = embedded::baselines().unwrap().into_iter();
+    let candidate = candidates.find(|version| version.bundle.task() == task).unwrap();
+    let mut shadow = Shadow::new(candidate, terms(&cell), cell.trial().unwrap());
+    let record = stand_still(&mut shadow, &cell, 7);
+    let (trace, fork) = shadow.conclude(Some(&record), 7);
+    assert!(fork.is_some(), "the trial cell comes back");
+    trace.unwrap()
+}
+
 #[test]
-fn twin_starts_from_an_exported_state_and_is_missing_without_one() {
-    for (factory, has_twin) in [(FakeFactory::exporting(), true), (FakeFactory::new(), false)] {
-        let cell = Cell::new(Arc::new(factory)).unwrap();
-        let candidate = embedded::baselines().unwrap().remove(0);
-        let task = candidate.bundle.task();
-        let mut live = cell.live_cell().unwrap();
-        live.begin_task(task);
-        let mut shadow = Shadow::new(candidate, terms(&cell), cell.trial().unwrap());
-        shadow.before_task(live.as_ref(), task, 7);
-        let record = TaskRecord { success: true, invalid: false, ..TaskRecord::refused(task, 7) };
-        let (trace, fork) = shadow.conclude(Some(&record), 7);
-        assert_eq!(trace.is_some(), has_twin);
-        assert!(fork.is_some());
+fn twin_continues_from_an_exported_state() {
+    let trace = shadowed(FakeFactory::exporting(), TaskKind::Grasp);
+    let values = trace.values.unwrap();
+    assert!(trace.twin.is_some() && trace.outputs.is_none());
+    assert_eq!(values.twin_difference, None);
+}
+
+#[test]
+fn twin_begins_at_the_observed_state_where_none_is_exported() {
+    let trace = shadowed(FakeFactory::observing(0.003), TaskKind::Grasp);
+    assert!(trace.twin.is_some() && trace.outputs.is_none());
+    let difference = trace.values.unwrap().twin_difference.unwrap();
+    assert!((difference.joints_rad - 0.003).abs() < 1e-12, "{difference:?}");
+    assert_eq!((difference.width_m, difference.object_m), (0.0, None));
+}
+
+#[test]
+fn difference_that_is_no_number_is_no_twin() {
+    let cell = Cell::new(Arc::new(FakeFactory::observing(f64::NAN))).unwrap();
+    let mut trial = cell.trial().unwrap();
+    assert!(TwinStart::at(cell.live_cell().unwrap().as_ref(), trial.as_mut()).is_none());
+}
+
+#[test]
+fn outputs_alone_are_compared_where_a_cell_has_no_twin() {
+    let alone = shadowed(FakeFactory::new(), TaskKind::Grasp);
+    assert!(alone.twin.is_none() && alone.values.is_none());
+    let beside = shadowed(FakeFactory::exporting(), TaskKind::Grasp);
+    let outputs = alone.outputs.unwrap();
+    assert_eq!(outputs.output_divergence, beside.values.unwrap().output_divergence);
+    assert_eq!((outputs.seed, alone.proposed_commands), (7, beside.proposed_commands));
+}
+
+/// The dispatcher calls no align without an object in the hand.
+#[test]
+fn refused_candidate_commands_nothing_which_is_the_largest_divergence() {
+    let trace = shadowed(FakeFactory::new(), TaskKind::Align);
+    assert_eq!(trace.outputs.unwrap().output_divergence, 1.0);
+    assert!(trace.proposed_commands.is_empty());
+}
+
+#[test]
+fn missing_abilities_are_those_that_a_twin_would_have_needed() {
+    use CellAbility::{ExportState, SetObserved};
+    for (factory, expected) in [
+        (FakeFactory::exporting(), vec![]),
+        (FakeFactory::observing(0.0), vec![ExportState]),
+        (FakeFactory::new(), vec![ExportState, SetObserved]),
+    ] {
+        assert_eq!(missing_abilities(factory.spec.abilities), expected);
     }
 }

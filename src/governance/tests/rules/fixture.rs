@@ -198,9 +198,16 @@ pub fn shadow(profile: &Profile) -> ShadowEvidence {
         envelope_divergence: 0.01,
         live_conduct: Conduct::default(),
         twin_conduct: Conduct::default(),
+        twin_difference: None,
     };
     let sequences = (0..u64::from(profile.evaluation.shadow_sequences)).map(sequence).collect();
-    ShadowEvidence { binding: binding(), sequences, hard_stops: Vec::new() }
+    ShadowEvidence {
+        binding: binding(),
+        sequences,
+        hard_stops: Vec::new(),
+        outputs: Vec::new(),
+        missing: Vec::new(),
+    }
 }
 
 fn assessment<O>(outcome: O, kappa: f64) -> Assessment<O> {

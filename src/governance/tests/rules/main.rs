@@ -19,6 +19,7 @@ mod live_like;
 mod metric_mutations;
 mod monitoring;
 mod never_pass;
+mod outputs_alone;
 mod paper;
 mod permissions;
 mod risk;

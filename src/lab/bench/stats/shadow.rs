@@ -73,7 +73,13 @@ fn deployed(
 ) -> ShadowAssessment {
     let divergence = if diverging { 1.0 } else { 0.0 };
     let settings = &profile.evaluation;
-    let mut evidence = ShadowEvidence { binding: binding(), sequences: Vec::new(), hard_stops: Vec::new() };
+    let mut evidence = ShadowEvidence {
+        binding: binding(),
+        sequences: Vec::new(),
+        hard_stops: Vec::new(),
+        outputs: Vec::new(),
+        missing: Vec::new(),
+    };
     let mut lengthen = |count: u32| {
         while evidence.sequences.len() < count as usize {
             let Some(next) = sequence(draw) else { break };
@@ -102,6 +108,7 @@ fn of(signals: [bool; 6]) -> ShadowSequence {
         envelope_divergence: 0.0,
         live_conduct: Conduct::default(),
         twin_conduct: Conduct::default(),
+        twin_difference: None,
     }
 }
 

@@ -1,0 +1,26 @@
+//! Sentences about a twin that does not continue from the state of the live cell, or that is missing.
+
+use holdpoint_governance::cell_ability::CellAbility;
+
+/// How far the twins began from the observed state: of joints, rad, of the distance of the pads, m, and of the object, m.
+pub(crate) fn observed(sequences: u64, [joints_rad, width_m]: [f64; 2], object_m: Option<f64>) -> String {
+    let object = object_m
+        .map_or_else(|| "the object was not seen".to_owned(), |object_m| format!("of the object {object_m:.4} m"));
+    format!(
+        "the live cell cannot export its state, so in {sequences} sequences the twin began at the observed one; largest \
+         difference of a joint {joints_rad:.4} rad, of the finger pads {width_m:.4} m, {object}"
+    )
+}
+
+/// That shadow has no twin, and for lack of which abilities.
+pub(crate) fn outputs_alone(permitted: &str, missing: &[CellAbility]) -> String {
+    let missing: Vec<&str> = missing.iter().copied().map(ability).collect();
+    format!("shadow rests on outputs alone, {permitted}: the cell cannot {}", missing.join(" or "))
+}
+
+const fn ability(of: CellAbility) -> &'static str {
+    match of {
+        CellAbility::ExportState => "export its state",
+        CellAbility::SetObserved => "set a trial cell to the observed state",
+    }
+}
