@@ -393,7 +393,7 @@ impl Pipeline {
         self.work = Some(StageWork::Shadow(run));
         let Some(mut along) = self.shadow_to_take()? else { return Ok(()) };
         if self.trials.jobs() > 1 && self.world.frame_sink.is_none() {
-            along.run_twin_beside();
+            along.run_twin_beside(Box::new(|_, _| {}));
         }
         let task = along.task();
         let report = self.live().sequence(Some(&mut along))?;

@@ -248,7 +248,8 @@ pub fn compare_with_sandbox(
     let looked_at = matches!(result.check, CheckResult::Pass | CheckResult::Inconclusive);
     // Live-like pairs are no sample of the sandbox's distribution.
     let sandbox: Vec<Pair> = sandbox.iter().filter(|pair| !pair.live_like).copied().collect();
-    if !looked_at || sandbox.is_empty() || shadow.sequences.is_empty() || result.sequences < profile.evaluation.shadow_sequences {
+    let is_empty = sandbox.is_empty() || shadow.sequences.is_empty();
+    if !looked_at || is_empty || result.sequences < profile.evaluation.shadow_sequences {
         return;
     }
     let found = significant_shifts(&sandbox, &shadow.sequences, profile);

@@ -67,7 +67,7 @@ impl FakeFactory {
         factory
     }
 
-    /// Cells of the built-in arm that export nothing; a trial cell is set to what was observed, with this error of a joint.
+    /// Cells of the built-in arm that export nothing; a trial cell is set to an observation, with this error of a joint.
     pub(crate) fn observing(set_error_rad: f64) -> Self {
         let mut factory = Self { set_error_rad, ..Self::new() };
         Arc::make_mut(&mut factory.spec).abilities.set_observed = true;

@@ -133,7 +133,7 @@ impl SequenceEscort {
 impl Listener for SequenceEscort {
     fn before_task(&mut self, world: &dyn RobotCell, task: TaskKind, seed: u64) {
         self.started = world.tick();
-        self.painter.before_task(world, task, seed, self.shadow.as_mut());
+        self.painter.before_task_beside(world, task, seed, self.shadow.as_mut());
         if self.shadow.is_some() {
             self.throttle.rebase(world.tick());
         }

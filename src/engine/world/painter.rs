@@ -1,7 +1,9 @@
 //! Draws video frames of the running live cell: in a sequence, and on the ladder between two.
 //!
 //! Hands the frames over without waiting and decides nothing. The frames are the same whether a sequence runs in one
-//! slice or at the pace of a clock.
+//! slice or at the pace of a clock; but at the pace of a clock a twin is drawn as far as it has come by then.
+
+use std::sync::{Arc, Mutex};
 
 use holdpoint_body::{RATE_HZ, TaskKind};
 use holdpoint_cell::RobotCell;
@@ -24,23 +26,26 @@ const TWIN_FRAMES_MAX: usize = 1_800;
 /// Who works which task of a sequence, and the envelope that holds them.
 pub(crate) type SequenceVersions = Vec<(TaskKind, CapabilityId, EnvelopeView)>;
 
+/// The twin at each frame, in the order of its ticks; its thread adds them.
+type TwinBodies = Arc<Mutex<Vec<ArmView>>>;
+
 pub(crate) struct Painter {
     sink: VideoFrameSink,
     clock: Clock,
     sequence: u64,
     workers: SequenceVersions,
-    twin: Vec<ArmView>,
+    twin: TwinBodies,
     last: Option<VideoFrame>,
 }
 
 impl Painter {
-    pub(crate) const fn new(
+    pub(crate) fn new(
         sink: VideoFrameSink,
         clock: Clock,
         sequence: u64,
         workers: SequenceVersions,
     ) -> Self {
-        Self { sink, clock, sequence, workers, twin: Vec::new(), last: None }
+        Self { sink, clock, sequence, workers, twin: TwinBodies::default(), last: None }
     }
 
     pub(crate) fn at_work(&self, task: TaskKind) -> Option<CapabilityId> {
@@ -59,15 +64,25 @@ impl Painter {
         seed: u64,
         shadow: Option<&mut Shadow>,
     ) {
-        self.twin.clear();
+        self.twin = TwinBodies::default();
         let Some(shadow) = shadow else { return };
         shadow.before_task(world, task, seed);
-        let bodies = &mut self.twin;
-        shadow.run_twin_ahead(task, seed, &mut |world, passed| {
-            if is_due(passed.tick) && bodies.len() < TWIN_FRAMES_MAX {
-                bodies.push(cell_frame::body(world, passed.seen));
-            }
-        });
+        shadow.run_twin_ahead(task, seed, &mut |world, passed| keep_body(&self.twin, world, passed));
+    }
+
+    /// As [`Self::before_task`], with the twin on a thread of its own: it is drawn as far as it has come.
+    pub(crate) fn before_task_beside(
+        &mut self,
+        world: &dyn RobotCell,
+        task: TaskKind,
+        seed: u64,
+        shadow: Option<&mut Shadow>,
+    ) {
+        self.twin = TwinBodies::default();
+        let Some(shadow) = shadow else { return };
+        let bodies = Arc::clone(&self.twin);
+        shadow.run_twin_beside(Box::new(move |world, passed| keep_body(&bodies, world, passed)));
+        shadow.before_task(world, task, seed);
     }
 
     /// A tick passed: draws if a frame is due, and in any case if `stopped`.
@@ -86,7 +101,8 @@ impl Painter {
         let contacts = &seen.contacts;
         let twin = shadow.and_then(|shadow| {
             let index = usize::try_from(passed.tick / FRAME_EVERY_TICKS).unwrap_or(usize::MAX);
-            let body = self.twin.get(index).or_else(|| self.twin.last())?.clone();
+            let bodies = self.twin.lock().ok()?;
+            let body = bodies.get(index).or_else(|| bodies.last())?.clone();
             Some(Twin { version: shadow.id(), body })
         });
         let frame = VideoFrame {
@@ -126,6 +142,19 @@ impl Painter {
             twin: None,
             ..last
         });
+    }
+}
+
+/// Keeps the twin's body, if a frame is due.
+fn keep_body(bodies: &TwinBodies, world: &dyn RobotCell, passed: &Tick<'_>) {
+    if !is_due(passed.tick) {
+        return;
+    }
+    let body = cell_frame::body(world, passed.seen);
+    if let Ok(mut bodies) = bodies.lock()
+        && bodies.len() < TWIN_FRAMES_MAX
+    {
+        bodies.push(body);
     }
 }
 

@@ -129,10 +129,13 @@ pub struct Shadow {
     proposed: Setpoints,
     divergence_sum: f64,
     ticks: u32,
-    /// The twin works while the live world does.
-    beside: bool,
+    /// The twin works while the live world does, and this sees its ticks.
+    beside: Option<TwinWatch>,
     twin: Option<Twin>,
 }
+
+/// Sees every tick of a twin, on the thread that it works on.
+pub(crate) type TwinWatch = Box<dyn FnMut(&dyn RobotCell, &Tick<'_>) + Send>;
 
 /// The candidate in its fork of the live world.
 enum Twin {
@@ -155,9 +158,9 @@ impl TwinRun {
 }
 
 impl Twin {
-    fn beside(task: ForkedTask) -> Self {
+    fn beside(task: ForkedTask, mut watch: TwinWatch) -> Self {
         let thread = std::thread::Builder::new().name("twin".to_owned());
-        match thread.spawn(move || TwinRun::of(task, &mut |_, _| {})) {
+        match thread.spawn(move || TwinRun::of(task, &mut *watch)) {
             Ok(thread) => Self::Running(thread),
             // The sequence says nothing then, as with a world that failed.
             Err(_) => Self::Ran(Box::new(TwinRun { world: None, record: None })),
@@ -182,14 +185,14 @@ impl Shadow {
             proposed: Setpoints::default(),
             divergence_sum: 0.0,
             ticks: 0,
-            beside: false,
+            beside: None,
             twin: None,
         }
     }
 
-    /// Has the twin work on a thread of its own, while the live world does. The result is the same.
-    pub(crate) const fn run_twin_beside(&mut self) {
-        self.beside = true;
+    /// Has the twin of the next task work on a thread of its own, while the live world does. The result is the same.
+    pub(crate) fn run_twin_beside(&mut self, watch: TwinWatch) {
+        self.beside = Some(watch);
     }
 
     pub(crate) fn id(&self) -> CapabilityId {
@@ -327,11 +330,11 @@ impl Listener for Shadow {
             self.start = Some(start);
             self.refused = admit(&self.candidate.manifest, &Body::telemetry(world)).is_err();
             self.skill = Some(self.candidate.start(self.terms.bundle_seed(seed)));
-            if self.beside
-                && start.has_twin()
+            if start.has_twin()
+                && let Some(watch) = self.beside.take()
                 && let Some(twin) = self.start_twin(seed)
             {
-                self.twin = Some(Twin::beside(twin));
+                self.twin = Some(Twin::beside(twin, watch));
             }
         }
     }

@@ -9,7 +9,7 @@ use crate::finding::{EvidenceGap, Finding};
 use crate::outcome::CheckResult;
 use crate::profile::{OutputsAlone, Profile};
 
-/// The reason that states how far the twins began from the observed state; `None` if all continued from the exported one.
+/// The reason that states how far the twins began from the observed state; `None` if none began there.
 pub(super) fn observed_twin(sequences: &[ShadowSequence]) -> Option<Reason> {
     let set: Vec<_> = sequences.iter().filter_map(|sequence| sequence.twin_difference).collect();
     if set.is_empty() {

@@ -1,6 +1,6 @@
 //! The engine on a cell that is no simulator.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use holdpoint_governance::cell_ability::CellAbility;
 use holdpoint_governance::ids::Family;
@@ -66,12 +66,15 @@ fn sequence_without_work_has_failed() {
     assert!(report.failed && report.tasks.iter().all(|done| done.record.invalid), "{report:?}");
 }
 
+fn baseline(task: TaskKind) -> Capability {
+    let mut baselines = embedded::baselines().unwrap().into_iter();
+    baselines.find(|version| version.bundle.task() == task).unwrap()
+}
+
 /// What shadow records of a task of this kind in which the live cell stood still.
 fn shadowed(factory: FakeFactory, task: TaskKind) -> ShadowTrace {
     let cell = Cell::new(Arc::new(factory)).unwrap();
-    let mut candidates = embedded::baselines().unwrap().into_iter();
-    let candidate = candidates.find(|version| version.bundle.task() == task).unwrap();
-    let mut shadow = Shadow::new(candidate, terms(&cell), cell.trial().unwrap());
+    let mut shadow = Shadow::new(baseline(task), terms(&cell), cell.trial().unwrap());
     let record = stand_still(&mut shadow, &cell, 7);
     let (trace, fork) = shadow.conclude(Some(&record), 7);
     assert!(fork.is_some(), "the trial cell comes back");
@@ -84,6 +87,31 @@ fn twin_continues_from_an_exported_state() {
     let values = trace.values.unwrap();
     assert!(trace.twin.is_some() && trace.outputs.is_none());
     assert_eq!(values.twin_difference, None);
+}
+
+/// A twin that the live cell's thread works would delay the live cell.
+#[test]
+fn twin_beside_works_on_a_thread_of_its_own_with_the_same_result() {
+    let cell = Cell::new(Arc::new(FakeFactory::exporting())).unwrap();
+    let candidate = baseline(TaskKind::Grasp);
+    let threads = Arc::new(Mutex::new(BTreeSet::new()));
+    let mut traces = Vec::new();
+    for is_beside in [false, true] {
+        let mut shadow = Shadow::new(candidate.clone(), terms(&cell), cell.trial().unwrap());
+        if is_beside {
+            let threads = Arc::clone(&threads);
+            let name = || std::thread::current().name().map(ToOwned::to_owned);
+            shadow.run_twin_beside(Box::new(move |_, _| {
+                threads.lock().unwrap().insert(name());
+            }));
+        }
+        let record = stand_still(&mut shadow, &cell, 7);
+        let (trace, _) = shadow.conclude(Some(&record), 7);
+        traces.push(trace);
+    }
+    assert!(traces[0].is_some());
+    assert_eq!(traces[0], traces[1]);
+    assert_eq!(*threads.lock().unwrap(), BTreeSet::from([Some("twin".to_owned())]));
 }
 
 #[test]
