@@ -39,12 +39,7 @@ pub(crate) struct Painter {
 }
 
 impl Painter {
-    pub(crate) fn new(
-        sink: VideoFrameSink,
-        clock: Clock,
-        sequence: u64,
-        workers: SequenceVersions,
-    ) -> Self {
+    pub(crate) fn new(sink: VideoFrameSink, clock: Clock, sequence: u64, workers: SequenceVersions) -> Self {
         Self { sink, clock, sequence, workers, twin: TwinBodies::default(), last: None }
     }
 

@@ -160,7 +160,7 @@ impl TwinRun {
 impl Twin {
     fn beside(task: ForkedTask, mut watch: TwinWatch) -> Self {
         let thread = std::thread::Builder::new().name("twin".to_owned());
-        match thread.spawn(move || TwinRun::of(task, &mut *watch)) {
+        match thread.spawn(move || TwinRun::of(task, watch.as_mut())) {
             Ok(thread) => Self::Running(thread),
             // The sequence says nothing then, as with a world that failed.
             Err(_) => Self::Ran(Box::new(TwinRun { world: None, record: None })),

@@ -5,6 +5,7 @@ use std::sync::Arc;
 use holdpoint_governance::cell_ability::CellAbility;
 use holdpoint_governance::composition::Kappas;
 use holdpoint_governance::decision::ReasonCode;
+use holdpoint_governance::evidence::{OutputSequence, Pair};
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::lifecycle::{Stage, State};
 use holdpoint_governance::outcome::{BehaviorOutcome, InterfaceOutcome, PolicyOutcome, RecoveryOutcome};
@@ -12,7 +13,7 @@ use holdpoint_governance::profile::{Profile, ProfileName};
 
 use crate::cell::Cell;
 use crate::evidence_file::EvidenceFile;
-use crate::stages::rollback::tests::Bench;
+use crate::stages::rollback::tests::{Bench, GOOD};
 use crate::stages::shadow::{self, ShadowStep};
 use crate::test_pipeline::pipeline_in;
 use crate::tests::compatible;
@@ -88,4 +89,19 @@ fn version_without_a_twin_is_on_hold_under_real_and_human() {
         let words = holdpoint_wording::reason(reason);
         assert!(words.contains("export its state or set a trial cell to the observed state"), "{words}");
     }
+}
+
+#[test]
+fn a_version_without_twins_has_the_rates_of_its_pairs_as_normal() {
+    let pair = Pair { seed: 1, active: GOOD, candidate: GOOD, live_like: false };
+    let on_outputs = EvidenceFile {
+        pairs: vec![pair; 40],
+        outputs: vec![OutputSequence { seed: 1, output_divergence: 0.0 }],
+        ..EvidenceFile::default()
+    };
+    let with_twins = EvidenceFile { twins: vec![GOOD; 40], ..EvidenceFile::default() };
+    assert!(with_twins.normal_rates().is_some());
+    assert_eq!(on_outputs.normal_rates(), with_twins.normal_rates());
+    let without_shadow = EvidenceFile { outputs: Vec::new(), ..on_outputs };
+    assert_eq!(without_shadow.normal_rates(), None);
 }
