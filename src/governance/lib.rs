@@ -267,6 +267,7 @@ pub mod rollback;
 pub mod rules_version;
 pub mod sensor_health;
 pub mod shared_event;
+pub mod site;
 pub mod site_profile;
 pub mod start_domain;
 pub mod startup_stop;

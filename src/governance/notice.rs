@@ -58,6 +58,8 @@ crate::closed_set! {
         Policies = "policies",
         /// The robot.
         Robot = "robot",
+        /// The site file.
+        Site = "site",
         /// The build that computes evidence.
         Build = "build",
         /// The scene.

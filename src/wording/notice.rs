@@ -336,6 +336,7 @@ fn binding_changed(parts: &[BoundPart]) -> String {
         BoundPart::Profile => "the profile",
         BoundPart::Policies => "the policies",
         BoundPart::Robot => "the robot",
+        BoundPart::Site => "the site file",
         BoundPart::Build => "the build that computes evidence",
         BoundPart::Scene => "the scene",
     });

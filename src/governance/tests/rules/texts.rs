@@ -1,4 +1,4 @@
-//! Texts that people and candidates hand in: manifests, submissions, profiles, policies.
+//! Texts that people and candidates hand in: manifests, submissions, profiles, policies, site files.
 
 use holdpoint_governance::TextError;
 use holdpoint_governance::alarms::Priority;
@@ -6,6 +6,7 @@ use holdpoint_governance::manifest::{MANIFEST_BYTES_MAX, Manifest};
 use holdpoint_governance::mode::{Authority, Channel, CommandKind, ModeKey, ZoneName};
 use holdpoint_governance::policy::{ModeRuling, PolicyProblem, PolicySource, PolicyTable};
 use holdpoint_governance::profile::{Profile, ProfileName};
+use holdpoint_governance::site::Site;
 use holdpoint_governance::submission::{Provenance, Risk, Submission};
 
 use crate::fixture::{MANIFEST, manifest, profile};
@@ -89,9 +90,11 @@ fn manifest_digest_covers_the_content_and_not_the_text() {
 #[test]
 #[allow(clippy::disallowed_methods, reason = "the rules do no I/O; this compares them with files")]
 fn the_published_schemas_are_up_to_date() {
-    for (path, schema) in
-        [("manifests/schema.json", Manifest::json_schema()), ("profiles/schema.json", Profile::json_schema())]
-    {
+    for (path, schema) in [
+        ("manifests/schema.json", Manifest::json_schema()),
+        ("manifests/site.schema.json", Site::json_schema()),
+        ("profiles/schema.json", Profile::json_schema()),
+    ] {
         let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../..").join(path);
         let text = serde_json::to_string_pretty(&schema).unwrap() + "\n";
         if std::env::var_os("HOLDPOINT_WRITE_SCHEMAS").is_some() {
