@@ -48,6 +48,8 @@ pub mod schema;
 pub mod serve;
 #[cfg(feature = "console")]
 mod settings;
+pub mod site;
+mod site_choice;
 pub mod skill;
 pub mod status;
 pub mod stop;
@@ -159,6 +161,8 @@ Examples:
     Identity(identity::IdentityArgs),
     /// Show and check deployment profiles.
     Profile(profile::ProfileArgs),
+    /// Check a site file: robot, cells, families and profile.
+    Site(site::SiteArgs),
     /// Inspect, copy, export and repair the store.
     Store(store::StoreArgs),
     /// Read, verify, prove and export the audit log, and name its witnesses.
@@ -309,6 +313,7 @@ pub fn dispatch(
         Some(Verb::Serve(args)) => engine.serve(&context()?, args, out),
         Some(Verb::Identity(args)) => identity::run(&context()?, args, out),
         Some(Verb::Profile(args)) => profile::run(&context()?, args, out),
+        Some(Verb::Site(args)) => site::run(&without_home(), args, out),
         Some(Verb::Store(args)) => store::run(&context()?, args, out),
         Some(Verb::Audit(args)) => audit::run(&context()?, args, out),
         Some(Verb::Recordings(args)) => recordings::run(&context()?, args, out),

@@ -14,6 +14,7 @@ mod scenario_run;
 mod service;
 mod stage_stream;
 
+pub(crate) use scenario_run::cell;
 pub use scenario_run::{RunScript, RunStage, fresh_store, run_script, run_stage};
 pub use service::{ServiceSetup, serve};
 pub use stage_stream::{PlainWork, RunPlain, run_plain};

@@ -60,13 +60,15 @@ pub(super) fn run(
             EngineLocation::Begun(Box::new(EngineHandle::starting(layout)), Box::new(|_| Err(why)))
         }
         ExistingEngine::NoEngine => {
+            let site = args.engine.site(Some(&context.data))?;
             let here = LaunchConfig {
                 data: context.data.clone(),
-                profile: args.engine.profile(&context.data)?,
+                profile: args.engine.profile(&context.data, site.as_ref())?,
                 seeds: EpisodeSeeds::Secret,
                 jobs: args.engine.spare_jobs(),
                 cells: Arc::new(CELLS),
                 robot: args.engine.robot.clone(),
+                site,
                 pace: args.pace.unwrap_or(LivePace::CLOCK).times(),
                 sinks: args.scenes.options(true).sinks()?,
                 alone_max: None,

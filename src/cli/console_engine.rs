@@ -75,6 +75,9 @@ impl ConsoleEngine {
         if let Some(robot) = &args.engine.robot {
             add_option("--robot", robot.as_ref());
         }
+        if let Some(site) = &args.engine.site {
+            add_option("--site", site.as_ref());
+        }
         if let Some(jobs) = args.engine.jobs {
             add_option("--jobs", jobs.to_string().as_ref());
         }
@@ -283,6 +286,7 @@ mod tests {
         let options = [
             "--profile=human",
             "--robot=a.urdf",
+            "--site=site.toml",
             "--jobs=1",
             "--pace=0.5",
             "--view=127.0.0.1:9876",

@@ -136,13 +136,15 @@ impl EngineVerbs for RealEngine {
         let cache = args.cache_key.open_cache_if_named(args.cache.as_deref(), "--cache")?;
         match &args.script {
             Some(script) => {
+                let data = context.data_given.then_some(context.data.as_path());
                 let run = RunScript {
                     script,
-                    data: context.data_given.then_some(context.data.as_path()),
+                    data,
                     cache,
                     seed: args.seed,
                     jobs: args.engine.jobs(),
                     robot,
+                    site: args.engine.site(data)?,
                     json,
                     sinks: args.scenes.options(context.data_given).sinks()?,
                 };
@@ -151,13 +153,15 @@ impl EngineVerbs for RealEngine {
             #[cfg(feature = "console")]
             None if super::console::fits(args, json) => super::console::run(context, args, out),
             None => {
+                let site = args.engine.site(Some(&context.data))?;
                 let run = RunPlain {
                     work: PlainWork::Waiting,
                     data: &context.data,
-                    profile: args.engine.profile(&context.data)?,
+                    profile: args.engine.profile(&context.data, site.as_ref())?,
                     seeds: EpisodeSeeds::Secret,
                     jobs: args.engine.jobs(),
                     robot,
+                    site,
                     json,
                     pace: args.pace.and_then(run::LivePace::times),
                     sinks: args.scenes.options(true).sinks()?,
@@ -191,13 +195,15 @@ impl EngineVerbs for RealEngine {
         args: &serve::ServeArgs,
         out: &mut CommandOutput<'_>,
     ) -> Result<Exit, CliError> {
+        let site = args.engine.site(Some(&context.data))?;
         let host = LaunchConfig {
             data: context.data.clone(),
-            profile: args.engine.profile(&context.data)?,
+            profile: args.engine.profile(&context.data, site.as_ref())?,
             seeds: EpisodeSeeds::Secret,
             jobs: args.engine.spare_jobs(),
             cells: Arc::new(CELLS),
             robot: args.engine.robot.clone(),
+            site,
             pace: args.pace(),
             sinks: args.scenes.options(true).sinks()?,
             alone_max: args.attended.map(|secs| Duration::from_secs(u64::from(secs))),
@@ -220,13 +226,15 @@ impl EngineVerbs for RealEngine {
     ) -> Result<Exit, CliError> {
         let fresh = if context.data_given { None } else { Some(crate::headless::fresh_store()?) };
         let data = fresh.as_ref().map_or(context.data.as_path(), tempfile::TempDir::path);
+        let site = args.engine.site(Some(data))?;
         let run = RunPlain {
             work: PlainWork::Demonstration,
             data,
-            profile: args.engine.profile(data)?,
+            profile: args.engine.profile(data, site.as_ref())?,
             seeds: args.seeds(context.data_given)?,
             jobs: args.engine.jobs(),
             robot: args.engine.robot.as_deref(),
+            site,
             json: context.json,
             pace: args.pace.and_then(run::LivePace::times),
             sinks: run::SceneArgs::default().options(context.data_given).sinks()?,

@@ -134,6 +134,8 @@ pub fn run(context: &CliContext, args: &MetricsArgs, out: &mut CommandOutput<'_>
     // A robot without a description has no digest, so its decisions belong to another build.
     let cell = robot.and_then(|robot| robot.cell(&CELLS).ok()).map_or_else(|| Cell::of(&CELLS, None), Ok);
     let environment = cell.map_err(CliError::internal)?.digest();
+    let site = store_identity::site(&views).map_err(CliError::usage)?;
+    let environment = site.map_or(environment, |site| site.bound(environment));
     let since = match &args.since {
         None => Since::Record(1),
         Some(since) => since.since(end_of(&views)?.1).map_err(CliError::usage)?,

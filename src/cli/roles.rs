@@ -40,7 +40,7 @@ const ROLES: &[(&str, &[(&str, &str)])] = &[
         "Administer",
         &[
             ("serve", "Run the engine as a service"),
-            ("more", "identity, profile, store, audit, recordings, doctor"),
+            ("more", "identity, profile, site, store, audit, recordings, doctor"),
         ],
     ),
     ("Measure", &[("bench", "Time the engine on this machine (also: metrics, lab)")]),

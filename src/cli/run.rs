@@ -2,6 +2,7 @@
 
 use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use clap::{Args, ValueEnum};
 
@@ -9,12 +10,14 @@ use super::data;
 use super::profile_authorization;
 use super::profile_choice::{RequestedProfile, RequestedProfileParser, chosen};
 use super::result_cache::CacheKeyArgs;
+use super::site_choice;
 use crate::error::CliError;
 use crate::scenes::{self, SceneOptions};
 #[cfg(feature = "console")]
 use holdpoint_console::look::ColorChoice;
 #[cfg(feature = "console")]
 use holdpoint_console::options::CommandLineFlags;
+use holdpoint_engine::site::LoadedSite;
 use holdpoint_governance::profile::ProfileName;
 use holdpoint_governance::site_profile::ChosenProfile;
 use holdpoint_protocol::command::PACE_ALLOWED;
@@ -89,6 +92,7 @@ impl RunArgs {
         let options = [
             ("--profile", self.engine.profile.is_some()),
             ("--robot", self.engine.robot.is_some()),
+            ("--site", self.engine.site.is_some()),
             ("--jobs", self.engine.jobs.is_some()),
             ("--pace", self.pace.is_some()),
             ("--view", self.scenes.view.is_some()),
@@ -104,12 +108,16 @@ impl RunArgs {
 #[derive(Clone, Debug, Default, PartialEq, Eq, Args)]
 pub struct EngineArgs {
     /// The deployment profile: a built-in one, the name of one in the store's folder `profiles`, or a file
-    /// [default: the one the store was last used with, else sim].
+    /// [default: that of --site, else the one the store was last used with, else sim].
     #[arg(long, value_name = "NAME|FILE", value_parser = RequestedProfileParser, hide_possible_values = true)]
     pub profile: Option<RequestedProfile>,
-    /// The robot: a URDF file [default: the built-in arm].
+    /// The robot: a URDF file [default: that of the site].
     #[arg(long, value_name = "FILE")]
     pub robot: Option<PathBuf>,
+    /// The site file: robot, cells, families and profile [default: the one the store was last used with, else the
+    /// built-in site].
+    #[arg(long, value_name = "FILE")]
+    pub site: Option<PathBuf>,
     /// Episodes evaluated at once [default: one per core]; the log is the same for any number.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=i64::from(JOBS_MAX)))]
     pub jobs: Option<u16>,
@@ -263,14 +271,27 @@ impl EngineArgs {
         self.jobs.map_or(0, usize::from)
     }
 
+    /// The site file of a run on the store in this folder, or on a temporary one; `None` for the built-in site.
+    ///
+    /// # Errors
+    /// If the file cannot be used.
+    pub fn site(&self, data: Option<&Path>) -> Result<Option<Arc<LoadedSite>>, CliError> {
+        match &self.site {
+            Some(file) => Ok(Some(Arc::new(LoadedSite::read(file).map_err(CliError::usage)?))),
+            None => data.map_or(Ok(None), site_choice::last),
+        }
+    }
+
     /// The profile of a run without a scenario, on the store in this folder.
     ///
     /// # Errors
     /// If there is no such profile, its files are invalid, or it needs an administrator's authorization that is
     /// missing. Checked before the terminal, a process or the store is touched.
-    pub fn profile(&self, data: &Path) -> Result<ChosenProfile, CliError> {
+    pub fn profile(&self, data: &Path, site: Option<&Arc<LoadedSite>>) -> Result<ChosenProfile, CliError> {
         data::require_own(data)?;
-        let chosen = chosen(data, self.profile.as_ref())?;
+        // A site that the store only remembers changes no profile.
+        let of_site = site.filter(|_| self.site.is_some()).map(|site| site_choice::profile(site));
+        let chosen = chosen(data, self.profile.as_ref().or(of_site.as_ref()))?;
         // The engine that starts on it reports unreadable files.
         match profile_authorization::may_begin(data, &chosen) {
             Err(StoreError::UnauthorizedProfile { named, problem }) => {

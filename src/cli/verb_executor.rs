@@ -6,6 +6,7 @@ use std::io::{self, Write as _};
 
 use super::data;
 use super::profile_choice;
+use super::site_choice;
 use crate::cells::CELLS;
 use crate::cli::context::CliContext;
 use crate::cli::output::CommandOutput;
@@ -265,15 +266,18 @@ pub(super) fn print_action_reply(reply: &Reply, out: &mut CommandOutput<'_>) -> 
     }
 }
 
-/// The cell of the store's robot; the built-in arm's without a store.
+/// The cell of the store's robot and site; the built-in one without a store.
 pub(super) fn last_cell(context: &CliContext) -> Result<Cell, CliError> {
     let recorded = if Layout::new(&context.data).database().exists() {
         store_identity::robot(&data::open(&context.data)?).map_err(CliError::usage)?
     } else {
         None
     };
-    let Some(robot) = recorded else { return Cell::of(&CELLS, None).map_err(CliError::internal) };
-    robot.cell(&CELLS).map_err(|error| {
+    let site = site_choice::last(&context.data)?;
+    let Some(robot) = recorded else {
+        return Cell::at(&CELLS, None, site.as_ref()).map_err(CliError::internal);
+    };
+    let cell = robot.cell(&CELLS).map_err(|error| {
         let text = format!("the robot file {robot} of this store cannot be read: {error}");
         let details = robot.file.as_deref().map_or_else(
             || ErrorReason::BadFile.into(),
@@ -284,6 +288,10 @@ pub(super) fn last_cell(context: &CliContext) -> Result<Cell, CliError> {
                 "put the file back, or start an engine with `holdpoint run --robot FILE`; it runs verbs, too",
             )
             .with_details(details)
+    })?;
+    Ok(match site {
+        Some(site) => cell.with_site(site),
+        None => cell,
     })
 }
 

@@ -71,7 +71,7 @@ impl<'a> EngineBootstrap<'a> {
         signals: SignalHandling,
         mut watch: ReadProgressFn,
     ) -> Result<Self, StartError> {
-        let rules = StartRules::of(&config.profile)?;
+        let rules = StartRules::of(&config)?;
         let unverified = UnverifiedStore::take(config.data)?;
         let preview = unverified_snapshot(&config, &rules, &unverified)?;
         let controls = Controls::default();

@@ -10,7 +10,12 @@ use holdpoint_cell::{
 };
 
 use holdpoint_governance::ids::Digest;
+use holdpoint_governance::site::CellKind;
 use holdpoint_governance::start_domain::StartDomain;
+use holdpoint_runtime::capability::{Capability, PackageError};
+
+use crate::embedded;
+use crate::site::LoadedSite;
 
 mod start_support;
 
@@ -42,6 +47,8 @@ pub struct Cell {
     pub spec: Arc<CellSpec>,
     /// The file the robot was read from; absent for a built-in one.
     pub robot_file: Option<PathBuf>,
+    /// The site file; absent for the built-in site.
+    pub site: Option<Arc<LoadedSite>>,
     /// Table, tray, zones, clutter.
     pub scene: Arc<Scene>,
     /// The geometry of the arm, for the guard.
@@ -95,6 +102,7 @@ impl Cell {
             geometry: Arc::clone(&spec.robot.geometry),
             zones: Arc::clone(&spec.zones),
             robot_file: None,
+            site: None,
             scene: Arc::clone(&spec.scene),
             factory,
             spec,
@@ -119,13 +127,48 @@ impl Cell {
         Ok(Self { robot_file: Some(file), ..cell })
     }
 
+    /// The cell of a site, with the robot of this file if one is named; as [`Cell::of`] without a site.
+    ///
+    /// # Errors
+    /// As [`Cell::of`], or if the source has no such built-in robot.
+    pub fn at(
+        source: &dyn CellSource,
+        robot: Option<&Path>,
+        site: Option<&Arc<LoadedSite>>,
+    ) -> Result<Self, CellError> {
+        let Some(site) = site else { return Self::of(source, robot) };
+        // With a second kind, the source has to be chosen here.
+        let (CellKind::Simulated, CellKind::Simulated) = (site.site.live.kind, site.site.trial.kind);
+        let cell = match (robot, site.robot_file()) {
+            (Some(file), _) => Self::of(source, Some(file))?,
+            (None, Some(file)) => Self::of(source, Some(&file))?,
+            (None, None) => Self::new(source.builtin(Some(&site.site.robot))?)?,
+        };
+        Ok(cell.with_site(Arc::clone(site)))
+    }
+
+    /// The same cell at a site. Evidence of another site does not count.
+    #[must_use]
+    pub fn with_site(self, site: Arc<LoadedSite>) -> Self {
+        let digest = site.on_record().map_or(self.digest, |site| site.bound(self.digest));
+        Self { digest, site: Some(site), ..self }
+    }
+
+    /// The first versions of the site's families: those of its file, else the embedded ones.
+    ///
+    /// # Errors
+    /// If an embedded one does not load.
+    pub fn baselines(&self) -> Result<Vec<Capability>, PackageError> {
+        self.site.as_ref().map_or_else(embedded::baselines, |site| Ok(site.baselines.clone()))
+    }
+
     /// Digest of what computes episodes here: this build and that of the cell.
     #[must_use]
     pub fn computed_by(&self) -> &str {
         &self.computed_by
     }
 
-    /// Digest of robot, scene, distributions and of what computes episodes ([`Cell::computed_by`]).
+    /// Digest of robot, scene, distributions, site and of what computes episodes ([`Cell::computed_by`]).
     #[must_use]
     pub const fn digest(&self) -> Digest {
         self.digest
@@ -163,6 +206,8 @@ impl Cell {
     #[must_use]
     pub(crate) fn with_live_sandbox(&self, live: &Arc<Distribution>) -> Self {
         let digest = digest(&self.spec, [&self.canonical, live, live], &self.computed_by);
+        let on_record = self.site.as_ref().and_then(|site| site.on_record());
+        let digest = on_record.map_or(digest, |site| site.bound(digest));
         Self { sandbox: Arc::clone(live), live: Arc::clone(live), digest, ..self.clone() }
     }
 

@@ -13,6 +13,7 @@ use holdpoint_runtime::terms::SkillTerms;
 use serde::{Deserialize, Serialize};
 
 use crate::cell::Cell;
+use crate::site::StoreSite;
 use crate::store_robot::StoreRobot;
 
 /// The content of a store's context record: the digests its decisions were made under. Fields are sorted by name.
@@ -44,6 +45,9 @@ pub struct ContextRecord {
     /// The profile's name.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub site: Option<SiteName>,
+    /// The site file; absent for the built-in site, and in earlier versions.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub site_file: Option<StoreSite>,
 }
 
 /// The digest of a profile, its compiled policies, and a cell (robot, scene, distributions, and what computes episodes).

@@ -58,19 +58,23 @@ const BASELINES: [(&str, [&str; 3]); 4] = [
 /// # Errors
 /// If an embedded file does not load.
 pub fn baselines() -> Result<Vec<Capability>, PackageError> {
-    BASELINES
-        .into_iter()
-        .map(|(name, [manifest, submission, params])| {
-            let package = Package {
-                manifest: manifest.to_owned(),
-                submission: submission.to_owned(),
-                params: params.to_owned(),
-                component: None,
-                author_signature: None,
-            };
-            Capability::load(name, package)
-        })
-        .collect()
+    BASELINES.into_iter().map(|(name, texts)| Capability::load(name, package_of(texts))).collect()
+}
+
+/// The embedded baseline of a folder in `manifests`, e.g. `grasp/1.0.0`.
+pub(crate) fn baseline(folder: &str) -> Option<Package> {
+    let found = BASELINES.into_iter().find(|(name, _)| name.strip_prefix("manifests/") == Some(folder));
+    found.map(|(_, texts)| package_of(texts))
+}
+
+fn package_of([manifest, submission, params]: [&str; 3]) -> Package {
+    Package {
+        manifest: manifest.to_owned(),
+        submission: submission.to_owned(),
+        params: params.to_owned(),
+        component: None,
+        author_signature: None,
+    }
 }
 
 /// Names of the embedded candidates, the demonstration first.
@@ -88,14 +92,8 @@ pub fn names_beside(known: &[CapabilityId]) -> impl Iterator<Item = &'static str
 
 #[must_use]
 pub fn package(name: &str) -> Option<Package> {
-    let (_, [manifest, submission, params]) = CANDIDATES.iter().find(|(known, _)| *known == name)?;
-    Some(Package {
-        manifest: (*manifest).to_owned(),
-        submission: (*submission).to_owned(),
-        params: (*params).to_owned(),
-        component: None,
-        author_signature: None,
-    })
+    let (_, texts) = CANDIDATES.iter().find(|(known, _)| *known == name)?;
+    Some(package_of(*texts))
 }
 
 /// A candidate's folder, or the embedded one of that name if there is no such folder.

@@ -6,6 +6,7 @@
 //! A panic on the engine's thread halts the pipeline with a latched alarm; the host continues to answer.
 
 mod engine_loop;
+mod launch_config;
 mod publisher;
 mod remote_engine;
 mod socket_transport;
@@ -23,6 +24,7 @@ use std::time::{Duration, Instant};
 use tokio::sync::{mpsc, watch};
 
 use self::engine_loop::{EngineLoop, panic_message};
+pub use self::launch_config::LaunchConfig;
 use self::publisher::Publisher;
 pub use self::remote_engine::RemoteEngine;
 use self::socket_transport::SocketTransport;
@@ -37,13 +39,10 @@ use super::pump::Pump;
 use crate::bootstrap::{EngineBootstrap, LOOK_PATIENCE, ReadProgressFn};
 use crate::cell::Cell;
 use crate::trial::cache::EpisodeCache;
-use crate::trial::seeds::EpisodeSeeds;
 use crate::world::stop_switch::{StopRequest, StopSwitch};
-use holdpoint_cell::CellSource;
-use holdpoint_governance::site_profile::ChosenProfile;
 use holdpoint_protocol::command::{Command, Request};
 use holdpoint_protocol::console_presence::ConsolePresence;
-use holdpoint_protocol::sink::{MakeSink, ServeScene};
+use holdpoint_protocol::sink::ServeScene;
 use holdpoint_protocol::snapshot::Snapshot;
 use holdpoint_protocol::video_frame::VideoFrame;
 use holdpoint_registry::Layout;
@@ -53,36 +52,6 @@ const SCENE_PATIENCE: Duration = Duration::from_millis(500);
 
 /// The nice value of evaluation, so that the front end stays responsive.
 const NICE: i32 = 5;
-
-/// The settings of a host.
-pub struct LaunchConfig {
-    pub data: PathBuf,
-    pub profile: ChosenProfile,
-    pub seeds: EpisodeSeeds,
-    /// Workers for evaluation; 0 for one fewer than there are cores.
-    pub jobs: usize,
-    /// Where its cell comes from.
-    pub cells: Arc<dyn CellSource>,
-    /// The robot's URDF file; absent for the built-in arm.
-    pub robot: Option<PathBuf>,
-    /// Simulated seconds of the live cell per second; absent for unlimited.
-    pub pace: Option<f64>,
-    /// Further listeners: recordings, a live viewer.
-    pub sinks: Vec<MakeSink>,
-    /// How long it runs without an attached console before it ends cleanly; absent for unlimited.
-    pub alone_max: Option<Duration>,
-    /// A second folder to listen in, for consoles of other accounts.
-    pub console_folder: Option<PathBuf>,
-}
-
-impl LaunchConfig {
-    /// The requested number of workers, else one fewer than there are cores, so that the front end stays responsive.
-    #[must_use]
-    pub fn workers(&self) -> usize {
-        let spare = || std::thread::available_parallelism().map_or(1, usize::from).saturating_sub(1);
-        if self.jobs == 0 { spare().max(1) } else { self.jobs }
-    }
-}
 
 /// Why the engine did not take a request, with the request.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
@@ -491,6 +460,7 @@ fn start(
     (frame_sender, views): (watch::Sender<Option<Arc<VideoFrame>>>, LiveViews),
 ) -> Result<Option<Pump>, EngineEndError> {
     let (jobs, robot) = (config.workers(), config.robot.as_deref());
+    let site_file = config.site.as_ref().map(|site| site.file.as_path());
     let begun = Instant::now();
     let engine_config = Config {
         data: &config.data,
@@ -498,7 +468,8 @@ fn start(
         seeds: config.seeds,
         jobs,
         scripted: false,
-        cell: Cell::of(&*config.cells, robot).map_err(|error| EngineEndError::without_cell(robot, &error))?,
+        cell: Cell::at(&*config.cells, robot, config.site.as_ref())
+            .map_err(|error| EngineEndError::without_cell(robot.or(site_file), &error))?,
         cache: EpisodeCache::InStore,
     };
     let mut bootstrap =
@@ -542,6 +513,7 @@ fn start(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::trial::seeds::EpisodeSeeds;
     use holdpoint_protocol::command::Reply;
     use holdpoint_registry::Store;
 
@@ -553,6 +525,7 @@ mod tests {
             jobs,
             cells: Arc::new(holdpoint_sim::SimCells),
             robot: None,
+            site: None,
             pace: None,
             sinks: Vec::new(),
             alone_max: None,

@@ -38,6 +38,7 @@ pub mod recorder;
 pub mod recordings;
 mod restart;
 mod shift_note;
+pub mod site;
 pub mod stages;
 mod stop_mark;
 pub mod store_identity;
@@ -60,7 +61,6 @@ use std::sync::atomic::AtomicBool;
 
 use crate::cell::Cell;
 use crate::control_socket::ControlSocketError;
-use crate::embedded::baselines;
 use crate::fault::EngineFault;
 use crate::health_series::PresentTime;
 use crate::people::signed_calls::Signer;
@@ -177,8 +177,8 @@ impl Hint for StartError {
                          not apply to another",
                         file.display()
                     ),
-                    None => "start without `--robot`, or choose another store with `--data`: measurements on one robot \
-                             do not apply to another"
+                    None => "start without `--robot` and `--site`, or choose another store with `--data`: measurements on \
+                             one robot do not apply to another"
                         .to_owned(),
                 }
                 .into(),
@@ -211,7 +211,7 @@ pub struct Config<'a> {
 pub struct Experiment {
     /// The omitted parts.
     pub omitted: AblatedParts,
-    /// Versions that replace the embedded baselines of their families.
+    /// Versions that replace the baselines of their families.
     pub first: Vec<Capability>,
 }
 
@@ -224,10 +224,10 @@ struct StartRules {
 }
 
 impl StartRules {
-    fn of(chosen: &ChosenProfile) -> Result<Self, StartError> {
-        let (profile, table) = chosen.rules()?;
-        let (own, omitted) = (chosen.texts().cloned(), AblatedParts::default());
-        Ok(Self { profile, table, own, baselines: baselines()?, omitted })
+    fn of(config: &Config<'_>) -> Result<Self, StartError> {
+        let (profile, table) = config.profile.rules()?;
+        let (own, omitted) = (config.profile.texts().cloned(), AblatedParts::default());
+        Ok(Self { profile, table, own, baselines: config.cell.baselines()?, omitted })
     }
 }
 
@@ -249,7 +249,7 @@ impl Engine {
     /// # Errors
     /// [`StartError`]; the store is then unchanged, except for completed recovery.
     pub fn start(config: Config<'_>) -> Result<Self, StartError> {
-        let rules = StartRules::of(&config.profile)?;
+        let rules = StartRules::of(&config)?;
         let store = Store::open(config.data)?;
         Self::on(config, rules, store, Controls::default())
     }
@@ -270,7 +270,7 @@ impl Engine {
                 "sandbox and shadow cannot both be omitted: a version would have no behavioral evidence";
             return Err(StartError::Omitted(text.to_owned()));
         }
-        let mut rules = StartRules::of(&config.profile)?;
+        let mut rules = StartRules::of(&config)?;
         for version in first {
             let family = version.id().family;
             match rules.baselines.iter_mut().find(|baseline| baseline.id().family == family) {

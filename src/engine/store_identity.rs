@@ -1,7 +1,7 @@
-//! The identity of a store: the robot it was made with, and the agent whose capabilities it contains.
+//! The identity of a store: its robot, its site file, and the agent whose capabilities it contains.
 //!
-//! Both are in the store's context record. Another robot is refused before anything is written, with a hint; another agent
-//! halts the engine.
+//! They are in the store's context record. Another robot is refused before anything is written, with a hint; another agent
+//! halts the engine; another site voids the evidence.
 
 use holdpoint_governance::ablation::AblatedParts;
 use holdpoint_governance::ids::{Digest, Family};
@@ -17,6 +17,7 @@ use holdpoint_text::Hint as _;
 
 use crate::context::{Context, ContextRecord};
 use crate::fault::EngineFault;
+use crate::site::StoreSite;
 use crate::store_robot::StoreRobot;
 use crate::version_table::{TransitionNote, VersionTable};
 
@@ -81,6 +82,14 @@ pub fn robot(views: &Views) -> Result<Option<StoreRobot>, StoreError> {
     Ok(context_record(views)?.and_then(|context| context.robot))
 }
 
+/// The site file of a store; absent for the built-in site, and as for [`robot`].
+///
+/// # Errors
+/// If the store cannot be read.
+pub fn site(views: &Views) -> Result<Option<StoreSite>, StoreError> {
+    Ok(context_record(views)?.and_then(|context| context.site_file))
+}
+
 /// Checks that no active pointer was set with another robot, whatever the context record contains.
 ///
 /// # Errors
@@ -115,15 +124,18 @@ pub(crate) struct VoidedFamilies {
 fn what_changed(before: &ContextRecord, context: &Context) -> Notice {
     let another_build = before.computed_by != context.cell.computed_by();
     let another_robot = before.robot.as_ref().is_some_and(|robot| !robot.is(&StoreRobot::of(&context.cell)));
-    // The environment is the digest of robot, scene and build together.
+    let on_record = context.cell.site.as_ref().and_then(|site| site.on_record());
+    let another_site = before.site_file.as_ref().map(|site| site.digest) != on_record.map(|site| site.digest);
+    // The environment is the digest of robot, scene, site and build together.
     let environment = before.environment != Some(context.cell.digest());
     let own_policies = before.policy != context.table.digest && before.profile == context.profile_digest;
     let all = [
         (before.profile != context.profile_digest, BoundPart::Profile),
         (own_policies, BoundPart::Policies),
         (another_robot, BoundPart::Robot),
+        (another_site, BoundPart::Site),
         (another_build, BoundPart::Build),
-        (environment && !another_build && !another_robot, BoundPart::Scene),
+        (environment && !another_build && !another_robot && !another_site, BoundPart::Scene),
     ];
     let parts = all.into_iter().filter_map(|(differs, part)| differs.then_some(part)).collect();
     Notice::BindingChanged { parts }
@@ -240,6 +252,7 @@ pub(crate) fn set_context(
         robot: Some(StoreRobot::of(&context.cell)),
         seed: None,
         site: context.profile.site.clone(),
+        site_file: context.cell.site.as_ref().and_then(|site| site.on_record()),
     })?;
     // The context is only the present one; earlier ones are in the chain.
     let loaded = context.profile.site.as_ref().map(|site| AuditBody {

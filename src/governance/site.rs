@@ -98,9 +98,7 @@ impl Site {
         has_extension(&self.robot, "urdf").then_some(self.robot.as_str())
     }
 
-    /// The profile's file; absent for a built-in profile.
-    #[must_use]
-    pub fn profile_file(&self) -> Option<&str> {
+    fn profile_file(&self) -> Option<&str> {
         has_extension(&self.profile, "toml").then_some(self.profile.as_str())
     }
 
@@ -265,7 +263,12 @@ mod tests {
         let long = format!("\"{}.urdf\"", "x".repeat(SITE_PATH_BYTES_MAX));
         for (from, to, field, value) in [
             ("\"simulated\"", "\"wire\"", "live.kind", "wire"),
-            ("[trial]\nkind = \"simulated\"", "[trial]\nkind = \"wire\"\naddress = \"x\"", "trial.kind", "wire"),
+            (
+                "[trial]\nkind = \"simulated\"",
+                "[trial]\nkind = \"wire\"\naddress = \"x\"",
+                "trial.kind",
+                "wire",
+            ),
             ("\"arm7\"", "\"Arm 7\"", "robot", "Arm 7"),
             ("\"arm7\"", long.as_str(), "robot", "xx"),
             ("\"sim\"", "\"moon\"", "profile", "moon"),

@@ -2,6 +2,7 @@
 
 use std::io::Write;
 use std::path::Path;
+use std::sync::Arc;
 
 use super::driver::{Driver, StepEnd};
 use super::printer::Printer;
@@ -10,6 +11,7 @@ use crate::cells::CELLS;
 use crate::error::{CliError, Exit, start_error};
 use holdpoint_engine::cell::Cell;
 use holdpoint_engine::pump::Pump;
+use holdpoint_engine::site::LoadedSite;
 use holdpoint_engine::trial::cache::EpisodeCache;
 use holdpoint_engine::trial::seeds::EpisodeSeeds;
 use holdpoint_engine::{Config, Engine};
@@ -18,7 +20,8 @@ use holdpoint_governance::lifecycle::Stage;
 use holdpoint_governance::site_profile::ChosenProfile;
 use holdpoint_protocol::sink::MakeSink;
 use holdpoint_registry::ResultCache;
-use holdpoint_text::ErrorReason;
+use holdpoint_runtime::capability::shown;
+use holdpoint_text::{ErrorDetails, ErrorReason, shell_word};
 
 pub struct RunScript<'a> {
     pub script: &'a Path,
@@ -29,8 +32,10 @@ pub struct RunScript<'a> {
     /// The seed, instead of the script's.
     pub seed: Option<u32>,
     pub jobs: usize,
-    /// A robot's URDF file, instead of the built-in arm.
+    /// A robot's URDF file, instead of the site's robot.
     pub robot: Option<&'a Path>,
+    /// The site file; absent for the built-in site. The script names the profile.
+    pub site: Option<Arc<LoadedSite>>,
     /// Whether events are printed as JSON lines.
     pub json: bool,
     /// Sinks besides the printer: recordings, a live viewer.
@@ -79,7 +84,7 @@ pub fn run_script(run: RunScript<'_>, out: &mut dyn Write) -> Result<Exit, CliEr
         seeds: EpisodeSeeds::OfRun(u64::from(run.seed.or(script.seed).unwrap_or(DEFAULT_SEED))),
         jobs: run.jobs,
         scripted: true,
-        cell: cell(run.robot)?,
+        cell: cell(run.robot, run.site.as_ref())?,
         cache: run.cache.map_or(EpisodeCache::InStore, EpisodeCache::Shared),
     })
     .map_err(start_error)?;
@@ -132,12 +137,18 @@ pub fn run_stage(run: RunStage<'_>, out: &mut dyn Write) -> Result<Exit, CliErro
     driver.finish_stage(run.stage)
 }
 
-pub(super) fn cell(robot: Option<&Path>) -> Result<Cell, CliError> {
-    Cell::of(&CELLS, robot).map_err(|error| {
+/// The cell of an engine, with the robot of this file, else with the site's.
+pub(crate) fn cell(robot: Option<&Path>, site: Option<&Arc<LoadedSite>>) -> Result<Cell, CliError> {
+    Cell::at(&CELLS, robot, site).map_err(|error| {
         let error = CliError::usage(error.to_string());
-        match robot {
-            Some(file) => error.with_bad_file(file),
-            None => error.with_details(ErrorReason::Internal),
+        match (robot, site) {
+            (Some(file), _) => error.with_bad_file(file),
+            (None, Some(site)) => {
+                let file = shown(&site.file);
+                let hint = format!("correct it, then run `holdpoint site check {}`", shell_word(&file));
+                error.with_hint(hint).with_details(ErrorDetails::of_field(file, "robot"))
+            }
+            (None, None) => error.with_details(ErrorReason::Internal),
         }
     })
 }

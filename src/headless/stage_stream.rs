@@ -19,6 +19,7 @@ use holdpoint_engine::control_socket::{ControlSocket, SignalHandling};
 use holdpoint_engine::embedded;
 use holdpoint_engine::pipeline::SliceOutcome;
 use holdpoint_engine::pump::Pump;
+use holdpoint_engine::site::LoadedSite;
 use holdpoint_engine::trial::cache::EpisodeCache;
 use holdpoint_engine::trial::seeds::EpisodeSeeds;
 use holdpoint_engine::{Config, Engine};
@@ -47,8 +48,10 @@ pub struct RunPlain<'a> {
     pub profile: ChosenProfile,
     pub seeds: EpisodeSeeds,
     pub jobs: usize,
-    /// A robot's URDF file, instead of the built-in arm.
+    /// A robot's URDF file, instead of the site's robot.
     pub robot: Option<&'a Path>,
+    /// The site file; absent for the built-in site.
+    pub site: Option<Arc<LoadedSite>>,
     /// Whether events are printed as JSON lines.
     pub json: bool,
     /// Simulated seconds of the live cell in each second; absent to advance with the evaluation.
@@ -77,7 +80,7 @@ pub fn run_plain(run: RunPlain<'_>, out: &mut dyn Write) -> Result<Exit, CliErro
             seeds: run.seeds,
             jobs: run.jobs,
             scripted: false,
-            cell: cell(run.robot)?,
+            cell: cell(run.robot, run.site.as_ref())?,
             cache: EpisodeCache::InStore,
         },
         SignalHandling::Handled,

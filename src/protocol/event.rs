@@ -465,7 +465,7 @@ pub enum EventKind {
         /// The problem.
         text: NoticeOrText,
     },
-    /// At a start: profile, policies, robot, scene or build have changed, and a family's earlier evidence is stale.
+    /// At a start: profile, policies, robot, site, scene or build have changed, and a family's earlier evidence is stale.
     Voided {
         /// The family whose gate passes and approvals no longer count.
         family: Family,

@@ -303,6 +303,8 @@ fn scenarios_and_robots() {
     for (path, run) in [
         ("/nowhere.toml", ["run", "--headless", "--script", "/nowhere.toml"].as_slice()),
         ("/nowhere.urdf", &["run", "--plain", "--robot", "/nowhere.urdf"]),
+        ("/nowhere.toml", &["run", "--plain", "--site", "/nowhere.toml"]),
+        ("/nowhere.toml", &["site", "check", "/nowhere.toml"]),
     ] {
         assert_eq!(fixture.refuses(path, run, "bad-file", &[])["file"], path);
     }
@@ -324,11 +326,14 @@ fn only_regular_files_are_read() {
     }
     let pipe_at = |name: &str| pipe(&fixture.root.path().join(name));
     let (script, robot, profile) = (pipe_at("script.toml"), pipe_at("arm.urdf"), pipe_at("own.toml"));
+    let site = pipe_at("site.toml");
     for (path, arguments) in [
         (script.as_str(), ["run", "--headless", "--script", &script].as_slice()),
         ("/dev/zero", &["run", "--headless", "--script", "/dev/zero"]),
         (robot.as_str(), &["run", "--plain", "--robot", &robot]),
         (profile.as_str(), &["profile", "check", &profile]),
+        (site.as_str(), &["site", "check", &site]),
+        (site.as_str(), &["serve", "--site", &site]),
     ] {
         assert_eq!(fixture.refuses(path, arguments, "bad-file", &[])["file"], path);
     }

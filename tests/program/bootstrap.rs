@@ -68,6 +68,7 @@ fn start(folder: &Path, watch: ReadProgressFn) -> EngineHandle {
         jobs: 1,
         cells: std::sync::Arc::new(SimCells),
         robot: None,
+        site: None,
         pace: Some(1.0),
         sinks: Vec::new(),
         alone_max: Some(Duration::from_hours(1)),

@@ -45,6 +45,7 @@ impl Front {
             jobs: 1,
             cells: std::sync::Arc::new(SimCells),
             robot: None,
+            site: None,
             pace,
             sinks: scenes.sinks().unwrap(),
             alone_max: None,

@@ -35,6 +35,7 @@ mod scenarios;
 mod second_arm;
 mod serve;
 mod signed_requests;
+mod site;
 mod skill;
 mod socket;
 mod socket_loss;

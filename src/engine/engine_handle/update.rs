@@ -44,7 +44,7 @@ impl EngineEndError {
         Self { from_engine: true, ..Self::of(text) }
     }
 
-    /// There is no cell: the robot's file is at fault, if one is named.
+    /// There is no cell: the file of the robot or the site is at fault, if one is named.
     #[must_use]
     pub fn without_cell(robot: Option<&Path>, error: &CellError) -> Self {
         let details = match robot {

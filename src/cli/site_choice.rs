@@ -1,0 +1,47 @@
+//! What the command line takes from a site file: the file that the store was last used with, and the profile it names.
+
+use std::path::Path;
+use std::sync::Arc;
+
+use super::data;
+use super::profile_choice::RequestedProfile;
+use crate::error::CliError;
+use holdpoint_engine::site::LoadedSite;
+use holdpoint_engine::store_identity;
+use holdpoint_registry::Layout;
+use holdpoint_runtime::capability::shown;
+use holdpoint_text::shell_word;
+
+/// The site file that the store was last used with, unchanged, because another one voids its measurements. `None` for
+/// the built-in site, and for a new store.
+///
+/// # Errors
+/// If the store or the file cannot be read, or if the file changed.
+pub(super) fn last(data: &Path) -> Result<Option<Arc<LoadedSite>>, CliError> {
+    if !Layout::new(data).database().exists() {
+        return Ok(None);
+    }
+    let recorded = store_identity::site(&data::open(data)?).map_err(CliError::usage)?;
+    let Some(recorded) = recorded else { return Ok(None) };
+    let site = LoadedSite::read(&recorded.file).map_err(|error| {
+        CliError::usage(error)
+            .with_hint("put it back; `holdpoint run --site FILE` starts an engine with another one")
+    })?;
+    if site.digest != recorded.digest {
+        let file = shown(&recorded.file);
+        let text = format!("the site file {file} changed since the store was last used with it");
+        let named = shell_word(&recorded.file.to_string_lossy());
+        let hint =
+            format!("`holdpoint run --site {named}` uses it as it is now; earlier evidence is then void");
+        return Err(CliError::usage(text).with_hint(hint).with_bad_file(&recorded.file));
+    }
+    Ok(Some(Arc::new(site)))
+}
+
+/// The profile that a site file names.
+pub(super) fn profile(site: &LoadedSite) -> RequestedProfile {
+    match site.site.profile.parse() {
+        Ok(name) => RequestedProfile::BuiltIn(name),
+        Err(_) => RequestedProfile::File(site.profile_path()),
+    }
+}
