@@ -32,6 +32,7 @@ use holdpoint::governance::approval::{ApprovalDecision as Decided, Role};
 use holdpoint::governance::ids::Digest;
 use holdpoint::governance::manifest::Manifest;
 use holdpoint::governance::profile::{Profile, ProfileName};
+use holdpoint::governance::site::Site;
 use holdpoint::governance::site_profile::{ProfileTexts, SiteProfile};
 use holdpoint::governance::submission::{Package, Submission};
 use holdpoint::headless::script::Script;
@@ -174,6 +175,19 @@ fn mutated_profiles_are_refused_or_round_trip() {
             Err(error) => refused(error),
             Ok(profile) => {
                 same(&profile, Profile::parse(FILE, &toml_of(&profile)?))?;
+                Ok(ParseOutcome::Accepted)
+            }
+        }
+    });
+}
+
+#[test]
+fn mutated_site_files_are_refused_or_round_trip() {
+    campaign("site", Some(FILE), 1_000, files("manifests", "site.toml"), |input| {
+        match Site::parse(FILE, &text(input)) {
+            Err(error) => refused(error),
+            Ok(site) => {
+                same(&site, Site::parse(FILE, &toml_of(&site)?))?;
                 Ok(ParseOutcome::Accepted)
             }
         }

@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 
 use holdpoint::governance::policy::PolicyTable;
 use holdpoint::governance::profile::{Profile, ProfileName};
+use holdpoint::governance::site::Site;
 use holdpoint::headless::script::Script;
 use holdpoint::runtime::capability::Capability;
 
@@ -95,6 +96,22 @@ fn every_profile_is_read_and_has_its_policies() {
     }
     let found: BTreeSet<String> = names(&root().join("profiles")).into_iter().collect();
     assert_eq!(found, expected);
+}
+
+#[test]
+fn the_page_of_site_files_shows_the_shipped_one() {
+    let page = fs::read_to_string(root().join("src/guide/reference/site-file.md")).unwrap();
+    let (file, shipped) = Site::SHIPPED;
+    assert_eq!(
+        fs::read_to_string(root().join(file)).unwrap(),
+        shipped,
+        "{file} is not the one that is built in"
+    );
+    assert!(page.contains(&format!("```toml\n{shipped}```\n")), "the page has another file");
+    for family in Site::shipped().unwrap().families {
+        let folder = root().join("manifests").join(&family.baseline);
+        assert!(folder.join("manifest.toml").is_file(), "{}", family.baseline);
+    }
 }
 
 #[test]
