@@ -1,4 +1,4 @@
-//! The shipped file is the built-in site; another one brings its own baselines and robot, and a change of it voids evidence.
+//! The shipped file is the built-in site. Another one brings its own baselines and robot, and a change voids evidence.
 
 use std::fs;
 use std::sync::Arc;
@@ -54,7 +54,7 @@ fn the_shipped_file_gives_the_store_that_no_file_gives() {
     };
     let plain = store(None);
     assert!(plain.0.as_array().unwrap().len() > 4 && plain.3.len() > 4, "{plain:?}");
-    assert_eq!(store(Some(&shipped_file())), plain);
+    assert_eq!(store(Some(shipped_file().as_path())), plain);
 }
 
 /// The order of the file is the order in which a store registers the versions.
