@@ -4,8 +4,10 @@ use holdpoint_governance::cell_ability::CellAbility;
 
 /// How far the twins began from the observed state: joints in rad, the finger pads and the object in m.
 pub(crate) fn observed(sequences: u64, [joints_rad, width_m]: [f64; 2], object_m: Option<f64>) -> String {
-    let object = object_m
-        .map_or_else(|| "the object was not seen".to_owned(), |object_m| format!("of the object {object_m:.4} m"));
+    let object = object_m.map_or_else(
+        || "the object was not seen".to_owned(),
+        |object_m| format!("of the object {object_m:.4} m"),
+    );
     format!(
         "the live cell cannot export its state, so in {sequences} sequences the twin began at the observed one; \
          largest difference of a joint {joints_rad:.4} rad, of the finger pads {width_m:.4} m, {object}"
