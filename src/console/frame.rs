@@ -3,6 +3,7 @@
 //! ```text
 //! banner     profile, robot, who, doubts
 //! tabs       views and their keys
+//! (state)    the state that overrides all others; in the overview, what drives the arm
 //! (tour)     one sentence, until it is dismissed
 //! body       the view, or what lies over it
 //! status     the most serious alarm, counts, waiting requests
@@ -114,8 +115,8 @@ fn view_area(model: &ConsoleModel, area: Rect) -> Rect {
     if model.bare_absence().is_some() {
         return area;
     }
-    let body = below(area, 1);
-    if views::tour::sentence(model).is_some() { below(body, 1) } else { body }
+    let lines = [views::state_line::is_shown(model), views::tour::sentence(model).is_some()];
+    below(area, lines.into_iter().fold(1, |rows, is_shown| rows + u16::from(is_shown)))
 }
 
 /// Draws the view with the lines above it; returns the view's area.
@@ -126,13 +127,18 @@ fn under(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) -> Rect {
     }
     views::tabs::views(model, pen, above(area, 1));
     let body = view_area(model, area);
+    let mut line = below(area, 1);
+    if views::state_line::is_shown(model) {
+        views::state_line::draw(model, pen, above(line, 1));
+        line = below(line, 1);
+    }
     if let Some(sentence) = views::tour::sentence(model) {
         let key = model.keymap.key(super::action::Action::Tour);
         // The key that dismisses the sentence stays even if the sentence is cut.
         let tail = format!(" ({key} ends the tour)");
         let room = usize::from(area.width).saturating_sub(tail.len());
         let row = Row::of(ThemeRole::Notice, &views::short(sentence, room)).with(ThemeRole::Muted, &tail);
-        pen.row(below(area, 1), 0, &row);
+        pen.row(line, 0, &row);
     }
     match model.view_state.view {
         View::Overview => views::overview::draw(model, pen, body),

@@ -3,7 +3,7 @@
 use std::fmt::Write as _;
 
 use super::audit::{self, AuditGroup, AuditItem};
-use super::formatters::state_label;
+use super::formatters::{state_label, works};
 use super::model::{ConsoleModel, EVENT_LOG_PANE, EventLogLine, HISTORY_PANE, ItemKey, MONITORS_PANE, View};
 use holdpoint_governance::alarms::{AlarmState, Priority};
 use holdpoint_governance::behavior::component_of;
@@ -12,6 +12,7 @@ use holdpoint_governance::decision::{Reason, ReasonCode};
 use holdpoint_governance::ids::{CapabilityId, Family};
 use holdpoint_governance::lifecycle::{State, VersionFlags};
 use holdpoint_governance::record::{AuditRecord, VersionSummary};
+use holdpoint_governance::version_status::VersionCondition;
 use holdpoint_protocol::detail::{Detail, DrillView, FieldDiff, MeasuredValue};
 use holdpoint_protocol::event::DimensionResult;
 use holdpoint_protocol::explanation::DecisionExplanation;
@@ -101,6 +102,51 @@ pub enum CandidateItem<'a> {
     Record(&'a AuditRecord),
 }
 
+/// What a candidate of the overview calls for, in the order of the list.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum CandidateRank {
+    /// It is in control and not confirmed: a monitor watches it.
+    Watched,
+    /// A stage of it runs.
+    AtWork,
+    /// It continues when a person acts.
+    WithPeople,
+    /// Its stage has not come.
+    Queued,
+    /// Nothing more happens to it by itself.
+    Settled,
+}
+
+impl CandidateRank {
+    #[must_use]
+    pub const fn of(candidate: &CandidateView) -> Self {
+        match VersionCondition::of(candidate.state, &candidate.flags, candidate.held) {
+            VersionCondition::Provisional
+            | VersionCondition::PromotionPaused
+            | VersionCondition::Restricted
+            | VersionCondition::Leaving => Self::Watched,
+            // What left the pipeline may keep an older count.
+            VersionCondition::Superseded | VersionCondition::Rejected | VersionCondition::RolledBack => {
+                Self::Settled
+            }
+            _ if works(candidate) => Self::AtWork,
+            VersionCondition::Running => Self::AtWork,
+            VersionCondition::Paused
+            | VersionCondition::AwaitingApproval
+            | VersionCondition::Held
+            | VersionCondition::Demoted => Self::WithPeople,
+            VersionCondition::Queued => Self::Queued,
+            VersionCondition::Confirmed => Self::Settled,
+        }
+    }
+
+    /// Whether it is on the screen wherever the cursor is.
+    #[must_use]
+    pub const fn is_pinned(self) -> bool {
+        matches!(self, Self::Watched | Self::AtWork)
+    }
+}
+
 impl ConsoleModel {
     /// The registry's tree under its filter and pane.
     #[must_use]
@@ -182,25 +228,25 @@ impl ConsoleModel {
         questions.chain(prompts.into_iter().map(PendingApprovalItem::Approval)).collect()
     }
 
-    /// Candidates in the pipeline: running ones first, then finished ones; in a family, the last one first.
+    /// Candidates in the pipeline by [`CandidateRank`]; of equal ones the newest of the last family first, but the queue in
+    /// the order in which its stages begin.
     #[must_use]
     pub fn pipeline_rows(&self) -> Vec<&CandidateView> {
         let Some(snapshot) = &self.engine_data.snapshot else { return Vec::new() };
         let mut sieve =
             RowFilter::new(if self.view_state.view == View::Overview { self.filter() } else { "" });
-        let mut rows: Vec<&CandidateView> = snapshot
+        let mut rows: Vec<(CandidateRank, usize, &CandidateView)> = snapshot
             .candidates
             .iter()
-            .rev()
-            .filter(|row| sieve.fits(&[&row.version, &row.author, &state_text(row.state, &row.flags)]))
+            .enumerate()
+            .filter(|(_, row)| sieve.fits(&[&row.version, &row.author, &state_text(row.state, &row.flags)]))
+            .map(|(place, row)| match CandidateRank::of(row) {
+                CandidateRank::Queued => (CandidateRank::Queued, place, row),
+                rank => (rank, usize::MAX - place, row),
+            })
             .collect();
-        let settled = |candidate: &&CandidateView| {
-            let flags = candidate.flags;
-            let unsettled = flags.provisional || flags.restricted || flags.rollback_pending;
-            candidate.state.is_terminal() || (candidate.state == State::Active && !unsettled)
-        };
-        rows.sort_by_key(settled);
-        rows
+        rows.sort_by_key(|(rank, place, _)| (*rank, *place));
+        rows.into_iter().map(|(_, _, row)| row).collect()
     }
 
     /// The log under its filter and pane, newest first.

@@ -23,9 +23,12 @@ pub mod registry;
 pub mod robot;
 pub mod shadow;
 pub mod small_window;
+pub mod state_line;
 pub mod status;
 pub mod tabs;
 pub mod tour;
+mod waits;
+mod watched;
 pub mod why;
 
 use ratatui::layout::Rect;

@@ -284,6 +284,7 @@ fn unverified_snapshot(
     Ok(Snapshot {
         at_ms,
         wall_ms: wall_now().map(WallTime::ms),
+        up_since_ms: None,
         time: wall_now().unwrap_or_default(),
         clock_doubt: None,
         profile: context.profile.name,

@@ -43,6 +43,9 @@ pub struct Snapshot {
     /// The machine's time then, ms since 1970; absent in scripts, which have none.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub wall_ms: Option<i64>,
+    /// Virtual time at which this engine came up, ms; from then on it follows the machine's clock. Absent in scripts.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub up_since_ms: Option<u64>,
     /// Wall time for approvers' deadlines; a script has its own.
     #[serde(default)]
     pub time: WallTime,

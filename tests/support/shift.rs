@@ -363,6 +363,7 @@ pub fn snapshot() -> Snapshot {
     Snapshot {
         at_ms: NOW_MS,
         wall_ms: Some(WALL_MS),
+        up_since_ms: Some(0),
         time: TIME,
         clock_doubt: None,
         profile: ProfileName::Human,

@@ -7,7 +7,6 @@
 
 use ratatui::layout::Rect;
 
-use crate::formatters::seconds;
 use crate::look::ThemeRole;
 use crate::model::ConsoleModel;
 use crate::widgets::pen::Pen;
@@ -25,7 +24,7 @@ pub fn draw(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect, focused: bool) 
     let cursor = focused.then(|| model.row());
     pen.list(area, rows.len(), cursor, |index, _| {
         rows.get(index).map_or_else(Row::new, |line| {
-            let row = Row::of(ThemeRole::Muted, &format!("{}  ", seconds(line.at_ms)));
+            let row = Row::of(ThemeRole::Muted, &format!("{}  ", model.moment(line.at_ms)));
             let row = row.with(ThemeRole::Text, &line.text);
             if line.sequences > 1 {
                 row.with(ThemeRole::Muted, &format!("  and {} before it", line.sequences - 1))

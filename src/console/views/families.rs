@@ -19,7 +19,7 @@ use holdpoint_protocol::snapshot::{CandidateView, FamilyView, LiveView, Snapshot
 /// The longest trend, signs.
 const TREND_MAX: usize = 30;
 
-/// One line for each family, then the live cell's.
+/// One line for each family, then what is wrong with the live cell, then its results.
 #[must_use]
 pub fn rows(model: &ConsoleModel, pen: &Pen<'_>, width: usize) -> Vec<Row> {
     let Some(snapshot) = model.engine_data.snapshot.as_deref() else {
@@ -32,7 +32,6 @@ pub fn rows(model: &ConsoleModel, pen: &Pen<'_>, width: usize) -> Vec<Row> {
         .iter()
         .map(|family| row(snapshot, family, pen, name_width.min(16), width))
         .collect();
-    rows.push(live(&snapshot.live, pen, width));
     if let Some(fault) = &snapshot.live.fault {
         rows.push(Row::of(
             ThemeRole::Bad,
@@ -43,6 +42,8 @@ pub fn rows(model: &ConsoleModel, pen: &Pen<'_>, width: usize) -> Vec<Row> {
         let glyph = pen.look.glyph(crate::look::Glyph::Warning);
         rows.push(Row::of(ThemeRole::Warning, &format!("{glyph} drift: {drift}")));
     }
+    // The first to go where lines are few.
+    rows.push(live(&snapshot.live, pen, width));
     rows
 }
 

@@ -1,22 +1,25 @@
-//! View 1: the robot, active versions, the progress of candidates, waiting requests, and the event log.
+//! View 1: what is in control, what is watched and what runs, everything that waits for a person, the robot, alarms and events.
 //!
 //! ```text
-//! ── Active ─────────────────────────── │ ▸ Robot ──────────────────
+//! ── In control ─────────────────────── │ ▸ Robot ──────────────────
 //! grasp ✔ active grasp@1.0.0            │  side view     │ top view
-//! ▸ Pipeline ────────────────── 1 of 2 ─ │
+//! ▸ Pipeline ────────────────── 1 of 62  │
 //! ▸ grasp@1.1.0 ◌ running               │  grasp 0.21 m/s 4.1 N held
-//!   ✔ register ✔ validate ◌ sandbox …   │ ── Waits for people ───────
-//!   ████░░░░ 137 of 480                 │ ◷ place@1.1.0 approval 0 of 2
+//!   ████░░░░ 137 of 480                 │ ── Alarms (2) ─────────────
+//!   QUEUE 60: next align@1.10.8         │ 1▲ CRIT 18:26:02 grasp …
+//! ── Waits for you (1) ──────────────── │
+//! sign  place@1.1.0  0 of 2           6 │
 //! ── Events ──────────────────────────────────────────────────────
 //! ```
 
 use ratatui::layout::Rect;
 
-use super::{event_log, families, pipeline, robot, tabs};
+use super::{event_log, families, pipeline, robot, status, tabs, waits};
 use crate::formatters::{approvals, duration};
 use crate::look::{Glyph, ThemeRole};
 use crate::model::{ConsoleModel, EVENT_LOG_PANE};
-use crate::rows::{CandidateItem, PendingApprovalItem};
+use crate::rows::{AlarmItem, CandidateItem, PendingApprovalItem};
+use crate::theme::StateMark;
 use crate::widgets::pen::{Fit, Hit, Pen, below, cut};
 use crate::widgets::row::Row;
 
@@ -30,6 +33,9 @@ const WIDE_ROWS: u16 = 30;
 
 /// The width from which the pipeline names the seven stages.
 const STRIP_WIDTH: u16 = 62;
+
+/// Lines that the pipeline keeps beside any number of families: its heading, two candidates, the queue.
+const PIPELINE_ROWS_MIN: u16 = 6;
 
 pub fn draw(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
     match pen.fit {
@@ -53,19 +59,25 @@ fn draw_one_pane(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
 }
 
 fn draw_two_panes(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
-    let (left, right) = pen.split(area, area.width * 3 / 5);
+    let items = waits::items(model);
+    // Over the whole width: half of it cuts who and until when.
+    let (upper, lower) = cut(area, area.height - waits::height(&items, area.height));
+    let (left, right) = pen.split(upper, upper.width * 3 / 5);
     versions_and_pipeline(model, pen, left);
     if model.view_state.pane() == EVENT_LOG_PANE {
         event_log_pane(model, pen, right);
     } else {
         robot_pane(model, pen, right);
     }
+    waits::draw(model, &items, pen, lower);
 }
 
 fn draw_all_panes(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
     let event_log_height = (area.height / 4).max(6);
     let (upper, lower) = cut(area, area.height - event_log_height);
     let (left, right) = pen.split(upper, (upper.width * 3 / 5).max(STRIP_WIDTH));
+    let items = waits::items(model);
+    let (left, waiting_area) = cut(left, left.height - waits::height(&items, left.height));
     if area.width >= WIDE_COLUMNS && left.height >= WIDE_ROWS {
         let (top, bottom) = cut(left, left.height / 2);
         versions_and_pipeline(model, pen, top);
@@ -73,20 +85,20 @@ fn draw_all_panes(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
     } else {
         versions_and_pipeline(model, pen, left);
     }
-    let waiting_height = waiting_height(model).min(right.height / 3);
-    let (robot_area, waiting_area) = cut(right, right.height - waiting_height);
+    waits::draw(model, &items, pen, waiting_area);
+    let (robot_area, alarms_area) = cut(right, right.height - alarms_height(model, right.height));
     robot_pane(model, pen, robot_area);
-    waiting_pane(model, pen, waiting_area);
+    alarms_pane(model, pen, alarms_area);
     event_log_pane(model, pen, lower);
 }
 
 /// Active versions above the pipeline.
 fn versions_and_pipeline(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
     let active = families::rows(model, pen, usize::from(area.width));
-    // The pipeline gets at least half.
-    let height = u16::try_from(active.len() + 1).unwrap_or(u16::MAX).min(area.height / 2);
+    let height = u16::try_from(active.len() + 1).unwrap_or(u16::MAX);
+    let height = height.min(area.height.saturating_sub(PIPELINE_ROWS_MIN).max(area.height / 2));
     let (top, bottom) = cut(area, height);
-    let inside = pen.pane(top, "Active", false, "");
+    let inside = pen.pane(top, "In control", false, "");
     pen.rows(inside, 0, &active);
     let focused = model.view_state.pane() == PIPELINE_PANE;
     let cursor = if focused { model.row() } else { 0 };
@@ -151,21 +163,37 @@ fn event_log_pane(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
     event_log::draw(model, pen, inside, focused);
 }
 
-fn waiting_height(model: &ConsoleModel) -> u16 {
-    let rows = model.waiting_rows().len();
-    if rows == 0 { 0 } else { u16::try_from(rows + 2).unwrap_or(u16::MAX) }
+/// The lines of the alarms with their heading: at most a quarter of the column; 0 without any.
+fn alarms_height(model: &ConsoleModel, of: u16) -> u16 {
+    let rows = model.alarm_rows().len();
+    if rows == 0 { 0 } else { u16::try_from(rows + 1).unwrap_or(u16::MAX).min((of / 4).max(2)).min(of) }
 }
 
-fn waiting_pane(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
-    let rows = model.waiting_rows();
-    if rows.is_empty() {
+/// The most urgent alarms; the status line has the first of them in full.
+fn alarms_pane(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
+    let items = model.alarm_rows();
+    if items.is_empty() {
         return;
     }
-    let key = model.keymap.key(crate::action::Action::ShowApprovals);
-    let inside = pen.pane(area, "Waits for people", false, &format!("{key} opens"));
-    for (at, item) in (0..inside.height).zip(&rows) {
-        pen.row(inside, at, &waiting_row(model, item, pen));
-    }
+    let key = model.keymap.key(crate::action::Action::ShowAlarms);
+    let inside = pen.pane(area, &format!("Alarms ({})", items.len()), false, &format!("{key} opens"));
+    let rows: Vec<Row> = items.iter().map(|item| alarm_row(model, *item, pen)).collect();
+    pen.rows(inside, 0, &rows);
+}
+
+fn alarm_row(model: &ConsoleModel, item: AlarmItem<'_>, pen: &Pen<'_>) -> Row {
+    let alarm = item.alarm();
+    let (priority, state) = (StateMark::priority(alarm.priority), StateMark::alarm_state(alarm.state));
+    let role = if alarm.state.calls() { priority.role } else { ThemeRole::Quiet };
+    let count = match item {
+        AlarmItem::Alarm(_) => String::new(),
+        AlarmItem::Group { count, .. } => format!(", {count} alarms"),
+    };
+    let notice = holdpoint_wording::notice(&alarm.text);
+    Row::of(role, &status::priority_label(pen.look, alarm.priority))
+        .with(state.role, &format!(" {} ", pen.look.glyph(state.glyph)))
+        .with(ThemeRole::Muted, &model.moment(alarm.since_ms))
+        .with(ThemeRole::Text, &format!(" {}{count}: {notice}", alarm.subject))
 }
 
 /// One waiting request, in a line.

@@ -1,16 +1,20 @@
-//! Candidates in the pipeline: the seven stages of each, the progress of the running one, its expected end, and the
-//! conditions of an early end.
+//! Candidates in the pipeline: what a monitor watches and what runs, pinned; the queue in a line; the rest round the cursor.
 //!
 //! ```text
+//!   align@1.4.0  ◌ active, provisional  cora, manual, risk medium
+//!   ████░░░░ 38 of 100 tasks, then it is confirmed
+//!   of their limits: violation 85 %, time 26 %; a trip takes it back to align@1.0.0
 //! ▸ grasp@1.1.0  ◌ running  ada, refined, risk low
 //!   ✔ register  ✔ validate  ◌ sandbox  · shadow  · gate  · monitor  · confirm
 //!   ██████░░░░░░░░░░ 137 of 480 paired episodes  2 min 5 s, 4 min 5 s to 6 min 2 s left
-//!   ends early: when an established worsening passes the tolerance
+//!   QUEUE 60: next align@1.10.8, grasp@1.1.4  DONE 8, 2 in control
+//!   place@1.1.0  ✖ rejected
 //! ```
 
 use ratatui::layout::Rect;
 use unicode_width::UnicodeWidthStr as _;
 
+use super::{indented, watched};
 use crate::action::Action;
 use crate::formatters::{
     MONITOR_PLACE, STAGES, approvals, current_progress, duration, pipeline_idle_reason, stage_place,
@@ -18,6 +22,7 @@ use crate::formatters::{
 };
 use crate::look::{Glyph, Look, ThemeRole};
 use crate::model::{ConsoleModel, StageProgress};
+use crate::rows::CandidateRank;
 use crate::theme::StateMark;
 use crate::widgets::bar::progress;
 use crate::widgets::list::{GUTTER, place};
@@ -31,7 +36,10 @@ use holdpoint_protocol::snapshot::{CandidateView, ProgressView, Snapshot};
 /// Rows for the conditions of an early end.
 const EARLY_ROWS_MAX: usize = 3;
 
-/// Draws the candidates round the cursor.
+/// Candidates of the queue that its line names.
+const NEXT_NAMED: usize = 2;
+
+/// Draws the pinned candidates, the queue, and the rest round the cursor.
 pub fn draw(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect, focused: bool) {
     let candidates = model.pipeline_rows();
     if candidates.is_empty() {
@@ -39,51 +47,156 @@ pub fn draw(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect, focused: bool) 
         return;
     }
     let cursor = if focused { model.row() } else { 0 };
+    let here = focused.then_some(cursor);
     let width = usize::from(area.width.saturating_sub(GUTTER));
     let look = pen.look;
-    let block = |index: usize, candidate: &CandidateView| {
-        let headway = model.engine_data.stage_progress.get(&candidate.version);
-        let now = model.engine_data.snapshot.as_deref();
-        let mut rows = rows(candidate, now, headway, model.engine_ms(), look, width, index == cursor);
-        if model.view_state.marked_versions.contains(&candidate.version)
-            && let Some(head) = rows.first_mut()
-        {
-            *head = super::registry::lead(true, true, look).and(head.clone());
-        }
-        if let Some(text) = now.and_then(|now| waits_for(now, candidate)) {
-            // Below name and stages, before earlier decisions.
-            rows.insert(rows.len().min(2), Row::of(ThemeRole::Waiting, &super::short(&text, width)));
-        }
-        rows
+    let block_of = |index: usize| {
+        candidates.get(index).map_or_else(Vec::new, |one| block(model, one, look, width, index == cursor))
     };
+    let pinned = candidates.iter().take_while(|one| CandidateRank::of(one).is_pinned()).count();
+    let queue = queue_line(model, width);
+    // A cursor below the pinned candidates keeps a third of the lines.
+    let kept = if cursor < pinned { 0 } else { area.height.div_ceil(3) };
+    let room = area.height.saturating_sub(kept + u16::from(queue.is_some()));
+    let blocks = shortened((0..pinned).map(block_of).collect(), usize::from(room));
+    let mut at = 0;
+    for (index, rows) in blocks.iter().enumerate() {
+        at = draw_block(pen, area, at, rows, index, here);
+    }
+    if let Some(queue) = queue {
+        pen.row(indented(area), at, &queue);
+        at = at.saturating_add(1);
+    }
+    let rest = below(area, at);
     // From the cursor upward for half the height, then down from there.
-    let mut first = cursor;
+    let mut first = cursor.max(pinned);
     let mut above = 0;
-    while first > 0 {
-        let Some(candidate) = candidates.get(first - 1) else { break };
-        above += block(first - 1, candidate).len();
-        if above > usize::from(area.height / 2) {
+    while first > pinned {
+        above += block_of(first - 1).len();
+        if above > usize::from(rest.height / 2) {
             break;
         }
         first -= 1;
     }
     let mut at = 0;
-    for (index, candidate) in candidates.iter().enumerate().skip(first) {
-        if at >= area.height {
+    for index in first..candidates.len() {
+        if at >= rest.height {
             break;
         }
-        let block = block(index, candidate);
-        let inner =
-            Rect { x: area.x + GUTTER.min(area.width), width: area.width.saturating_sub(GUTTER), ..area };
-        let taken = pen.rows(inner, at, &block);
-        let taken_by = Rect { y: area.y + at, height: taken.min(area.height - at), ..area };
-        pen.hit(taken_by, Hit::Row { pane: Some(0), row: index });
-        if focused && index == cursor {
-            pen.row(area, at, &Row::of(ThemeRole::Text, pen.look.glyph(Glyph::Here)));
-            pen.lay(Rect { y: area.y + at, height: 1, ..area }, ThemeRole::Selected);
-        }
-        at = at.saturating_add(taken);
+        at = draw_block(pen, rest, at, &block_of(index), index, here);
     }
+}
+
+/// Draws the lines of a candidate; returns the line below them.
+fn draw_block(
+    pen: &mut Pen<'_>,
+    area: Rect,
+    at: u16,
+    rows: &[Row],
+    index: usize,
+    here: Option<usize>,
+) -> u16 {
+    if at >= area.height {
+        return at;
+    }
+    let taken = pen.rows(indented(area), at, rows);
+    let taken_by = Rect { y: area.y + at, height: taken.min(area.height - at), ..area };
+    pen.hit(taken_by, Hit::Row { pane: Some(0), row: index });
+    if here == Some(index) {
+        pen.row(area, at, &Row::of(ThemeRole::Text, pen.look.glyph(Glyph::Here)));
+        pen.lay(Rect { y: area.y + at, height: 1, ..area }, ThemeRole::Selected);
+    }
+    at.saturating_add(taken)
+}
+
+/// The lines of a candidate in the list.
+fn block(
+    model: &ConsoleModel,
+    candidate: &CandidateView,
+    look: &Look,
+    width: usize,
+    chosen: bool,
+) -> Vec<Row> {
+    let headway = model.engine_data.stage_progress.get(&candidate.version);
+    let now = model.engine_data.snapshot.as_deref();
+    let mut rows = rows(candidate, now, headway, model.engine_ms(), look, width, chosen);
+    let rank = CandidateRank::of(candidate);
+    if rank == CandidateRank::Queued && !chosen {
+        // The line of the queue says what all of them wait for.
+        rows.truncate(1);
+    } else if let Some(text) = now.and_then(|now| waits_for(now, candidate)) {
+        // Below name and stages, before earlier decisions.
+        rows.insert(rows.len().min(2), Row::of(ThemeRole::Waiting, &super::short(&text, width)));
+    }
+    if rank.is_pinned() && rows.len() > 1 {
+        // On a small screen the stages give way to what is counted and watched.
+        let strip = rows.remove(1);
+        let is_watched = rank == CandidateRank::Watched;
+        let watched = now.filter(|_| is_watched).map(|now| watched::rows(now, candidate, look, width));
+        let watched = watched.unwrap_or_default();
+        let counted = watched.len() + usize::from(!is_watched);
+        rows.splice(1..1, watched);
+        rows.insert((1 + counted).min(rows.len()), strip);
+    }
+    if model.view_state.marked_versions.contains(&candidate.version)
+        && let Some(head) = rows.first_mut()
+    {
+        *head = super::registry::lead(true, true, look).and(head.clone());
+    }
+    rows
+}
+
+/// The blocks with so many lines in all at most: the longest lose their last lines, and each keeps its first as long as
+/// there is room for it.
+fn shortened(mut blocks: Vec<Vec<Row>>, room: usize) -> Vec<Vec<Row>> {
+    while blocks.iter().map(Vec::len).sum::<usize>() > room {
+        match blocks.iter_mut().max_by_key(|rows| rows.len()) {
+            Some(longest) if longest.len() > 1 => {
+                longest.pop();
+            }
+            _ => {
+                blocks.truncate(room);
+                break;
+            }
+        }
+    }
+    blocks
+}
+
+/// The queue in a line, with the first of it and what is done; absent without a queue. A filter hides from the list, not
+/// from here.
+fn queue_line(model: &ConsoleModel, width: usize) -> Option<Row> {
+    let now = model.engine_data.snapshot.as_deref()?;
+    let ranked = now.candidates.iter().map(|one| (CandidateRank::of(one), one));
+    let of = |wanted: CandidateRank| {
+        let those = ranked.clone().filter(move |(rank, _)| *rank == wanted);
+        those.map(|(_, one)| one).collect::<Vec<&CandidateView>>()
+    };
+    let (at_work, queued, settled) =
+        (of(CandidateRank::AtWork), of(CandidateRank::Queued), of(CandidateRank::Settled));
+    let names = |of: &[&CandidateView]| {
+        let names: Vec<String> = of.iter().map(|one| one.version.to_string()).collect();
+        names.join(", ")
+    };
+    let is_filtered = !model.filter().is_empty();
+    let mut row = Row::new();
+    if is_filtered && !at_work.is_empty() {
+        row.push(ThemeRole::Running, &format!("RUNS {}  ", names(&at_work)));
+    }
+    if !queued.is_empty() {
+        // The stages of all of them begin in this order.
+        let first = queued.get(..NEXT_NAMED).unwrap_or(&queued);
+        row.push(ThemeRole::Title, &format!("QUEUE {}", queued.len()));
+        row.push(ThemeRole::Text, &format!(": next {}  ", names(first)));
+        if !settled.is_empty() {
+            let active = settled.iter().filter(|one| one.state == State::Active).count();
+            let done = Row::of(ThemeRole::Muted, &format!("DONE {}, {active} in control", settled.len()));
+            if row.width() + done.width() <= width {
+                row = row.and(done);
+            }
+        }
+    }
+    (row.width() > 0).then_some(row)
 }
 
 /// The cursor's place, in the heading of a pane of this width; a filtered list must not look complete.

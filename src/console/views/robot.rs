@@ -56,14 +56,13 @@ pub fn draw(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
     };
     let nothing = Scenery::default();
     let scenery = model.engine_data.snapshot.as_ref().map_or(&nothing, |snapshot| &snapshot.scenery);
-    let stopped = model.engine_data.snapshot.as_deref().and_then(super::status::stopped);
-    let states = stopped.into_iter().chain(unsettled(model, frame, usize::from(area.width), pen));
+    let states = unsettled(model, frame, usize::from(area.width), pen).into_iter().collect();
     // Frame and lines stay in place while the arm moves, whatever the lines say, so that the scene does not jump.
     let reserved = if area.height >= CAPTIONS_FROM { CAPTION_ROWS } else { 2 };
     let mut framing = model.engine_data.framing;
     framing.see(frame);
     let scene = RobotScene { frame, scenery, framing, last_seen: model.last_seen() };
-    draw_within(&scene, states.collect(), reserved, pen, area);
+    draw_within(&scene, states, reserved, pen, area);
 }
 
 /// The state of the version that moves the arm, unless it is just active.

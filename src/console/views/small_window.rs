@@ -57,7 +57,6 @@ pub fn draw(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
 fn summary(model: &ConsoleModel, pen: &Pen<'_>, width: usize) -> Row {
     let waits = status::waiting(model, pen.look);
     let highest = model.engine_data.snapshot.as_deref().and_then(Snapshot::foremost_alarm);
-    let stopped = model.engine_data.snapshot.as_deref().and_then(status::stopped);
     let row = match highest {
         Some(alarm) => {
             let head = status::priority_label(pen.look, alarm.priority);
@@ -72,7 +71,7 @@ fn summary(model: &ConsoleModel, pen: &Pen<'_>, width: usize) -> Row {
             if model.engine_data.snapshot.is_some() { "no alarm " } else { "no engine " },
         ),
     };
-    stopped.unwrap_or_default().and(row).and(waits)
+    status::stop_row(model).unwrap_or_default().and(row).and(waits)
 }
 
 fn footer(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {

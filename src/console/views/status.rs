@@ -7,7 +7,6 @@
 
 use ratatui::layout::Rect;
 
-use crate::formatters::seconds;
 use crate::look::{Glyph, Look, ThemeRole};
 use crate::model::ConsoleModel;
 use crate::theme::StateMark;
@@ -38,7 +37,7 @@ pub fn draw(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
         );
         return;
     };
-    let head = head(snapshot, pen.look);
+    let head = head(model, snapshot, pen.look);
     let room = width.saturating_sub(waits.width() + 1);
     // Words are dropped before the alarm's own text.
     let text_min = head_text(snapshot).len().min(TEXT_MIN);
@@ -65,25 +64,33 @@ pub fn priority_label(look: &Look, priority: Priority) -> String {
     format!("{number}{} {}", look.glyph(mark.glyph), mark.label)
 }
 
-/// The operators who stopped the cell, first and last, and the time; it comes before every alarm.
+/// The operators who stopped the cell, first and last, and the time; absent while it runs.
 #[must_use]
-pub fn stopped(snapshot: &Snapshot) -> Option<Row> {
-    let stopped = snapshot.stopped.as_ref()?;
+pub fn stopped(model: &ConsoleModel) -> Option<String> {
+    let stopped = model.engine_data.snapshot.as_ref()?.stopped.as_ref()?;
     let by = |by: &str| super::short(if by.is_empty() { "somebody" } else { by }, 16);
-    let text = match stopped.again.last() {
-        None => format!("STOPPED by {} since {}", by(&stopped.by), seconds(stopped.since_ms)),
+    let first = model.moment(stopped.since_ms);
+    Some(match stopped.again.last() {
+        None => format!("STOPPED by {} since {first}", by(&stopped.by)),
         Some(last) => {
             let between = stopped.unnamed + stopped.again.len() as u64 - 1;
             let more = if between > 0 { format!(" and {between} more") } else { String::new() };
-            let (first, again) = (seconds(stopped.since_ms), seconds(last.at_ms));
+            let again = model.moment(last.at_ms);
             format!("STOPPED by {} {first}, {} {again}{more}", by(&stopped.by), by(&last.by))
         }
-    };
-    Some(Row::of(ThemeRole::Problem, &text).with(ThemeRole::Text, " "))
+    })
 }
 
-fn head(snapshot: &Snapshot, look: &Look) -> Row {
-    let mut row = stopped(snapshot).unwrap_or_default();
+/// The stop of the cell before the alarms; absent while it runs.
+#[must_use]
+pub fn stop_row(model: &ConsoleModel) -> Option<Row> {
+    stopped(model).map(|text| Row::of(ThemeRole::Problem, &text).with(ThemeRole::Text, " "))
+}
+
+fn head(model: &ConsoleModel, snapshot: &Snapshot, look: &Look) -> Row {
+    // The line below the views says it better, wherever it is on the screen.
+    let stop = stop_row(model).filter(|_| !super::state_line::says_stopped(model));
+    let mut row = stop.unwrap_or_default();
     if let Some(alarm) = snapshot.foremost_alarm() {
         row.push(StateMark::priority(alarm.priority).role, &priority_label(look, alarm.priority));
         row.push(ThemeRole::Text, " ");

@@ -18,6 +18,7 @@ use holdpoint_governance::finding::Finding;
 use holdpoint_governance::lifecycle::State;
 use holdpoint_governance::version_status::VersionCondition;
 use holdpoint_governance::wall_time::WallTime;
+use holdpoint_protocol::clock::Clock;
 use holdpoint_protocol::snapshot::{
     AlarmView, ApprovalRequestView, CandidateView, FamilyView, LiveView, ReviewView, Snapshot,
 };
@@ -119,6 +120,10 @@ impl SnapshotView<'_> {
         Snapshot {
             at_ms: self.record.now_ms(),
             wall_ms: self.record.version_table().wall().machine_time().map(WallTime::ms),
+            up_since_ms: match self.record.clock() {
+                Clock::Real { from_ms, .. } => Some(*from_ms),
+                Clock::Virtual { .. } => None,
+            },
             time: self.record.wall_now(),
             clock_doubt: clock_mismatch::view(self.record),
             profile: self.context.profile.name,

@@ -1,0 +1,285 @@
+//! The line below the views: the one state that overrides all others, since when, and what to do about it. In the overview, if
+//! there is none: what drives the arm.
+//!
+//! ```text
+//! STOPPED by bert since 18:31:02: W lets it work again, "noise"
+//! RUNNING align@1.4.0, active, provisional; goal pick-align-place
+//! ```
+
+use ratatui::layout::Rect;
+
+use super::status;
+use crate::action::Action;
+use crate::look::ThemeRole;
+use crate::model::{ConsoleModel, EngineAbsence, EngineState, Overlay, View};
+use crate::theme::StateMark;
+use crate::widgets::pen::Pen;
+use crate::widgets::row::Row;
+use holdpoint_governance::lifecycle::{State, VersionFlags};
+use holdpoint_protocol::snapshot::Snapshot;
+
+/// A state that overrides what the rest of the screen says.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum OverridingState {
+    /// No engine answers here any more.
+    Absent(EngineAbsence),
+    /// The engine has sent nothing for a while.
+    Silent,
+    /// People stopped the cell.
+    Stopped,
+    /// The record is not verified yet.
+    Unverified,
+    /// The engine is halted after a fault of its own.
+    Holding,
+    /// No administrator authorized the profile.
+    Unauthorized,
+    /// Nobody confirmed the time.
+    ClockDoubt,
+}
+
+/// Of the states that apply, the one that makes the others uncertain or unimportant; absent if none applies, and before the
+/// first data.
+#[must_use]
+pub fn overriding(model: &ConsoleModel) -> Option<OverridingState> {
+    use OverridingState as O;
+    let now = model.engine_data.snapshot.as_deref()?;
+    let facts = [
+        model.absence().map(O::Absent),
+        model.stale_ms().map(|_| O::Silent),
+        now.stopped.as_ref().map(|_| O::Stopped),
+        now.reading.map(|_| O::Unverified),
+        now.holding.as_ref().map(|_| O::Holding),
+        now.unauthorized.as_ref().map(|_| O::Unauthorized),
+        now.clock_doubt.as_ref().map(|_| O::ClockDoubt),
+    ];
+    facts.into_iter().flatten().next()
+}
+
+/// Whether the line stands below the views: in the overview always, elsewhere if a state overrides the others.
+#[must_use]
+pub fn is_shown(model: &ConsoleModel) -> bool {
+    model.engine_data.snapshot.is_some()
+        && (model.view_state.view == View::Overview || overriding(model).is_some())
+}
+
+/// Whether the line tells of the stop, on a screen that shows the line.
+#[must_use]
+pub fn says_stopped(model: &ConsoleModel) -> bool {
+    let is_covered = match &model.input.overlay {
+        None | Some(Overlay::Palette(_) | Overlay::Form(_)) => false,
+        Some(Overlay::Approval(_) | Overlay::Why(_) | Overlay::Film(_)) => true,
+    };
+    !is_covered && overriding(model) == Some(OverridingState::Stopped)
+}
+
+pub fn draw(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
+    let Some(now) = model.engine_data.snapshot.as_deref() else { return };
+    let row = match overriding(model) {
+        Some(state) => {
+            let role = match state {
+                OverridingState::Absent(_) | OverridingState::Silent | OverridingState::Stopped => {
+                    ThemeRole::Problem
+                }
+                OverridingState::Unverified
+                | OverridingState::Holding
+                | OverridingState::Unauthorized
+                | OverridingState::ClockDoubt => ThemeRole::Held,
+            };
+            let text = text(model, now, state);
+            // The whole width has the look, so that the line is one banner.
+            Row::new().cell(role, &format!(" {text}"), usize::from(area.width))
+        }
+        None => driving(model, now),
+    };
+    pen.row(area, 0, &row);
+}
+
+/// The state, since when, and what it means at the arm. What matters most comes first: a small screen cuts the rest.
+fn text(model: &ConsoleModel, now: &Snapshot, state: OverridingState) -> String {
+    let key = |action| model.keymap.key(action);
+    let seen = model.last_seen().unwrap_or_default();
+    let stop = key(Action::Stop);
+    match state {
+        OverridingState::Absent(EngineAbsence::HeldElsewhere) => {
+            format!(
+                "NO ENGINE HERE: another one holds the store and may move the arm; {stop} asks it to stop"
+            )
+        }
+        OverridingState::Absent(EngineAbsence::Ended) => {
+            let is_orderly = match &model.engine_data.engine {
+                EngineState::Ended(Ok(())) => true,
+                EngineState::Ended(Err(why)) => why.orderly,
+                EngineState::Starting | EngineState::Running => false,
+            };
+            if is_orderly {
+                format!(
+                    "ENGINE ENDED, last seen {seen}: no version drives the arm, and nothing here stops it"
+                )
+            } else {
+                format!("ENGINE GONE, last seen {seen}: the arm may move; use its physical stop")
+            }
+        }
+        OverridingState::Silent => {
+            format!("ENGINE SILENT since {seen}: the arm may move; press {stop}, or its physical stop")
+        }
+        OverridingState::Stopped => {
+            let who = status::stopped(model).unwrap_or_default();
+            // The last stop is the one to ask about.
+            let stopped = now.stopped.as_ref();
+            let first = stopped.map_or("", |stop| stop.reason.as_str());
+            let why = stopped.and_then(|stop| stop.again.last()).map_or(first, |last| last.reason.as_str());
+            let why = if why.is_empty() { String::new() } else { format!(", {why:?}") };
+            format!("{who}: {} lets it work again{why}", key(Action::Go))
+        }
+        OverridingState::Unverified => {
+            let reading = now.reading.map_or_else(String::new, |reading| reading.to_string());
+            format!("STARTING, {reading}; only {stop} works")
+        }
+        OverridingState::Holding => {
+            format!("HOLDING, no version is evaluated: {}", now.holding.as_deref().unwrap_or_default())
+        }
+        OverridingState::Unauthorized => {
+            format!("PROFILE NOT AUTHORIZED: {}", now.unauthorized.as_deref().unwrap_or_default())
+        }
+        OverridingState::ClockDoubt => {
+            let why = now.clock_doubt.as_ref().map_or("", |doubt| doubt.text.as_str());
+            format!("TIME NOT CONFIRMED, nothing is activated: {why}")
+        }
+    }
+}
+
+/// The version that moves the arm with its state, the goal, and the families in which none can.
+fn driving(model: &ConsoleModel, now: &Snapshot) -> Row {
+    if model.engine_data.engine == EngineState::Starting {
+        return Row::of(ThemeRole::Running, " STARTING");
+    }
+    let version = model.engine_data.frame.as_ref().and_then(|frame| frame.version.as_ref());
+    let mut row = match version {
+        None => Row::of(ThemeRole::Good, " RUNNING").with(ThemeRole::Text, " nothing moves the arm now"),
+        Some(version) => {
+            let family = now.families.iter().find(|family| family.active.as_ref() == Some(version));
+            let flags = family.and_then(|family| family.flags).unwrap_or_default();
+            let label = StateMark::version(State::Active, &flags).label;
+            let role = if flags == VersionFlags::default() { ThemeRole::Text } else { ThemeRole::Warning };
+            Row::of(ThemeRole::Good, " RUNNING")
+                .with(ThemeRole::Title, &format!(" {version}"))
+                .with(role, &format!(", {label}"))
+        }
+    };
+    let stopped = now.families.iter().filter(|family| family.safe_stopped);
+    let stopped: Vec<&str> = stopped.map(|family| family.family.as_str()).collect();
+    if !stopped.is_empty() {
+        row.push(ThemeRole::Bad, &format!("; {} safe-stopped", stopped.join(", ")));
+    }
+    if !now.live.goal.is_empty() {
+        row.push(ThemeRole::Muted, &format!("; goal {}", super::short(&now.live.goal, 40)));
+    }
+    row
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used, reason = "a test says what it expects by failing")]
+mod tests {
+    use std::sync::Arc;
+
+    use super::*;
+    use crate::keymap::Keymap;
+    use crate::model::{ConsoleSettings, STALE_AFTER_MS};
+    use holdpoint_engine::engine_handle::EngineEndError;
+    use holdpoint_governance::wall_time::{ClockMismatch, WallTime};
+    use holdpoint_protocol::command::Caller;
+    use holdpoint_protocol::snapshot::{ClockMismatchView, StartupProgressView, StoppedView};
+    use serde_json::json;
+
+    /// A console at which every state applies at once.
+    fn console() -> ConsoleModel {
+        let settings =
+            ConsoleSettings { read_only: false, mouse: false, tour: None, theme: "mono".to_owned() };
+        let mut model = ConsoleModel::new(settings, Arc::new(Keymap::default()), Vec::new());
+        let letters = |letter: &str| letter.repeat(64);
+        // 18:31:56, 60 s after the engine came up at 18:30:56.
+        let mut now: Snapshot = serde_json::from_value(json!({
+            "at_ms": 160_000, "wall_ms": ((18 * 60 + 31) * 60 + 56) * 1_000, "up_since_ms": 100_000,
+            "profile": "human", "robot": "arm7", "policy": letters("b"), "agent": letters("c"),
+            "holding": "the disk is full",
+            "families": [], "candidates": [], "prompts": [], "questions": [], "alarms": [],
+            "alarm_summary": { "highest_unacknowledged": null, "unacknowledged": [0, 0, 0], "acknowledged": 0,
+                "latched": 0, "shelved": 0, "flood": false },
+            "live": { "sequences": 3, "recent_success": 1.0, "recent": 3, "last": [], "drift": null, "fault": null,
+                "goal": "pick-align-place", "pace": 1.0, "outcomes": [], "monitors": [] },
+            "scenery": { "workspace": null, "keep_outs": [], "fixtures": [] },
+            "thresholds": [0.95, 0.9, 0.85, 0.8],
+        }))
+        .unwrap();
+        now.reading = Some(StartupProgressView { read: 3, of: 9 });
+        now.unauthorized = Some("nobody authorized it".to_owned());
+        now.clock_doubt = Some(ClockMismatchView {
+            doubt: ClockMismatch::Behind { by_ms: 7 },
+            text: "the clock is behind the newest record".to_owned(),
+            said: WallTime::default(),
+        });
+        let stopped = StoppedView::first("bert".to_owned(), Caller::Script, "noise".to_owned(), 106_000);
+        now.stopped = Some(stopped);
+        model.engine_data.snapshot = Some(Arc::new(now));
+        model.engine_data.engine = EngineState::Ended(Err(EngineEndError::of("it ended")));
+        model.now_ms = STALE_AFTER_MS;
+        model
+    }
+
+    fn line(model: &ConsoleModel) -> String {
+        let now = model.engine_data.snapshot.as_deref().unwrap();
+        match overriding(model) {
+            Some(state) => text(model, now, state),
+            None => driving(model, now).parts().map(|(text, _)| text).collect(),
+        }
+    }
+
+    /// Changes the snapshot.
+    fn edit(model: &mut ConsoleModel, change: impl FnOnce(&mut Snapshot)) {
+        let mut now = model.engine_data.snapshot.as_deref().unwrap().clone();
+        change(&mut now);
+        model.engine_data.snapshot = Some(Arc::new(now));
+    }
+
+    #[test]
+    fn the_most_uncertain_state_overrides_the_others() {
+        let mut model = console();
+        let gone = "ENGINE GONE, last seen 18:31:56: the arm may move; use its physical stop";
+        assert_eq!(line(&model), gone);
+        model.engine_data.engine = EngineState::Running;
+        assert!(line(&model).starts_with("ENGINE SILENT since 18:31:56: the arm may move; press X"));
+        model.now_ms = 0;
+        assert_eq!(
+            line(&model),
+            "STOPPED by bert since 18:31:02: W lets it work again, \"noise\"",
+            "54 s before, as a time of day"
+        );
+        edit(&mut model, |now| now.stopped = None);
+        assert!(line(&model).contains("3 of 9 records read; only X works"), "{}", line(&model));
+        edit(&mut model, |now| now.reading = None);
+        assert_eq!(line(&model), "HOLDING, no version is evaluated: the disk is full");
+        edit(&mut model, |now| now.holding = None);
+        assert_eq!(line(&model), "PROFILE NOT AUTHORIZED: nobody authorized it");
+        edit(&mut model, |now| now.unauthorized = None);
+        let doubt = "TIME NOT CONFIRMED, nothing is activated: the clock is behind the newest record";
+        assert_eq!(line(&model), doubt);
+        model.view_state.view = View::Audit;
+        assert!(is_shown(&model), "in every view");
+        edit(&mut model, |now| now.clock_doubt = None);
+        assert_eq!(line(&model), " RUNNING nothing moves the arm now; goal pick-align-place");
+        assert!(!is_shown(&model), "what drives the arm stands in the overview alone");
+        model.view_state.view = View::Overview;
+        assert!(is_shown(&model));
+    }
+
+    #[test]
+    fn a_moment_before_the_engine_came_up_has_no_time_of_day() {
+        let model = console();
+        assert_eq!(model.moment(106_000), "18:31:02");
+        assert_eq!(model.moment(161_000), "18:31:57", "an event newer than the snapshot");
+        assert_eq!(model.moment(99_999), "before 18:30:56");
+        let mut scripted = console();
+        edit(&mut scripted, |now| now.up_since_ms = None);
+        assert_eq!(scripted.moment(106_000), "00:01:46");
+    }
+}

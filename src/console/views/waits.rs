@@ -1,0 +1,204 @@
+//! Everything that stands until a person acts, in the overview: who and why, until when, and the key. The most urgent first.
+//!
+//! ```text
+//! ─ Waits for you (4) ──────────────────────────────────────
+//! answer   grasp@1.0.0  the monitor cannot tell; rolled back in 43 s     6
+//! sign     align@2.0.0  1 of 2, grace; held at 08:41:43 UTC, 29 min left 6
+//! held     place@1.3.8  on hold: nothing runs until it is resumed        u
+//! reset    monitor      the rollback took 1.9 s, limit 1.5 s             R
+//! ```
+
+use ratatui::layout::Rect;
+
+use super::overview::time_left;
+use crate::action::Action;
+use crate::formatters::{approvals, time_of_day, waits_for};
+use crate::look::ThemeRole;
+use crate::model::ConsoleModel;
+use crate::rows::PendingApprovalItem;
+use crate::widgets::pen::Pen;
+use crate::widgets::row::Row;
+use holdpoint_governance::alarms::AlarmState;
+use holdpoint_governance::decision::lead_reason;
+use holdpoint_governance::ids::CapabilityId;
+use holdpoint_governance::version_status::VersionCondition;
+use holdpoint_protocol::snapshot::{ApprovalRequestView, CandidateView, RequestKind, Snapshot};
+use unicode_width::UnicodeWidthStr as _;
+
+/// The widest name of a version in its column.
+const SUBJECT_MAX: usize = 16;
+
+/// Something that stands until a person acts.
+#[derive(Clone, Debug, PartialEq)]
+pub struct WaitingItem {
+    /// What the person does, or what holds it: one word.
+    pub what: &'static str,
+    pub subject: String,
+    /// Who, why and until when.
+    pub text: String,
+    /// What leads there.
+    pub action: Action,
+}
+
+/// All of them. Requests have a deadline and come first, in the order of the approvals view.
+#[must_use]
+pub fn items(model: &ConsoleModel) -> Vec<WaitingItem> {
+    let Some(now) = model.engine_data.snapshot.as_deref() else { return Vec::new() };
+    let requests = model.waiting_rows();
+    let mut items: Vec<WaitingItem> = requests.iter().map(|item| request(model, item)).collect();
+    if let Some(doubt) = &now.clock_doubt {
+        items.push(WaitingItem {
+            what: "time",
+            subject: "clock".to_owned(),
+            text: doubt.text.clone(),
+            action: Action::CommandLine,
+        });
+    }
+    for family in &now.families {
+        let review = family.review.as_ref().filter(|review| !is_asked(now, &review.version));
+        if let Some(review) = review {
+            items.push(WaitingItem {
+                what: "review",
+                subject: review.version.to_string(),
+                text: format!("one person activated it; due {}", review.until.as_deadline(model.time())),
+                action: Action::ShowApprovals,
+            });
+        }
+        if family.safe_stopped {
+            items.push(WaitingItem {
+                what: "stopped",
+                subject: family.family.to_string(),
+                text: "no version of it works until one is activated again".to_owned(),
+                action: Action::ShowRegistry,
+            });
+        }
+    }
+    items.extend(now.candidates.iter().rev().filter_map(|candidate| kept(now, candidate)));
+    let latched = now.alarms.iter().filter(|alarm| alarm.state == AlarmState::Latched);
+    items.extend(latched.map(|alarm| WaitingItem {
+        what: "reset",
+        subject: alarm.subject.clone(),
+        text: format!("since {}: {}", model.moment(alarm.since_ms), holdpoint_wording::notice(&alarm.text)),
+        action: Action::ShowAlarms,
+    }));
+    items
+}
+
+/// Whether an open request is about the version.
+fn is_asked(now: &Snapshot, version: &CapabilityId) -> bool {
+    now.prompts.iter().any(|prompt| prompt.version == *version)
+}
+
+fn request(model: &ConsoleModel, item: &PendingApprovalItem<'_>) -> WaitingItem {
+    let subject = item.version().to_string();
+    let (what, text) = match item {
+        PendingApprovalItem::MonitorQuestion(question) => {
+            let left = time_left(question.deadline_ms, model.engine_ms());
+            let why = lead_reason(&question.reasons).map(holdpoint_wording::line).unwrap_or_default();
+            ("answer", format!("or it is rolled back in {left}: {why}"))
+        }
+        PendingApprovalItem::Approval(prompt) => (verb(prompt), signatures(model, prompt)),
+    };
+    WaitingItem { what, subject, text, action: Action::ShowApprovals }
+}
+
+const fn verb(prompt: &ApprovalRequestView) -> &'static str {
+    match prompt.purpose {
+        RequestKind::Activation => "sign",
+        RequestKind::Release => "release",
+        RequestKind::Review => "review",
+        RequestKind::Emergency => "emergency",
+    }
+}
+
+/// The signatures so far with their signers, the deadline, and since when the request stands.
+fn signatures(model: &ConsoleModel, prompt: &ApprovalRequestView) -> String {
+    let (count, next) = approvals(prompt, model.is_stopped(), model.time());
+    let by = if prompt.approved_by.is_empty() {
+        String::new()
+    } else {
+        format!(" ({})", prompt.approved_by.join(", "))
+    };
+    let about = if prompt.about.is_empty() { String::new() } else { format!("; {}", prompt.about) };
+    format!("{count}{by}, {next}; asked {}{about}", time_of_day(prompt.asked.ms()))
+}
+
+/// A version that continues when a person lets it; absent for one that people are already asked about.
+fn kept(now: &Snapshot, candidate: &CandidateView) -> Option<WaitingItem> {
+    let condition = VersionCondition::of(candidate.state, &candidate.flags, candidate.held);
+    let (what, action) = match condition {
+        VersionCondition::Paused | VersionCondition::PromotionPaused => ("paused", Action::Resume),
+        VersionCondition::Held => ("held", Action::Resume),
+        VersionCondition::Demoted => ("demoted", Action::Repeat),
+        VersionCondition::Queued
+        | VersionCondition::Running
+        | VersionCondition::AwaitingApproval
+        | VersionCondition::Provisional
+        | VersionCondition::Restricted
+        | VersionCondition::Confirmed
+        | VersionCondition::Leaving
+        | VersionCondition::Superseded
+        | VersionCondition::Rejected
+        | VersionCondition::RolledBack => return None,
+    };
+    let why = match condition {
+        // Why a person paused it is on record, and explains no decision.
+        VersionCondition::Paused => "a person paused it".to_owned(),
+        VersionCondition::PromotionPaused => {
+            "a person paused its confirmation; it stays in control".to_owned()
+        }
+        _ => lead_reason(&candidate.reasons)
+            .map(holdpoint_wording::line)
+            .or_else(|| waits_for(now, candidate))
+            .unwrap_or_default(),
+    };
+    Some(WaitingItem { what, subject: candidate.version.to_string(), text: why, action })
+}
+
+/// The lines that all of them take with the heading, at most a third of a column and never less than two; 0 without any.
+#[must_use]
+pub fn height(items: &[WaitingItem], of: u16) -> u16 {
+    if items.is_empty() {
+        return 0;
+    }
+    u16::try_from(items.len() + 1).unwrap_or(u16::MAX).min((of / 3).max(2)).min(of)
+}
+
+/// Draws them. If they do not all fit, the last line counts the others by kind.
+pub fn draw(model: &ConsoleModel, items: &[WaitingItem], pen: &mut Pen<'_>, area: Rect) {
+    if items.is_empty() {
+        return;
+    }
+    let key = model.keymap.key(Action::ShowApprovals);
+    let inside = pen.pane(area, &format!("Waits for you ({})", items.len()), false, &format!("{key} opens"));
+    let (width, height) = (usize::from(inside.width), usize::from(inside.height));
+    let shown = if items.len() > height { height.saturating_sub(1) } else { items.len() };
+    let subject_width = items.iter().map(|item| item.subject.width()).max().unwrap_or(0).min(SUBJECT_MAX);
+    let mut rows: Vec<Row> = items
+        .iter()
+        .take(shown)
+        .map(|item| {
+            let key = model.keymap.key(item.action);
+            let head = Row::new()
+                .cell(ThemeRole::Waiting, item.what, 9)
+                .cell(ThemeRole::Title, &item.subject, subject_width)
+                .with(ThemeRole::Text, "  ");
+            let room = width.saturating_sub(head.width() + key.width() + 1);
+            head.cell(ThemeRole::Text, &item.text, room).with(ThemeRole::Text, " ").with(ThemeRole::Key, &key)
+        })
+        .collect();
+    let others = items.get(shown..).unwrap_or(&[]);
+    if !others.is_empty() {
+        let mut counts: Vec<(&str, usize)> = Vec::new();
+        for item in others {
+            match counts.iter_mut().find(|(what, _)| *what == item.what) {
+                Some((_, count)) => *count += 1,
+                None => counts.push((item.what, 1)),
+            }
+        }
+        let counts: Vec<String> = counts.iter().map(|(what, count)| format!("{count} {what}")).collect();
+        let more = format!("and {} more: {}", others.len(), counts.join(", "));
+        rows.push(Row::of(ThemeRole::Waiting, &more));
+    }
+    pen.rows(inside, 0, &rows);
+}

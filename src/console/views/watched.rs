@@ -1,0 +1,82 @@
+//! A version in control that a monitor watches: its window, what it was let in below, its conditions, and how near each of the
+//! monitor's limits is.
+//!
+//! ```text
+//! ████░░░░ 38 of 100 tasks, then it is confirmed
+//! ⚠ let in below its limit: recovery 0.50 of 0.80
+//! under: at most 0.25 m/s and 20 N, tighter than it declares
+//! of their limits: violation 85 %, time 26 %; a trip takes it back to align@1.0.0
+//! ```
+
+use crate::look::{Glyph, Look, ThemeRole};
+use crate::widgets::bar::progress;
+use crate::widgets::row::{Row, wrap};
+use holdpoint_protocol::snapshot::{CandidateView, MonitorView, Snapshot};
+
+/// The most lines of the conditions, and of the limits.
+const LINES_MAX: usize = 2;
+
+/// The lines below the version's name.
+#[must_use]
+pub fn rows(now: &Snapshot, candidate: &CandidateView, look: &Look, width: usize) -> Vec<Row> {
+    let family = now.families.iter().find(|family| family.active.as_ref() == Some(&candidate.version));
+    let mut rows = Vec::new();
+    if let Some((worked, needed)) = family.and_then(|family| family.provisional) {
+        let bar = (width / 4).clamp(6, 24);
+        let then = if worked < needed { ", then it is confirmed" } else { "" };
+        let count = format!(" {worked} of {needed} tasks{then}");
+        let row = progress(look, u64::from(worked), u64::from(needed), bar).with(ThemeRole::Text, &count);
+        rows.push(row);
+    }
+    let wrapped = |role: ThemeRole, text: &str| {
+        wrap(text, width, LINES_MAX).into_iter().map(move |line| Row::of(role, &line)).collect::<Vec<Row>>()
+    };
+    let monitor = now.live.monitors.iter().find(|monitor| monitor.version == candidate.version);
+    if let Some(monitor) = monitor {
+        let back = family.and_then(|family| family.pinned.as_ref());
+        let back = back.map_or_else(|| "off".to_owned(), |version| format!("back to {version}"));
+        let then = if monitor.coupled {
+            format!("the first warning takes it {back}, nobody is asked")
+        } else {
+            format!("a trip takes it {back}")
+        };
+        let near = nearest(monitor);
+        if !near.is_empty() {
+            let is_past = near.iter().any(|(_, share)| *share >= 1.0);
+            let role = if is_past { ThemeRole::Past } else { ThemeRole::Text };
+            let near: Vec<String> =
+                near.iter().map(|(name, share)| format!("{name} {:.0} %", share * 100.0)).collect();
+            rows.extend(wrapped(role, &format!("of their limits: {}; {then}", near.join(", "))));
+        }
+    }
+    let below: Vec<String> = candidate
+        .dimensions
+        .iter()
+        .filter_map(|one| Some((one, one.kappa.filter(|kappa| *kappa < one.threshold)?)))
+        .map(|(one, kappa)| format!("{} {kappa:.2} of {:.2}", one.dimension.name(), one.threshold))
+        .collect();
+    if !below.is_empty() {
+        let glyph = look.glyph(Glyph::Warning);
+        let text = format!("{glyph} let in below its limit: {}", below.join(", "));
+        rows.extend(wrapped(ThemeRole::Warning, &text));
+    }
+    let conditions: Vec<String> = candidate.conditions.iter().map(ToString::to_string).collect();
+    if !conditions.is_empty() {
+        rows.extend(wrapped(ThemeRole::Muted, &format!("under: {}", conditions.join("; "))));
+    }
+    rows
+}
+
+/// Each rate of a monitor as a share of its nearest limit, the nearest first.
+fn nearest(monitor: &MonitorView) -> Vec<(String, f64)> {
+    let mut near: Vec<(String, f64)> = Vec::new();
+    for chart in monitor.charts.iter().filter(|chart| chart.limit > 0.0) {
+        let (name, share) = (chart.rate.to_string(), chart.value / chart.limit);
+        match near.iter_mut().find(|(known, _)| *known == name) {
+            Some((_, nearest)) => *nearest = nearest.max(share),
+            None => near.push((name, share)),
+        }
+    }
+    near.sort_by(|(_, one), (_, other)| other.total_cmp(one));
+    near
+}
