@@ -8,6 +8,7 @@
 
 mod console;
 mod live;
+mod overview;
 mod replay;
 mod support;
 

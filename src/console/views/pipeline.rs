@@ -58,7 +58,8 @@ pub fn draw(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect, focused: bool) 
     // A cursor below the pinned candidates keeps a third of the lines.
     let kept = if cursor < pinned { 0 } else { area.height.div_ceil(3) };
     let room = area.height.saturating_sub(kept + u16::from(queue.is_some()));
-    let blocks = shortened((0..pinned).map(block_of).collect(), usize::from(room));
+    let briefs = candidates.iter().take(pinned).map(|one| brief(model, one, look));
+    let blocks = shortened((0..pinned).map(block_of).zip(briefs).collect(), usize::from(room));
     let mut at = 0;
     for (index, rows) in blocks.iter().enumerate() {
         at = draw_block(pen, area, at, rows, index, here);
@@ -146,9 +147,28 @@ fn block(
     rows
 }
 
-/// The blocks with so many lines in all at most: the longest lose their last lines, and each keeps its first as long as
-/// there is room for it.
-fn shortened(mut blocks: Vec<Vec<Row>>, room: usize) -> Vec<Vec<Row>> {
+/// A pinned candidate in one line: how far it is stands before its state, which a narrow screen cuts.
+fn brief(model: &ConsoleModel, candidate: &CandidateView, look: &Look) -> Row {
+    let families = model.engine_data.snapshot.iter().flat_map(|now| &now.families);
+    let window = families
+        .filter(|family| family.active.as_ref() == Some(&candidate.version))
+        .find_map(|family| family.provisional);
+    let count = match (current_progress(candidate), window) {
+        (Some(progress), _) => format!("  {} of {}", progress.done, progress.budget),
+        (None, Some((worked, needed))) => format!("  {worked} of {needed} tasks"),
+        (None, None) => String::new(),
+    };
+    let row = Row::of(ThemeRole::Title, &candidate.version.to_string())
+        .with(ThemeRole::Text, &format!("{count}  "))
+        .and(super::state_row(candidate.state, &candidate.flags, 0, look));
+    let is_marked = model.view_state.marked_versions.contains(&candidate.version);
+    if is_marked { super::registry::lead(true, true, look).and(row) } else { row }
+}
+
+/// The blocks with so many lines in all at most: the longest lose their last lines, and one that would keep its first alone
+/// becomes its brief line.
+fn shortened(blocks: Vec<(Vec<Row>, Row)>, room: usize) -> Vec<Vec<Row>> {
+    let (mut blocks, briefs): (Vec<Vec<Row>>, Vec<Row>) = blocks.into_iter().unzip();
     while blocks.iter().map(Vec::len).sum::<usize>() > room {
         match blocks.iter_mut().max_by_key(|rows| rows.len()) {
             Some(longest) if longest.len() > 1 => {
@@ -158,6 +178,11 @@ fn shortened(mut blocks: Vec<Vec<Row>>, room: usize) -> Vec<Vec<Row>> {
                 blocks.truncate(room);
                 break;
             }
+        }
+    }
+    for (rows, brief) in blocks.iter_mut().zip(briefs) {
+        if rows.len() == 1 {
+            *rows = vec![brief];
         }
     }
     blocks
@@ -441,6 +466,23 @@ mod tests {
             ["sandbox", "sandbox"],
             "nothing ran: a person did it"
         );
+    }
+
+    #[test]
+    fn pinned_candidates_keep_a_line_each_where_lines_are_few() {
+        let row = |text: &str| Row::of(ThemeRole::Text, text);
+        let texts = |room: usize| {
+            let first = (vec![row("a"), row("a 2"), row("a 3")], row("a brief"));
+            let second = (vec![row("b"), row("b 2")], row("b brief"));
+            let blocks = shortened(vec![first, second], room);
+            let text = |row: &Row| row.parts().map(|(text, _)| text).collect::<String>();
+            blocks.iter().map(|rows| rows.iter().map(text).collect::<Vec<String>>()).collect::<Vec<_>>()
+        };
+        assert_eq!(texts(9), [vec!["a", "a 2", "a 3"], vec!["b", "b 2"]]);
+        assert_eq!(texts(4), [["a", "a 2"], ["b", "b 2"]]);
+        assert_eq!(texts(2), [["a brief"], ["b brief"]]);
+        assert_eq!(texts(1), [["a brief"]]);
+        assert!(texts(0).is_empty());
     }
 
     /// The end of an evaluation alone does not tell the operator what was wrong.
