@@ -181,8 +181,8 @@ impl ConsoleModel {
         items
     }
 
-    /// The alarms, in the order of attention. In a flood, related alarms share one row, except critical ones. A
-    /// filter does not apply to them.
+    /// The alarms, in the order of attention. In a flood, related alarms share one row, except critical ones; the others of an
+    /// open group stand below it. A filter does not apply to them.
     #[must_use]
     pub fn alarm_rows(&self) -> Vec<AlarmItem<'_>> {
         let Some(snapshot) = &self.engine_data.snapshot else { return Vec::new() };
@@ -209,6 +209,10 @@ impl ConsoleModel {
                     let first = members.iter().min_by_key(|member| member.since_ms);
                     if let Some(first) = first.filter(|_| listed_groups.insert(id)) {
                         items.push(AlarmItem::Group { first, count: members.len() });
+                        if self.view_state.opened_groups.contains(&alarm.subject) {
+                            let rest = members.iter().filter(|member| member.alarm != first.alarm);
+                            items.extend(rest.map(|member| AlarmItem::Alarm(member)));
+                        }
                     }
                 }
             }

@@ -303,7 +303,7 @@ fn unverified_snapshot(
         prompts: Vec::new(),
         emergencies: Vec::new(),
         questions: Vec::new(),
-        alarm_summary: alarms.summary(),
+        alarm_summary: alarms.summary(at_ms),
         alarms: alarms.open().into_iter().map(|alarm| alarm_view(alarm, at_ms)).collect(),
         live: LiveView {
             sequences: 0,

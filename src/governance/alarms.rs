@@ -344,6 +344,10 @@ pub struct AlarmSummary {
     pub shelved: u32,
     /// Whether alarms come faster than an operator can read them (see [`FLOOD_START`]).
     pub flood: bool,
+    /// How many called for attention within [`FLOOD_WINDOW_MS`]; more than [`FLOOD_START`] + 1 are counted as so many. Absent in
+    /// snapshots of older builds.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub recent: Option<u32>,
 }
 
 impl AlarmBook {
@@ -387,8 +391,9 @@ impl AlarmBook {
 
     /// Counts the alarms by state for the status line.
     #[must_use]
-    pub fn summary(&self) -> AlarmSummary {
-        let mut summary = AlarmSummary { flood: self.flood, ..AlarmSummary::default() };
+    pub fn summary(&self, now_ms: u64) -> AlarmSummary {
+        let recent = u32::try_from(flood::recent(&self.annunciated_ms, now_ms)).ok();
+        let mut summary = AlarmSummary { flood: self.flood, recent, ..AlarmSummary::default() };
         for alarm in self.iter() {
             match alarm.state() {
                 AlarmState::Normal => {}

@@ -3,6 +3,7 @@
 //! Rules and engine carry values, records keep them, and each front end asks here for the words. Nothing here decides, and
 //! nothing reads a sentence back.
 
+pub mod alarm;
 pub mod approval;
 pub mod check;
 mod counted_try;

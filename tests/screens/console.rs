@@ -161,6 +161,7 @@ fn occasions() -> Vec<(&'static str, ConsoleModel)> {
             latched: 0,
             shelved: 0,
             flood: false,
+            recent: Some(0),
         },
         profile: ProfileName::Sim,
         ..support::snapshot()

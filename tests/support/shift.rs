@@ -398,6 +398,7 @@ pub fn snapshot() -> Snapshot {
             latched: 1,
             shelved: 1,
             flood: false,
+            recent: Some(3),
         },
         live: live(),
         scenery: scenery(),

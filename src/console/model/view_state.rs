@@ -174,6 +174,8 @@ pub struct ViewState {
     pub search: String,
     /// Marked alarms, by name: one acknowledgment takes them all.
     pub marked: BTreeSet<String>,
+    /// Subjects of the alarms whose groups are open in a flood.
+    pub opened_groups: BTreeSet<String>,
     /// Marked versions: one rejection or hold takes them all, where they are listed.
     pub marked_versions: BTreeSet<CapabilityId>,
     /// The record that the audit view shows raw; absent for the list.

@@ -92,7 +92,7 @@ impl<'a> ActionAvailability<'a> {
         let useful = match action {
             A::Open => match model.view_state.view {
                 View::Overview => self.here.is_some(),
-                View::Alarms => self.here.is_some(),
+                View::Alarms => self.here.is_some() || selection::group_here(model).is_some(),
                 View::Registry | View::Approvals | View::Audit => self.rows > 0,
                 View::Shadow => self.here.is_some(),
                 View::Candidate => model.subject_detail().is_some_and(|detail| !detail.why.is_empty()),

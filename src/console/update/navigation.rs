@@ -207,13 +207,16 @@ fn open(model: &mut ConsoleModel) -> Vec<Effect> {
             }
             step_pane(model, true)
         }
-        View::Alarms => match model.version_here() {
-            Some(version) => {
-                model.view_state.chosen = Some(version);
-                show(model, View::Candidate)
+        View::Alarms => {
+            if let Some(subject) = selection::group_here(model) {
+                let opened = &mut model.view_state.opened_groups;
+                if !opened.remove(&subject) {
+                    opened.insert(subject);
+                }
+                return Vec::new();
             }
-            None => Vec::new(),
-        },
+            choose(model)
+        }
         View::Health => choose(model),
         View::Approvals => open_waiting(model),
     }

@@ -463,7 +463,9 @@ pub(super) fn on_alarm(model: &mut ConsoleModel, action: Action) -> Vec<Effect> 
     };
     let by = model.session.operator.as_ref().map_or_else(|| "console".to_owned(), |who| who.name.clone());
     match action {
-        Action::Acknowledge if !model.view_state.marked.is_empty() => selection::acknowledge(model, &by),
+        Action::Acknowledge if !model.view_state.marked.is_empty() || selection::mark_group(model) => {
+            selection::acknowledge(model, &by)
+        }
         Action::Acknowledge => {
             if let Err(why) = selection::takes(&alarm, action) {
                 return refuse(model, &why);

@@ -7,7 +7,8 @@ use super::{engine_requests, navigation, operations, refuse, show_message};
 use crate::action::Action;
 use crate::effect::{Effect, EngineQuery};
 use crate::form::Intent;
-use crate::model::{ConsoleModel, ItemKey, View};
+use crate::model::{ConsoleModel, HISTORY_PANE, ItemKey, View};
+use crate::rows::AlarmItem;
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_protocol::snapshot::AlarmView;
 
@@ -136,6 +137,32 @@ pub(super) fn lines(model: &ConsoleModel, each: &[Intent]) -> Result<Vec<String>
     }
     stand.extend(become_of);
     Ok(stand)
+}
+
+/// The subject of the group under the cursor; absent on an alarm by itself.
+pub(super) fn group_here(model: &ConsoleModel) -> Option<String> {
+    if model.view_state.view != View::Alarms || model.view_state.pane() == HISTORY_PANE {
+        return None;
+    }
+    match model.alarm_rows().get(model.row())? {
+        AlarmItem::Group { first, .. } => Some(first.subject.clone()),
+        AlarmItem::Alarm(_) => None,
+    }
+}
+
+/// Marks all alarms of the group under the cursor, so that they are acknowledged as one. Returns whether it is a group.
+pub(super) fn mark_group(model: &mut ConsoleModel) -> bool {
+    let names: Vec<String> = match (model.alarm_rows().get(model.row()), &model.engine_data.snapshot) {
+        (Some(AlarmItem::Group { first, .. }), Some(now)) => {
+            let is_member = |alarm: &&AlarmView| {
+                (&alarm.subject, alarm.priority, alarm.state) == (&first.subject, first.priority, first.state)
+            };
+            now.alarms.iter().filter(is_member).map(|alarm| alarm.alarm.clone()).collect()
+        }
+        _ => return false,
+    };
+    model.view_state.marked.extend(names);
+    true
 }
 
 /// Acknowledges every marked alarm that accepts it; the others keep their marks.

@@ -1,17 +1,21 @@
 //! View 5: every alarm that is not normal, in the order of attention, and the one under the cursor in full.
 //!
 //! ```text
+//! ▸ Alarms, 3 in 10 min (1 to 2 are normal) ─────────────────────────
 //!   priority  state            since     times  what
-//! ▸ 1▲ CRIT   ⚠ unacknowledged 00:12:29  1      grasp@1.0.0: the monitor has had no samples
-//!   3● LOW    ‖ shelved        00:06:40  7 ⚠    frames arrive late · until 00:27:41 by grace
-//! ── monitor:grasp@1.0.0 ─────────────────────────────────────────────
-//! the monitor has had no samples for 3 s and holds the arm
+//! ▸ 1▲ CRIT   ⚠ unacknowledged 18:12:29  1      violation: grasp@1.0.0 violated a limit
+//!   3● LOW    ‖ shelved        18:06:40  7 ⚠    monitor: the camera is worse than when the cell was commissioned
+//! ── violation:grasp@1.0.0 ───────────────────────────────────────────
+//! grasp@1.0.0 violated a limit: a force is larger than allowed
+//! if nobody acts: the limit may be passed again
+//! look at: gripper, tool and what they touch, then the film of the task
 //! ```
 
 use ratatui::layout::Rect;
 
 use super::status::priority_label;
-use crate::formatters::{duration, seconds};
+use crate::action::Action;
+use crate::formatters::duration;
 use crate::look::{Glyph, Look, ThemeRole};
 use crate::model::{ConsoleModel, HISTORY_PANE};
 use crate::rows::AlarmItem;
@@ -19,12 +23,12 @@ use crate::theme::StateMark;
 use crate::widgets::list::place;
 use crate::widgets::pen::{Pen, below, cut};
 use crate::widgets::row::Row;
-use holdpoint_governance::alarms::AlarmState;
+use holdpoint_governance::alarms::{AlarmKey, AlarmState, AlarmSummary, FLOOD_START};
 use holdpoint_protocol::snapshot::AlarmView;
-use holdpoint_wording::notice;
+use holdpoint_wording::{alarm as wording, notice};
 
 /// Lines for the alarm under the cursor.
-const DETAIL_ROWS: u16 = 7;
+const DETAIL_ROWS: u16 = 9;
 
 pub fn draw(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
     if model.view_state.pane() == HISTORY_PANE {
@@ -32,19 +36,21 @@ pub fn draw(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
         return;
     }
     let items = model.alarm_rows();
-    let flood = model.engine_data.snapshot.as_ref().is_some_and(|snapshot| snapshot.alarm_summary.flood);
-    let title = if flood { "Alarms, in a flood: grouped, critical ones apart" } else { "Alarms" };
-    let inside = pen.pane(area, title, true, &place(items.len(), model.row()));
+    let summary = model.engine_data.snapshot.as_ref().map(|snapshot| &snapshot.alarm_summary);
+    let title = title(summary);
+    let inside = pen.pane(area, &title, true, &place(items.len(), model.row()));
     if items.is_empty() {
         pen.text(inside, 0, ThemeRole::Muted, "No alarm is open");
         return;
     }
     let look = pen.look;
+    let since = items.iter().map(|item| model.moment(item.alarm().since_ms).len()).max();
+    let since = since.unwrap_or_default() + 2;
     let header = Row::new()
         .to_column(2)
         .cell(ThemeRole::Muted, "priority", 9)
         .cell(ThemeRole::Muted, "state", 17)
-        .cell(ThemeRole::Muted, "since", 10)
+        .cell(ThemeRole::Muted, "since", since)
         .cell(ThemeRole::Muted, "times", 7)
         .with(ThemeRole::Muted, "what");
     pen.row(inside, 0, &header);
@@ -53,17 +59,30 @@ pub fn draw(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
     pen.list(list, items.len(), Some(model.row()), |index, _| {
         items.get(index).map_or_else(Row::new, |item| {
             let marked = model.view_state.marked.contains(&item.alarm().alarm);
-            row(*item, marked, look)
+            row(*item, marked, since, model, look)
         })
     });
     if let Some(item) = items.get(model.row()) {
         let inside = pen.pane(detail, &super::short(&item.alarm().alarm, 80), false, "");
-        let rows = detail_rows(*item, model.engine_ms(), look, usize::from(inside.width));
+        let rows = detail_rows(*item, model, look, usize::from(inside.width));
         pen.rows(inside, 0, &rows);
     }
 }
 
-fn row(item: AlarmItem<'_>, marked: bool, look: &Look) -> Row {
+/// The number of alarms that called in the last ten minutes, beside the number that a person can treat.
+fn title(summary: Option<&AlarmSummary>) -> String {
+    let Some(summary) = summary else { return "Alarms".to_owned() };
+    let rate = summary.recent.map_or_else(String::new, |recent| {
+        let recent = usize::try_from(recent).unwrap_or(usize::MAX);
+        // The engine tells no more apart.
+        let more = if recent > FLOOD_START { "more than " } else { "" };
+        format!(", {more}{} in 10 min (1 to 2 are normal)", recent.min(FLOOD_START))
+    });
+    let flood = if summary.flood { " in a flood, critical ones apart" } else { "" };
+    format!("Alarms{flood}{rate}")
+}
+
+fn row(item: AlarmItem<'_>, marked: bool, since: usize, model: &ConsoleModel, look: &Look) -> Row {
     let alarm = item.alarm();
     let priority = StateMark::priority(alarm.priority);
     let state = StateMark::alarm_state(alarm.state);
@@ -83,7 +102,9 @@ fn row(item: AlarmItem<'_>, marked: bool, look: &Look) -> Row {
     };
     let mut text = format!("{}: {}", alarm.subject, notice(&alarm.text));
     if let AlarmItem::Group { count, .. } = item {
-        text = format!("{count} alarms, the first: {text}");
+        let is_open = model.view_state.opened_groups.contains(&alarm.subject);
+        let glyph = look.glyph(if is_open { Glyph::Open } else { Glyph::Closed });
+        text = format!("{glyph} {count} alarms, the first: {text}");
     }
     // Beside the priority: all marked alarms are acknowledged together.
     let mark = if marked { look.glyph(Glyph::Neutral) } else { "" };
@@ -93,17 +114,22 @@ fn row(item: AlarmItem<'_>, marked: bool, look: &Look) -> Row {
         .to_column(9)
         .cell(state.role, &look.mark_label(state), 16)
         .with(ThemeRole::Text, " ")
-        .cell(ThemeRole::Muted, &seconds(alarm.since_ms), 10)
+        .cell(ThemeRole::Muted, &model.moment(alarm.since_ms), since)
         .cell(if alarm.chattering { ThemeRole::Warning } else { ThemeRole::Text }, &times, 7)
         .with(if quiet { ThemeRole::Quiet } else { ThemeRole::Text }, &text)
 }
 
 /// Everything about an alarm, in sentences.
-fn detail_rows(item: AlarmItem<'_>, now_ms: u64, look: &Look, width: usize) -> Vec<Row> {
+fn detail_rows(item: AlarmItem<'_>, model: &ConsoleModel, look: &Look, width: usize) -> Vec<Row> {
     let alarm = item.alarm();
     let text = crate::widgets::row::wrap(&notice(&alarm.text), width, 2);
     let mut rows: Vec<Row> = text.iter().map(|line| Row::of(ThemeRole::Text, line)).collect();
-    let since = duration(now_ms.saturating_sub(alarm.since_ms));
+    if let Ok(key) = alarm.alarm.parse::<AlarmKey>() {
+        let (then, look_at) = (wording::consequence(key.kind()), wording::look_at(key.kind()));
+        rows.push(Row::of(ThemeRole::Text, &format!("if nobody acts: {then}")));
+        rows.push(Row::of(ThemeRole::Text, &format!("look at: {look_at}")));
+    }
+    let since = duration(model.engine_ms().saturating_sub(alarm.since_ms));
     let times = if alarm.raises == 1 { "once".to_owned() } else { format!("{} times", alarm.raises) };
     let chatter = if alarm.chattering { ", chattering: shown as one" } else { "" };
     rows.push(Row::of(
@@ -112,7 +138,7 @@ fn detail_rows(item: AlarmItem<'_>, now_ms: u64, look: &Look, width: usize) -> V
     ));
     rows.push(Row::of(ThemeRole::Text, &attention(alarm)));
     if let Some((by, why, until)) = &alarm.shelf {
-        let back = until.label();
+        let back = until.as_deadline(model.time());
         let below = StateMark::alarm_state(alarm.state_below).label;
         rows.push(Row::of(
             ThemeRole::Text,
@@ -124,7 +150,9 @@ fn detail_rows(item: AlarmItem<'_>, now_ms: u64, look: &Look, width: usize) -> V
         rows.push(Row::of(ThemeRole::Muted, &format!("{latched} stays until it is reset with a reason")));
     }
     if let AlarmItem::Group { count, .. } = item {
-        let more = format!("stands for {count} alarms of {} that came in this flood", alarm.subject);
+        let [open, acknowledge] = [Action::Open, Action::Acknowledge].map(|action| model.keymap.key(action));
+        let more =
+            format!("{count} alarms of {}: {open} shows each, {acknowledge} acknowledges all", alarm.subject);
         rows.push(Row::of(ThemeRole::Warning, &more));
     }
     rows

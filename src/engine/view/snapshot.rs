@@ -144,7 +144,7 @@ impl SnapshotView<'_> {
             alarms: self.alarm_views(),
             live: self.live_view(),
             questions: self.monitors.questions(),
-            alarm_summary: self.record.alarms().summary(),
+            alarm_summary: self.record.alarms().summary(self.record.now_ms()),
             scenery: world::scenery(&self.context.cell),
             thresholds: self.context.thresholds(),
             observed: self.record.observed(),

@@ -52,8 +52,13 @@ pub(super) fn note(annunciated_ms: &mut Vec<u64>, at_ms: u64) {
     annunciated_ms.push(at_ms);
 }
 
+/// How many alarms called for attention within [`FLOOD_WINDOW_MS`]; more than [`FLOOD_START`] + 1 are counted as so many.
+pub(super) fn recent(annunciated_ms: &[u64], now_ms: u64) -> usize {
+    annunciated_ms.iter().filter(|at| now_ms.saturating_sub(**at) < FLOOD_WINDOW_MS).count()
+}
+
 /// Whether there is a flood, given whether there was one.
 pub(super) fn is_flood(annunciated_ms: &[u64], was: bool, now_ms: u64) -> bool {
-    let recent = annunciated_ms.iter().filter(|at| now_ms.saturating_sub(**at) < FLOOD_WINDOW_MS).count();
+    let recent = recent(annunciated_ms, now_ms);
     if was { recent >= FLOOD_END } else { recent > FLOOD_START }
 }

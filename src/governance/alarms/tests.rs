@@ -103,11 +103,11 @@ fn shelved_alarm_returns_after_its_time() {
     let mut book = AlarmBook::new();
     step(&mut book, &named("raise"), 0).unwrap();
     step(&mut book, &named("shelve"), 10).unwrap();
-    assert_eq!(book.summary().shelved, 1);
+    assert_eq!(book.summary(10).shelved, 1);
     assert!(step(&mut book, &AlarmEvent::Tick, 4_999).unwrap().is_empty());
     let changes = step(&mut book, &AlarmEvent::Tick, 5_000).unwrap();
     assert!(matches!(changes[..], [AlarmChange::Set { annunciated: true, from: AlarmState::Shelved, .. }]));
-    assert_eq!(book.summary().highest_unacknowledged, Some(Priority::High));
+    assert_eq!(book.summary(5_000).highest_unacknowledged, Some(Priority::High));
 }
 
 /// A shelf of minutes lasted for as long as no engine ran: it ended by the engine's time.
@@ -149,6 +149,7 @@ fn floods_group_by_cause_and_keep_criticals_apart() {
     }
     assert!(book.is_flooded());
     step(&mut book, &raise_as(key("trip"), Priority::Critical, true), 50).unwrap();
+    assert_eq!(book.summary(50).recent, Some(11), "twelve: more than can be told apart");
     let rows = grouped(&book);
     assert_eq!(
         rows.iter().map(|row| (row.first.key.clone(), row.members.len())).collect::<Vec<_>>(),
@@ -159,6 +160,7 @@ fn floods_group_by_cause_and_keep_criticals_apart() {
     assert!(changes.is_empty() && book.is_flooded());
     step(&mut book, &AlarmEvent::Tick, FLOOD_WINDOW_MS + 10).unwrap();
     assert!(!book.is_flooded());
+    assert_eq!(book.summary(FLOOD_WINDOW_MS + 10).recent, Some(1));
     assert_eq!(grouped(&book).len(), 12);
 }
 

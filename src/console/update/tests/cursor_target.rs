@@ -59,6 +59,32 @@ fn key_for_a_vanished_item_does_not_act_on_its_successor() {
     assert_eq!(acknowledged(&console.press(KeyCode::Char(' '))), Some("high:1"));
 }
 
+/// A group did not open, and its key acknowledged one alarm of it.
+#[test]
+fn a_group_of_alarms_opens_and_is_acknowledged_as_one() {
+    let mut console = TestConsole::new(0);
+    let mut now = snapshot(0, 'e');
+    now.alarm_summary.flood = true;
+    now.alarms = ["low:1", "low:2", "low:3"].map(|name| alarm_view(name, "low")).into();
+    now.alarms.push(alarm_view("critical:1", "critical"));
+    console.keys("5");
+    console.tell(MsgKind::Snapshot(Arc::new(now)));
+    console.keys("g");
+    let names = |console: &TestConsole| {
+        let rows = console.model.alarm_rows();
+        rows.iter().map(|row| row.alarm().alarm.clone()).collect::<Vec<String>>()
+    };
+    assert_eq!(names(&console), ["low:1", "critical:1"]);
+    console.press(KeyCode::Enter);
+    assert_eq!(names(&console), ["low:1", "low:2", "low:3", "critical:1"]);
+    assert_eq!(console.model.view_state.view, View::Alarms, "it opens here");
+    console.press(KeyCode::Enter);
+    assert_eq!(names(&console), ["low:1", "critical:1"]);
+    let effects = console.press(KeyCode::Char(' '));
+    let names: Vec<&str> = effects.chunks(1).filter_map(acknowledged).collect();
+    assert_eq!(names, ["low:1", "low:2", "low:3"]);
+}
+
 #[test]
 fn candidates_that_resort_keep_the_cursor_on_theirs() {
     let mut console = TestConsole::new(0);
