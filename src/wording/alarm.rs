@@ -1,8 +1,8 @@
-//! What follows from an alarm if nobody acts, and what to look at first: one sentence each for every kind.
+//! What follows from an alarm without an action, and what to look at first: one sentence each for every kind.
 
 use holdpoint_governance::alarms::AlarmKind;
 
-/// What follows if nobody acts.
+/// What follows without an action.
 #[must_use]
 pub const fn consequence(kind: AlarmKind) -> &'static str {
     use AlarmKind as K;
@@ -27,8 +27,8 @@ pub const fn consequence(kind: AlarmKind) -> &'static str {
         K::TelemetryMissed => "telemetry that the record seals is missing",
         K::CheckpointFailed => "a change of the record since the last checkpoint could stay unseen",
         K::NameTaken => "another program may have answered in place of the engine",
-        K::CameUpStopped => "the arm stands until a person starts the cell",
-        K::ProfileUnauthorized => "no version is activated and the arm stands",
+        K::CameUpStopped => "the arm is at standstill until a person starts the cell",
+        K::ProfileUnauthorized => "no version is activated and the arm is at standstill",
         K::ClockDoubted => "nothing is activated until a person confirms the time",
         K::EngineFault => "no version is evaluated or activated; stops still work",
     }

@@ -84,7 +84,7 @@ fn nothing_that_runs_or_waits_leaves_the_screen_under_200_candidates() {
                 let at = format!("row {row} pane {pane} {size:?}:\n{text}");
                 let line = |start: &str| text.lines().find(|line| line.trim_start().starts_with(start));
                 assert!(
-                    text.contains("STOPPED by bert since 08:11:40: W lets it work again, \"noise\""),
+                    text.contains("STOPPED by bert since 08:11:40: W starts the cell, \"noise\""),
                     "{at}"
                 );
                 // What a monitor watches, and what runs.
@@ -151,7 +151,7 @@ fn a_filter_leaves_what_runs_in_the_line_of_the_queue() {
 }
 
 #[test]
-fn a_watched_version_shows_its_limits_and_what_it_was_let_in_below() {
+fn a_watched_version_shows_its_limits_and_what_it_was_admitted_below() {
     let mut model = support::at(View::Overview);
     edit(&mut model, |now| {
         let other = now.candidates[3].clone();
@@ -169,8 +169,8 @@ fn a_watched_version_shows_its_limits_and_what_it_was_let_in_below() {
     for expected in [
         "7 of 40 tasks, then it is confirmed",
         "time 111 %, violation 85 %, success 26 %",
-        "the first warning takes it back to place@0.9.4, nobody is asked",
-        "let in below its limit: interface 0.50 of 0.80",
+        "the first warning rolls it back to place@0.9.4, without a question",
+        "admitted below its limit: interface 0.50 of 0.80",
         "under: at most 0.25 m/s and 20 N",
     ] {
         assert!(text.contains(expected), "{expected}:\n{text}");

@@ -7,7 +7,7 @@
 //!   3● LOW    ‖ shelved        18:06:40  7 ⚠    monitor: the camera is worse than when the cell was commissioned
 //! ── violation:grasp@1.0.0 ───────────────────────────────────────────
 //! grasp@1.0.0 violated a limit: a force is larger than allowed
-//! if nobody acts: the limit may be passed again
+//! without action: the limit may be passed again
 //! look at: gripper, tool and what they touch, then the film of the task
 //! ```
 
@@ -126,7 +126,7 @@ fn detail_rows(item: AlarmItem<'_>, model: &ConsoleModel, look: &Look, width: us
     let mut rows: Vec<Row> = text.iter().map(|line| Row::of(ThemeRole::Text, line)).collect();
     if let Ok(key) = alarm.alarm.parse::<AlarmKey>() {
         let (then, look_at) = (wording::consequence(key.kind()), wording::look_at(key.kind()));
-        rows.push(Row::of(ThemeRole::Text, &format!("if nobody acts: {then}")));
+        rows.push(Row::of(ThemeRole::Text, &format!("without action: {then}")));
         rows.push(Row::of(ThemeRole::Text, &format!("look at: {look_at}")));
     }
     let since = duration(model.engine_ms().saturating_sub(alarm.since_ms));

@@ -3,7 +3,7 @@
 //! ```text
 //!   align@1.4.0  ◌ active, provisional  cora, manual, risk medium
 //!   ████░░░░ 38 of 100 tasks, then it is confirmed
-//!   of their limits: violation 85 %, time 26 %; a trip takes it back to align@1.0.0
+//!   of their limits: violation 85 %, time 26 %; a trip rolls it back to align@1.0.0
 //! ▸ grasp@1.1.0  ◌ running  ada, refined, risk low
 //!   ✔ register  ✔ validate  ◌ sandbox  · shadow  · gate  · monitor  · confirm
 //!   ██████░░░░░░░░░░ 137 of 480 paired episodes  2 min 5 s, 4 min 5 s to 6 min 2 s left

@@ -2,7 +2,7 @@
 //! there is none: what drives the arm.
 //!
 //! ```text
-//! STOPPED by bert since 18:31:02: W lets it work again, "noise"
+//! STOPPED by bert since 18:31:02: W starts the cell, "noise"
 //! RUNNING align@1.4.0, active, provisional; goal pick-align-place
 //! ```
 
@@ -33,7 +33,7 @@ pub enum OverridingState {
     Holding,
     /// No administrator authorized the profile.
     Unauthorized,
-    /// Nobody confirmed the time.
+    /// No person confirmed the time.
     ClockDoubt,
 }
 
@@ -129,7 +129,7 @@ fn text(model: &ConsoleModel, now: &Snapshot, state: OverridingState) -> String 
             let first = stopped.map_or("", |stop| stop.reason.as_str());
             let why = stopped.and_then(|stop| stop.again.last()).map_or(first, |last| last.reason.as_str());
             let why = if why.is_empty() { String::new() } else { format!(", {why:?}") };
-            format!("{who}: {} lets it work again{why}", key(Action::Go))
+            format!("{who}: {} starts the cell{why}", key(Action::Go))
         }
         OverridingState::Unverified => {
             let reading = now.reading.map_or_else(String::new, |reading| reading.to_string());
@@ -212,7 +212,7 @@ mod tests {
         }))
         .unwrap();
         now.reading = Some(StartupProgressView { read: 3, of: 9 });
-        now.unauthorized = Some("nobody authorized it".to_owned());
+        now.unauthorized = Some("no administrator did".to_owned());
         now.clock_doubt = Some(ClockMismatchView {
             doubt: ClockMismatch::Behind { by_ms: 7 },
             text: "the clock is behind the newest record".to_owned(),
@@ -251,7 +251,7 @@ mod tests {
         model.now_ms = 0;
         assert_eq!(
             line(&model),
-            "STOPPED by bert since 18:31:02: W lets it work again, \"noise\"",
+            "STOPPED by bert since 18:31:02: W starts the cell, \"noise\"",
             "54 s before, as a time of day"
         );
         edit(&mut model, |now| now.stopped = None);
@@ -259,7 +259,7 @@ mod tests {
         edit(&mut model, |now| now.reading = None);
         assert_eq!(line(&model), "HOLDING, no version is evaluated: the disk is full");
         edit(&mut model, |now| now.holding = None);
-        assert_eq!(line(&model), "PROFILE NOT AUTHORIZED: nobody authorized it");
+        assert_eq!(line(&model), "PROFILE NOT AUTHORIZED: no administrator did");
         edit(&mut model, |now| now.unauthorized = None);
         let doubt = "TIME NOT CONFIRMED, nothing is activated: the clock is behind the newest record";
         assert_eq!(line(&model), doubt);
@@ -267,7 +267,7 @@ mod tests {
         assert!(is_shown(&model), "in every view");
         edit(&mut model, |now| now.clock_doubt = None);
         assert_eq!(line(&model), " RUNNING nothing moves the arm now; goal pick-align-place");
-        assert!(!is_shown(&model), "what drives the arm stands in the overview alone");
+        assert!(!is_shown(&model), "it is the overview's alone");
         model.view_state.view = View::Overview;
         assert!(is_shown(&model));
     }

@@ -1,11 +1,11 @@
-//! A version in control that a monitor watches: its window, what it was let in below, its conditions, and how near each of the
+//! A version in control that a monitor watches: its window, where it was admitted below a limit, its conditions, and how near each of the
 //! monitor's limits is.
 //!
 //! ```text
 //! ████░░░░ 38 of 100 tasks, then it is confirmed
-//! ⚠ let in below its limit: recovery 0.50 of 0.80
+//! ⚠ admitted below its limit: recovery 0.50 of 0.80
 //! under: at most 0.25 m/s and 20 N, tighter than it declares
-//! of their limits: violation 85 %, time 26 %; a trip takes it back to align@1.0.0
+//! of their limits: violation 85 %, time 26 %; a trip rolls it back to align@1.0.0
 //! ```
 
 use crate::look::{Glyph, Look, ThemeRole};
@@ -34,11 +34,12 @@ pub fn rows(now: &Snapshot, candidate: &CandidateView, look: &Look, width: usize
     let monitor = now.live.monitors.iter().find(|monitor| monitor.version == candidate.version);
     if let Some(monitor) = monitor {
         let back = family.and_then(|family| family.pinned.as_ref());
-        let back = back.map_or_else(|| "off".to_owned(), |version| format!("back to {version}"));
+        let back =
+            back.map_or_else(|| "deactivates it".to_owned(), |version| format!("rolls it back to {version}"));
         let then = if monitor.coupled {
-            format!("the first warning takes it {back}, nobody is asked")
+            format!("the first warning {back}, without a question")
         } else {
-            format!("a trip takes it {back}")
+            format!("a trip {back}")
         };
         let near = nearest(monitor);
         if !near.is_empty() {
@@ -57,7 +58,7 @@ pub fn rows(now: &Snapshot, candidate: &CandidateView, look: &Look, width: usize
         .collect();
     if !below.is_empty() {
         let glyph = look.glyph(Glyph::Warning);
-        let text = format!("{glyph} let in below its limit: {}", below.join(", "));
+        let text = format!("{glyph} admitted below its limit: {}", below.join(", "));
         rows.extend(wrapped(ThemeRole::Warning, &text));
     }
     let conditions: Vec<String> = candidate.conditions.iter().map(ToString::to_string).collect();

@@ -149,7 +149,7 @@ fn floods_group_by_cause_and_keep_criticals_apart() {
     }
     assert!(book.is_flooded());
     step(&mut book, &raise_as(key("trip"), Priority::Critical, true), 50).unwrap();
-    assert_eq!(book.summary(50).recent, Some(11), "twelve: more than can be told apart");
+    assert_eq!(book.summary(50).recent, Some(11), "twelve, counted as more than ten");
     let rows = grouped(&book);
     assert_eq!(
         rows.iter().map(|row| (row.first.key.clone(), row.members.len())).collect::<Vec<_>>(),
