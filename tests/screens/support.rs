@@ -53,6 +53,7 @@ pub fn model() -> ConsoleModel {
             at_ms: 720_000 + 8_000 * seq,
             text: text.to_owned(),
             sequences: 0,
+            done: 0,
         });
     }
     model

@@ -129,6 +129,8 @@ pub struct EventLogLine {
     pub text: String,
     /// Sequences of the live cell in this line, which shows the last one; 0 for any other line.
     pub sequences: u32,
+    /// How many of these were done.
+    pub done: u32,
 }
 
 /// The registry as of the last query.

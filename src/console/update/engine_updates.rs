@@ -56,7 +56,13 @@ pub(super) fn attached(
     let is_same = process.is_some() && model.engine_data.process == process;
     if let Some(last) = model.engine_data.events.back().filter(|_| !is_same).cloned() {
         let text = "(the engine that told this is gone; another one tells what follows)".to_owned();
-        model.engine_data.events.push_back(EventLogLine { seq: last.seq + 1, text, sequences: 0, ..last });
+        model.engine_data.events.push_back(EventLogLine {
+            seq: last.seq + 1,
+            text,
+            sequences: 0,
+            done: 0,
+            ..last
+        });
         model.engine_data.event_base = last.seq + 2;
     }
     model.engine_data.process = process;
@@ -99,7 +105,13 @@ pub(super) fn past(model: &mut ConsoleModel, events: &[Event], earlier: u64) -> 
             format!("(the log begins here; {earlier} earlier events of this engine are on record only)")
         };
         let seq = base.saturating_add(first.seq);
-        model.engine_data.events.push_back(EventLogLine { seq, at_ms: first.at_ms, text, sequences: 0 });
+        model.engine_data.events.push_back(EventLogLine {
+            seq,
+            at_ms: first.at_ms,
+            text,
+            sequences: 0,
+            done: 0,
+        });
     }
     for event in events.iter().filter(|event| known.is_none_or(|known| event.seq + base > known)) {
         append_event_line(model, event);
@@ -111,12 +123,14 @@ pub(super) fn past(model: &mut ConsoleModel, events: &[Event], earlier: u64) -> 
 fn append_event_line(model: &mut ConsoleModel, event: &Event) {
     let text = event_text::sentence(event, event_text::LINE_WIDTH_MAX).into_string();
     let sequences = u32::from(matches!(event.kind, EventKind::Sequence { .. }));
+    let done = u32::from(matches!(event.kind, EventKind::Sequence { success: true, .. }));
     let seq = event.seq.saturating_add(model.engine_data.event_base);
-    let line = EventLogLine { seq, at_ms: event.at_ms, text, sequences };
+    let line = EventLogLine { seq, at_ms: event.at_ms, text, sequences, done };
     // Consecutive sequences share one line, so that they do not drown other events.
     match model.engine_data.events.back_mut() {
         Some(last) if sequences > 0 && last.sequences > 0 => {
-            *last = EventLogLine { sequences: last.sequences.saturating_add(1), ..line };
+            let (sequences, done) = (last.sequences.saturating_add(1), last.done.saturating_add(done));
+            *last = EventLogLine { sequences, done, ..line };
         }
         _ => model.engine_data.events.push_back(line),
     }

@@ -1,8 +1,9 @@
 //! The event log, newest first.
 //!
 //! ```text
-//! 00:12:41  stage-started place@1.1.0 shadow budget 40
-//! 00:12:40  state-changed place@1.1.0 validated -> sandboxed
+//! 18:31:57  6 sequences, 4 done, the last: work     sequence 211: not done, grasp@1.0.0 failed (the object slipped)
+//! 18:31:41  stage-started place@1.1.0 shadow budget 40
+//! 18:31:40  state-changed place@1.1.0 validated -> sandboxed
 //! ```
 
 use ratatui::layout::Rect;
@@ -24,13 +25,12 @@ pub fn draw(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect, focused: bool) 
     let cursor = focused.then(|| model.row());
     pen.list(area, rows.len(), cursor, |index, _| {
         rows.get(index).map_or_else(Row::new, |line| {
-            let row = Row::of(ThemeRole::Muted, &format!("{}  ", model.moment(line.at_ms)));
-            let row = row.with(ThemeRole::Text, &line.text);
+            let mut row = Row::of(ThemeRole::Muted, &format!("{}  ", model.moment(line.at_ms)));
             if line.sequences > 1 {
-                row.with(ThemeRole::Muted, &format!("  and {} before it", line.sequences - 1))
-            } else {
-                row
+                let count = format!("{} sequences, {} done, the last: ", line.sequences, line.done);
+                row.push(ThemeRole::Title, &count);
             }
+            row.with(ThemeRole::Text, &line.text)
         })
     });
 }
