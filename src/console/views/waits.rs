@@ -1,11 +1,11 @@
 //! Everything that stands until a person acts, in the overview: who and why, until when, and the key. The most urgent first.
 //!
 //! ```text
-//! ─ Waits for you (4) ──────────────────────────────────────
-//! answer   grasp@1.0.0  the monitor cannot tell; rolled back in 43 s     6
-//! sign     align@2.0.0  1 of 2, grace; held at 08:41:43 UTC, 29 min left 6
-//! held     place@1.3.8  on hold: nothing runs until it is resumed        u
-//! reset    monitor      the rollback took 1.9 s, limit 1.5 s             R
+//! ─ Waits for you (4) ─────────────────────────────────────────────
+//! answer   grasp@1.0.0  or it is rolled back in 43 s: the monitor …  6
+//! sign     align@2.0.0  1 of 2 (grace), held at 08:41:43 UTC, 29 m…  6
+//! held     place@1.3.8  on hold: nothing runs until it is resumed    u
+//! reset    rollback     since 08:05:00: the rollback took 1.9 s      5
 //! ```
 
 use ratatui::layout::Rect;
