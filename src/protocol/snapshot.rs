@@ -30,10 +30,14 @@ use holdpoint_governance::profile::{ProfileName, SiteName};
 use holdpoint_governance::risk::RiskClass;
 use holdpoint_governance::submission::{Provenance, Risk};
 use holdpoint_governance::tries::CountedTry;
+use holdpoint_governance::version_status::VersionStatus;
 use holdpoint_governance::vocabulary::Deployability;
 use holdpoint_governance::wall_time::{ClockMismatch, WallTime};
 
+mod version_status;
+
 pub use super::request_kind::RequestKind;
+pub use version_status::{current_progress, is_at_work, re_evaluation};
 
 /// The state of the whole engine at one moment.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -334,18 +338,9 @@ pub struct CandidateView {
     /// The try that its sandbox counts as; absent before its first pair.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub counted: Option<CountedTry>,
-}
-
-impl CandidateView {
-    /// A sentence on why its evidence is stale; absent while it counts.
-    #[must_use]
-    pub fn stale_line(&self) -> Option<String> {
-        if self.stale.is_empty() {
-            return None;
-        }
-        let causes: Vec<&str> = self.stale.iter().map(|cause| cause.name()).collect();
-        Some(format!("STALE, measured under another {}", causes.join(", ")))
-    }
+    /// Its status by state and record; absent in snapshots of older builds, see [`Snapshot::status`].
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub status: Option<VersionStatus>,
 }
 
 /// Progress of the running stage.

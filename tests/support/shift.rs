@@ -132,6 +132,7 @@ fn candidate(version: &str, state: State, flags: VersionFlags) -> CandidateView 
         closed: Vec::new(),
         stale: Vec::new(),
         counted: None,
+        status: None,
     }
 }
 

@@ -16,14 +16,14 @@ use holdpoint_engine::context::ContextRecord;
 use holdpoint_engine::control_socket::{ControlSocketError, UnverifiedOrigin};
 use holdpoint_engine::halt;
 use holdpoint_governance::alarms::{AlarmState, Priority};
-use holdpoint_governance::decision::lead_reason;
 use holdpoint_governance::evidence::StaleCause;
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::lifecycle::{Stage, State, VersionFlags};
 use holdpoint_governance::notice::{Notice, NoticeOrText};
 use holdpoint_governance::profile::{ProfileName, SiteName, titled};
-use holdpoint_governance::record::{AuditRecord, RecordKind, VersionSummary};
+use holdpoint_governance::record::{AuditRecord, VersionSummary};
 use holdpoint_governance::tries::CountedTry;
+use holdpoint_governance::version_status::{StatusFacts, VersionCondition, VersionStatus};
 use holdpoint_governance::wall_time::WallTime;
 use holdpoint_protocol::clock::clock_time;
 use holdpoint_protocol::snapshot::{EscalationView, RequestKind, Snapshot, StartupProgressView, StoppedView};
@@ -101,9 +101,6 @@ pub(super) struct VersionRow {
     pub(super) state: State,
     pub(super) running: Option<Stage>,
     pub(super) paused: bool,
-    /// Who paused it, and why; absent if it is not paused, and in records of older builds.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub(super) paused_by: Option<String>,
     pub(super) awaiting_approval: bool,
     pub(super) provisional: bool,
     pub(super) restricted: bool,
@@ -126,7 +123,9 @@ pub(super) struct VersionRow {
     /// The try that its sandbox counts as, if an engine runs.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(super) counted: Option<CountedTry>,
-    /// The first reason of the last decision, if an engine runs.
+    /// Its status: what it is, since when, by whom or by which rule, and what ends that.
+    pub(super) status: VersionStatus,
+    /// The person and the reason, or the rule, of its status.
     pub(super) reason: Option<String>,
 }
 
@@ -251,7 +250,7 @@ impl StatusReport {
             profile: context.map(|(profile, _, _)| profile),
             families,
             versions: rows
-                .map(|version| Ok(VersionRow::new(version, pause_of(views, version)?, engine)))
+                .map(|version| Ok(VersionRow::new(version, status_of(views, version, engine)?, engine)))
                 .collect::<Result<_, CliError>>()?,
             waiting: waiting.into_iter().filter(|row| wanted(&row.version)).collect(),
             questions: engine
@@ -388,25 +387,34 @@ impl FamilyStatusRow {
     }
 }
 
-/// The person who paused a version that is paused, and the reason, as its newest record of a pause has them.
-fn pause_of(views: &Views, version: &VersionSummary) -> Result<Option<String>, CliError> {
-    if !version.flags.paused {
-        return Ok(None);
+/// The status of a version: the engine's if that knows the version as it is now, or else by the store alone.
+fn status_of(
+    views: &Views,
+    version: &VersionSummary,
+    engine: Option<&Snapshot>,
+) -> Result<VersionStatus, CliError> {
+    let given = engine.and_then(|engine| {
+        let mut candidates = engine.candidates.iter();
+        let view = candidates.find(|candidate| candidate.version == version.version)?;
+        let is_current = view.state == version.state && view.flags == version.flags;
+        view.status.clone().filter(|_| is_current)
+    });
+    if let Some(given) = given {
+        return Ok(given);
     }
-    let newest = AuditFilter {
-        kind: Some(RecordKind::PauseSet),
-        subject: Some(version.version.to_string()),
-        limit: 1,
-        newest_first: true,
-        ..AuditFilter::default()
-    };
-    let found = views.audit(&newest).map_err(CliError::usage)?.into_iter().next();
-    let act = found.and_then(|record| serde_json::from_str::<NoticeOrText>(&record.body).ok());
-    Ok(act.as_ref().map(holdpoint_wording::notice))
+    let recorded = views.recorded_changes(&version.version).map_err(CliError::usage)?;
+    Ok(VersionStatus::of(&StatusFacts {
+        state: version.state,
+        flags: &version.flags,
+        held: recorded.has_lapsed(),
+        reasons: &[],
+        obstacle: None,
+        recorded: &recorded,
+    }))
 }
 
 impl VersionRow {
-    fn new(version: &VersionSummary, paused_by: Option<String>, engine: Option<&Snapshot>) -> Self {
+    fn new(version: &VersionSummary, status: VersionStatus, engine: Option<&Snapshot>) -> Self {
         let view = engine.and_then(|engine| {
             engine.candidates.iter().find(|candidate| candidate.version == version.version)
         });
@@ -417,13 +425,12 @@ impl VersionRow {
             state: version.state,
             running: flags.running,
             paused: flags.paused,
-            paused_by,
             awaiting_approval: flags.awaiting_approval,
             provisional: flags.provisional,
             restricted: flags.restricted,
             rollback_pending: flags.rollback_pending,
             unreviewed: version.unreviewed,
-            held: view.is_some_and(|view| view.held),
+            held: status.condition == VersionCondition::Held,
             confirmed: view.is_some_and(|view| view.confirmed),
             closed: view.map_or_else(Vec::new, |view| view.closed.clone()),
             stale: view.map_or_else(Vec::new, |view| view.stale.clone()),
@@ -434,7 +441,8 @@ impl VersionRow {
                 budget: progress.budget,
             }),
             counted: view.and_then(|view| view.counted.clone()),
-            reason: view.and_then(|view| lead_reason(&view.reasons)).map(holdpoint_wording::line),
+            reason: holdpoint_wording::status_cause(&status),
+            status,
         }
     }
 
@@ -473,13 +481,9 @@ impl VersionRow {
                 line.push_str(&format!("  {name} {shown}"));
             }
         }
-        if let Some(act) = &self.paused_by {
-            // The text is a person's.
-            line.push_str(&format!("  ({})", Untrusted::new(act.as_str()).line()));
-        }
-        if let Some(reason) = &self.reason {
-            line.push_str(&format!("  ({reason})"));
-        }
+        // A part of the text may be a person's.
+        let status = Untrusted::new(holdpoint_wording::version_status(&self.version, &self.status));
+        line.push_str(&format!("  [{}]", status.line()));
         if let Some(counted) = &self.counted {
             line.push_str(&format!("  [{}]", counted_try(&self.version.family, counted)));
         }

@@ -113,10 +113,11 @@ impl SnapshotView<'_> {
                         evidence_file,
                     ),
                     counted: evidence_file.counted.clone(),
+                    status: None,
                 });
             }
         }
-        Snapshot {
+        let mut snapshot = Snapshot {
             at_ms: self.record.now_ms(),
             wall_ms: self.record.version_table().wall().machine_time().map(WallTime::ms),
             time: self.record.wall_now(),
@@ -145,7 +146,16 @@ impl SnapshotView<'_> {
             observed: self.record.observed(),
             seats: Vec::new(),
             ends_alone_s: None,
+        };
+        // The queue, which a status names, is known once all candidates are.
+        let status = |of: &CandidateView| {
+            snapshot.status_by(of, &self.record.version_table().recorded_changes(&of.version))
+        };
+        let statuses: Vec<_> = snapshot.candidates.iter().map(status).collect();
+        for (candidate, status) in snapshot.candidates.iter_mut().zip(statuses) {
+            candidate.status = Some(status);
         }
+        snapshot
     }
 
     fn family_view(&self, family: &holdpoint_governance::ids::Family, entry: &FamilyEntry) -> FamilyView {
