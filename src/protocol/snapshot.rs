@@ -13,7 +13,7 @@ use super::detail::VersionDiff;
 use super::event::{DimensionResult, TaskSummary};
 use super::monitor_chart::ChartView;
 use super::video_frame::Scenery;
-use super::work_unit::WorkUnit;
+use super::work_unit::{PartCount, WorkUnit};
 use holdpoint_approvals::Nonce;
 use holdpoint_body::disturbance::{Drift, LiveFault};
 use holdpoint_governance::alarms::{AlarmState, AlarmSummary, Priority};
@@ -350,10 +350,13 @@ pub struct ProgressView {
     pub stage: Stage,
     /// The unit of work, e.g. episode pairs or drills.
     pub what: Lenient<WorkUnit>,
-    /// Episodes, drills or sequences that are done.
+    /// Episodes, drills and sequences of the whole stage that are done.
     pub done: u64,
     /// How many there are in all; an early end may come before.
     pub budget: u64,
+    /// The count of the unit that runs, against its own budget; absent where that is the whole, and in snapshots of older builds.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub part: Option<PartCount>,
     /// When the stage began, virtual ms.
     pub since_ms: u64,
     /// The condition of an early end, one sentence.

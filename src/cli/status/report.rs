@@ -27,6 +27,7 @@ use holdpoint_governance::version_status::{StatusFacts, VersionCondition, Versio
 use holdpoint_governance::wall_time::WallTime;
 use holdpoint_protocol::clock::clock_time;
 use holdpoint_protocol::snapshot::{EscalationView, RequestKind, Snapshot, StartupProgressView, StoppedView};
+use holdpoint_protocol::work_unit::PartCount;
 use holdpoint_registry::{AuditFilter, FIRST_ADMINISTRATOR, Layout, VersionFilter, Views, lock_owner};
 use holdpoint_text::{Untrusted, signing_options};
 use holdpoint_wording::counted_try;
@@ -132,8 +133,12 @@ pub(super) struct VersionRow {
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub(super) struct ProgressRow {
     pub(super) what: String,
+    /// Of the whole stage.
     pub(super) done: u64,
     pub(super) budget: u64,
+    /// Of the unit that runs, if that is a part of the stage.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(super) part: Option<PartCount>,
 }
 
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -439,6 +444,7 @@ impl VersionRow {
                 what: progress.what.to_string(),
                 done: progress.done,
                 budget: progress.budget,
+                part: progress.part,
             }),
             counted: view.and_then(|view| view.counted.clone()),
             reason: holdpoint_wording::status_cause(&status),
@@ -472,8 +478,13 @@ impl VersionRow {
             let causes: Vec<&str> = self.stale.iter().map(|cause| cause.name()).collect();
             line.push_str(&format!(", STALE evidence (another {})", causes.join(", ")));
         }
-        if let Some(ProgressRow { what, done, budget }) = &self.progress {
-            line.push_str(&format!(", {what} {done} of {budget}"));
+        if let Some(ProgressRow { what, done, budget, part }) = &self.progress {
+            line.push_str(&match part {
+                Some(part) => {
+                    format!(", {what} {} of {}, {done} of {budget} in all", part.done, part.budget)
+                }
+                None => format!(", {what} {done} of {budget}"),
+            });
         }
         if self.kappas.iter().any(Option::is_some) {
             for (name, value) in ["κI", "κP", "κB", "κR"].iter().zip(self.kappas) {

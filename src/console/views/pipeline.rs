@@ -26,6 +26,7 @@ use holdpoint_governance::lifecycle::State;
 use holdpoint_governance::version_status::{VersionCondition, VersionStatus};
 use holdpoint_governance::wall_time::WallTime;
 use holdpoint_protocol::snapshot::{CandidateView, ProgressView, Snapshot, current_progress};
+use holdpoint_protocol::work_unit::PartCount;
 
 /// Rows for the conditions of an early end.
 const EARLY_ROWS_MAX: usize = 3;
@@ -168,8 +169,8 @@ fn rows(
         rows.push(Row::of(ThemeRole::Waiting, &super::short(&format!("{count} approved, {next}"), width)));
     } else if let (Some(progress), Some(why)) = (current_progress(candidate), still) {
         // Time passes, but says nothing about the end.
-        let (done, all) = (progress.done, progress.budget);
-        rows.push(muted(&format!("stands still at {done} of {all} {}: {why}", progress.what)));
+        let PartCount { done, budget } = progress.unit_count();
+        rows.push(muted(&format!("stands still at {done} of {budget} {}: {why}", progress.what)));
     } else if let Some(progress) = current_progress(candidate) {
         rows.extend(running(progress, headway, now_ms, look, width, chosen));
     } else if let Some(stage) = candidate.flags.running.filter(|_| !candidate.flags.paused) {
@@ -280,7 +281,8 @@ fn running(
         },
         None => elapsed,
     };
-    let count = format!(" {} of {} ", view.done, view.budget);
+    let PartCount { done, budget } = view.unit_count();
+    let count = format!(" {done} of {budget} ");
     let bar = (width / 4).clamp(6, 24);
     let mut head = progress(look, view.done, view.budget, bar).with(ThemeRole::Text, &count);
     let what = super::short(&view.what.to_string(), width.saturating_sub(head.width() + time.len() + 2));
@@ -288,6 +290,11 @@ fn running(
     head.push(ThemeRole::Muted, &what);
     if head.width() + time.len() <= width {
         head.push(ThemeRole::Text, &time);
+    }
+    // The bar and the time are those of the whole stage.
+    let whole = format!("; {} of {} in all", view.done, view.budget);
+    if view.part.is_some() && head.width() + whole.len() <= width {
+        head.push(ThemeRole::Muted, &whole);
     }
     let mut rows = vec![head];
     if chosen && !view.early.is_empty() {
@@ -372,7 +379,7 @@ mod tests {
         let what = holdpoint_protocol::work_unit::WorkUnit::PairedEpisodes.into();
         let early = String::new();
         let progress =
-            ProgressView { stage: Stage::Sandbox, what, done: 24, budget: 120, since_ms: 0, early };
+            ProgressView { stage: Stage::Sandbox, what, done: 24, budget: 120, part: None, since_ms: 0, early };
         let recorded = RecordedChanges::default();
         let status = VersionStatus::of(&StatusFacts {
             state: rejected.state,

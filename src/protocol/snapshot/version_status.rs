@@ -1,6 +1,6 @@
 //! The status of a version in a snapshot: the facts for [`VersionStatus::of`], of which the queue of candidates is one.
 //!
-//! Reads a snapshot and nothing else. Owns no sentence.
+//! Also how far a version's stage is. Reads a snapshot and nothing else. Owns no sentence.
 
 use holdpoint_governance::lifecycle::{Stage, State};
 use holdpoint_governance::version_status::{
@@ -8,6 +8,7 @@ use holdpoint_governance::version_status::{
 };
 
 use super::{CandidateView, ProgressView, Snapshot};
+use crate::work_unit::PartCount;
 
 /// How far a version's stage is; absent if it has left the pipeline, despite an older count.
 #[must_use]
@@ -41,6 +42,14 @@ fn running_work(of: &CandidateView) -> RunningWork {
         Some(Stage::Sandbox) => RunningWork::Sandbox,
         Some(Stage::Shadow) => RunningWork::Shadow,
         Some(Stage::Activation) => RunningWork::Activation,
+    }
+}
+
+impl ProgressView {
+    /// The count of the unit that runs, against its own budget.
+    #[must_use]
+    pub fn unit_count(&self) -> PartCount {
+        self.part.unwrap_or(PartCount { done: self.done, budget: self.budget })
     }
 }
 

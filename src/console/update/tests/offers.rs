@@ -215,7 +215,7 @@ fn at_work(version: &str) -> CandidateView {
     other.flags = VersionFlags { running: Some(Stage::Sandbox), ..VersionFlags::default() };
     let (what, early) = (WorkUnit::PairedEpisodes.into(), String::new());
     other.progress =
-        Some(ProgressView { stage: Stage::Sandbox, what, done: 3, budget: 9, since_ms: 0, early });
+        Some(ProgressView { stage: Stage::Sandbox, what, done: 3, budget: 9, part: None, since_ms: 0, early });
     other
 }
 
