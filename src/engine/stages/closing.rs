@@ -39,7 +39,14 @@ pub(crate) fn progress(
     let early = early_end(stage).to_owned();
     let view = ProgressView { stage, what: what.into(), done, budget, part, since_ms, early };
     evidence_file.progress = Some(view);
-    record.tell(EventKind::Progress { version: id.clone(), stage, what: what.into(), done, budget });
+    record.tell(EventKind::Progress {
+        version: id.clone(),
+        stage,
+        what: what.into(),
+        done,
+        budget,
+        part,
+    });
 }
 
 pub(crate) fn report_decision<O: Copy + Into<StageOutcome>>(
