@@ -1,6 +1,7 @@
 //! `holdpoint status`: shows, watches, and waits for a state.
 
 mod pending_approval;
+mod person_acts;
 pub(super) mod report;
 
 use std::collections::BTreeSet;

@@ -9,13 +9,14 @@ use serde::{Deserialize, Serialize};
 
 use super::StatusSubject;
 use super::pending_approval::PendingApprovalRow;
+use super::person_acts::{PersonActRow, person_acts};
 use crate::cli::profile_authorization;
 use crate::cli::prune::wall_ms;
 use crate::error::CliError;
 use holdpoint_engine::context::ContextRecord;
 use holdpoint_engine::control_socket::{ControlSocketError, UnverifiedOrigin};
 use holdpoint_engine::halt;
-use holdpoint_governance::alarms::{AlarmState, Priority};
+use holdpoint_governance::alarms::{AlarmState, Priority, Shelving};
 use holdpoint_governance::evidence::StaleCause;
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::lifecycle::{Stage, State, VersionFlags};
@@ -71,6 +72,8 @@ pub(super) struct StatusReport {
     pub(super) questions: Vec<MonitorQuestionRow>,
     /// Versions that one person may activate by break-glass, if an engine runs.
     pub(super) emergencies: Vec<CapabilityId>,
+    /// What people did to the cell as a whole, and why: its goal, its last start, and the last note.
+    pub(super) people: Vec<PersonActRow>,
     pub(super) alarms: Vec<AlarmRow>,
 }
 
@@ -151,6 +154,9 @@ pub(super) struct AlarmRow {
     /// The problem with its values; absent for the text of an older build.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(super) notice: Option<Notice>,
+    /// The person who shelved it, until when, and why.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(super) shelf: Option<Shelving>,
 }
 
 impl StatusReport {
@@ -229,6 +235,11 @@ impl StatusReport {
                 rows.collect::<Result<Vec<_>, CliError>>()?
             }
         };
+        // The store knows of stops without an engine; a stop outlives the engine.
+        let stopped = match engine {
+            Some(engine) => engine.stopped.clone(),
+            None => halt::recall(views).map_err(CliError::usage)?,
+        };
         let context = views.context().map_err(CliError::usage)?;
         let record = |json: &str| serde_json::from_str::<ContextRecord>(json).ok();
         Ok(Self {
@@ -242,11 +253,8 @@ impl StatusReport {
             last_record: silent.map(|_| last_record(views)).transpose()?.flatten(),
             reading: engine.and_then(|engine| engine.reading),
             holding: engine.and_then(|engine| engine.holding.clone()),
-            // The store knows of stops without an engine; a stop outlives the engine.
-            stopped: match engine {
-                Some(engine) => engine.stopped.clone(),
-                None => halt::recall(views).map_err(CliError::usage)?,
-            },
+            people: person_acts(views, stopped.is_some()).map_err(CliError::usage)?,
+            stopped,
             unauthorized: match engine {
                 Some(engine) => engine.unauthorized.clone(),
                 None => profile_authorization::missing(views),
@@ -302,6 +310,7 @@ impl StatusReport {
         lines.extend(self.last_record.as_ref().map(last_record_line));
         lines.extend(self.stopped.as_ref().map(|stopped| stopped_line(stopped, None)));
         lines.extend(self.unauthorized.as_ref().map(|why| format!("profile  NOT AUTHORIZED: {why}")));
+        lines.extend(self.people.iter().map(PersonActRow::line));
         lines.extend(self.families.iter().map(FamilyStatusRow::line));
         lines.extend(self.versions.iter().map(VersionRow::line));
         lines.extend(self.waiting.iter().map(PendingApprovalRow::line));
@@ -533,7 +542,11 @@ impl MonitorQuestionRow {
 
 impl AlarmRow {
     fn line(&self) -> String {
-        format!("alarm    {} {}, {}: {}", self.priority, self.alarm, self.state, self.text)
+        let shelf = self.shelf.as_ref().map_or_else(String::new, |shelf| {
+            let by = Untrusted::new(shelf.by.as_str());
+            format!("  [shelved by {} until {}: {}]", by.line(), shelf.until.label(), shelf.reason.line())
+        });
+        format!("alarm    {} {}, {}: {}{shelf}", self.priority, self.alarm, self.state, self.text)
     }
 }
 
@@ -547,7 +560,8 @@ fn alarms(views: &Views) -> Result<Vec<AlarmRow>, CliError> {
             let problem = body.get("text").and_then(|text| NoticeOrText::deserialize(text).ok());
             let problem = problem.unwrap_or_default();
             let (text, notice) = (holdpoint_wording::notice(&problem), problem.notice().cloned());
-            AlarmRow { alarm: entry.alarm, priority: entry.priority, state: entry.state, text, notice }
+            let shelf = body.get("shelf").and_then(|shelf| Shelving::deserialize(shelf).ok());
+            AlarmRow { alarm: entry.alarm, priority: entry.priority, state: entry.state, text, notice, shelf }
         })
         .collect())
 }
