@@ -424,8 +424,7 @@ pub(crate) mod tests {
 
     /// Asserts that the status of a version shows nothing of another state, on hold or not. The walk over the lifecycle uses it,
     /// too.
-    pub(crate) fn assert_row_shows_its_own_state((state, flags): &(State, VersionFlags)) {
-        let state = *state;
+    pub(crate) fn assert_row_shows_its_own_state((state, flags): (State, VersionFlags)) {
         assert_status_is_of_its_state(state, flags, false);
         // The gate holds a candidate that neither runs nor is asked about.
         if flags.running.is_none() && !flags.awaiting_approval {
@@ -433,8 +432,8 @@ pub(crate) mod tests {
         }
     }
 
-    fn assert_status_is_of_its_state(state: State, flags: &VersionFlags, held: bool) {
-        let recorded = every_change();
+    fn assert_status_is_of_its_state(state: State, flags: VersionFlags, held: bool) {
+        let (recorded, flags) = (every_change(), &flags);
         let facts = StatusFacts { state, flags, held, reasons: &[], obstacle: None, recorded: &recorded };
         let status = VersionStatus::of(&facts);
         let row = format!("{state} {flags:?} {held}: {status:?}");
@@ -476,7 +475,7 @@ pub(crate) mod tests {
     #[test]
     fn a_status_shows_a_change_of_its_own_state_alone() {
         for (state, flags, _) in rows() {
-            assert_row_shows_its_own_state(&(state, flags));
+            assert_row_shows_its_own_state((state, flags));
         }
     }
 

@@ -532,7 +532,7 @@ fn every_lifecycle_history_keeps_the_invariants() {
     let found = [ONE_CANDIDATE, TWO_CANDIDATES].map(|part| {
         let walk = walk(AllLifecycleRules, part);
         assert_eq!(walk.problem, None);
-        walk.rows.iter().for_each(crate::version_status::tests::assert_row_shows_its_own_state);
+        walk.rows.iter().copied().for_each(crate::version_status::tests::assert_row_shows_its_own_state);
         (walk.worlds, walk.steps, walk.reached)
     });
     let known = [

@@ -135,10 +135,11 @@ impl RecordedChanges {
             RecordKind::FlagsSet => self.flags = change(None),
             RecordKind::PauseSet => {
                 let Ok(act) = serde_json::from_str::<NoticeOrText>(body) else { return };
-                match act.notice() {
-                    Some(Notice::OperatorDid { act: OperatorAct::Paused, .. }) => self.paused = change(Some(act)),
-                    _ => self.resumed = change(Some(act)),
-                }
+                let paused = OperatorAct::Paused;
+                let is_pause =
+                    matches!(act.notice(), Some(Notice::OperatorDid { act, .. }) if *act == paused);
+                let place = if is_pause { &mut self.paused } else { &mut self.resumed };
+                *place = change(Some(act));
             }
             RecordKind::Resumed => {
                 let Ok(ActBody { by, reason }) = serde_json::from_str(body) else { return };
@@ -209,8 +210,10 @@ mod tests {
 
     #[test]
     fn each_change_keeps_its_newest_record_with_person_and_reason() {
-        let paused =
-            |by: &str| Notice::OperatorDid { act: OperatorAct::Paused, by: by.to_owned(), reason: "noise".to_owned() };
+        let paused = |by: &str| {
+            let (by, reason) = (by.to_owned(), "noise".to_owned());
+            Notice::OperatorDid { act: OperatorAct::Paused, by, reason }
+        };
         let mut changes = RecordedChanges::default();
         for (seq, kind, body) in [
             (1, RecordKind::VersionRegistered, serde_json::json!({})),
