@@ -1,8 +1,10 @@
 //! The status of a version in every state: one for engine and store, with the person and the reason where a person set it.
 
 use holdpoint_governance::version_status::{StatusFacts, VersionCondition, VersionStatus};
+use holdpoint_wording::explanation_summary::summary_lines;
 
 use super::state_verb_table::SETTINGS;
+use crate::explain::summarize;
 use crate::stages::rollback::tests::Bench;
 
 /// What the version of each setting is, in the order of [`SETTINGS`].
@@ -53,7 +55,7 @@ fn engine_and_store_give_every_version_the_same_status() {
             state: row.state,
             flags: &row.flags,
             held,
-            reasons: candidate.map_or(&[][..], |candidate| &candidate.reasons),
+            reasons: candidate.map_or(&[][..], |candidate| candidate.reasons.as_slice()),
             obstacle: None,
             recorded: &views.recorded_changes(&id).unwrap(),
         });
@@ -68,8 +70,12 @@ fn engine_and_store_give_every_version_the_same_status() {
             expected,
             VersionCondition::Paused | VersionCondition::PromotionPaused | VersionCondition::Restricted
         );
-        let names_person = told.contains("ada") && told.contains("a test");
-        assert!(!by_person || names_person, "{name}: {told}");
+        if by_person {
+            assert!(told.contains("ada") && told.contains("a test"), "{name}: {told}");
+            let summary = summarize(&views, &id).unwrap().unwrap();
+            let explained = summary_lines(&summary, None).details;
+            assert!(explained.contains(&told), "{name}: {explained:?}");
+        }
         assert!(by_person || !told.contains("paused"), "{name}: {told}");
     }
 }
