@@ -312,7 +312,7 @@ impl StateMachineTest for ModelStore {
             assert_eq!((row.state, row.flags), (version.state, version.flags), "{id}");
             // What a status rests on is the same in memory and after a restart, whatever came before.
             let recorded = views.recorded_changes(&id).unwrap();
-            assert_eq!(store.version_table.recorded_changes(&id), recorded, "{id}");
+            assert_eq!(store.version_table.recorded_changes(&id), Some(&recorded), "{id}");
             assert!(recorded.state.is_some(), "{id}");
         }
         if let (Some(active), Some(pinned)) = (model.family.active(), &row.pinned) {

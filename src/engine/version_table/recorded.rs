@@ -33,10 +33,10 @@ pub(super) fn changes_status(changes: &[Change], audit: &[AuditBody]) -> bool {
 }
 
 impl VersionTable {
-    /// What is on record of the present state of a version.
+    /// What is on record of the present state of a version; absent if there is no such version.
     #[must_use]
-    pub fn recorded_changes(&self, id: &CapabilityId) -> RecordedChanges {
-        self.recorded.get(id).cloned().unwrap_or_default()
+    pub fn recorded_changes(&self, id: &CapabilityId) -> Option<&RecordedChanges> {
+        self.recorded.get(id)
     }
 
     /// Takes in the records of a transaction.

@@ -16,7 +16,7 @@ use holdpoint_governance::alarms::Alarm;
 use holdpoint_governance::decision::Reason;
 use holdpoint_governance::finding::Finding;
 use holdpoint_governance::lifecycle::State;
-use holdpoint_governance::version_status::VersionCondition;
+use holdpoint_governance::version_status::{RecordedChanges, VersionCondition};
 use holdpoint_governance::wall_time::WallTime;
 use holdpoint_protocol::snapshot::{
     AlarmView, ApprovalRequestView, CandidateView, FamilyView, LiveView, ReviewView, Snapshot,
@@ -148,8 +148,9 @@ impl SnapshotView<'_> {
             ends_alone_s: None,
         };
         // The queue, which a status names, is known once all candidates are.
+        let (table, nothing) = (self.record.version_table(), RecordedChanges::default());
         let status = |of: &CandidateView| {
-            snapshot.status_by(of, &self.record.version_table().recorded_changes(&of.version))
+            snapshot.status_by(of, table.recorded_changes(&of.version).unwrap_or(&nothing))
         };
         let statuses: Vec<_> = snapshot.candidates.iter().map(status).collect();
         for (candidate, status) in snapshot.candidates.iter_mut().zip(statuses) {
