@@ -420,10 +420,14 @@ mod tests {
     }
 
     fn status(state: State, flags: VersionFlags) -> VersionStatus {
-        let recorded = RecordedChanges::default();
-        let facts =
-            StatusFacts { state, flags: &flags, held: false, reasons: &[], obstacle: None, recorded: &recorded };
-        VersionStatus::of(&facts)
+        VersionStatus::of(&StatusFacts {
+            state,
+            flags: &flags,
+            held: false,
+            reasons: &[],
+            obstacle: None,
+            recorded: &RecordedChanges::default(),
+        })
     }
 
     #[test]

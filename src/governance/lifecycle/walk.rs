@@ -24,7 +24,6 @@ use super::{
 use crate::wall_time::WallTime;
 
 const VERSIONS: usize = 3;
-
 /// No walk may grow beyond this.
 const WORLDS_MAX: usize = 60_000_000;
 
@@ -453,6 +452,7 @@ fn reported(old: &FamilyState, new: &FamilyState, changes: &[LifecycleChange]) -
     states == wanted && active == new.active() && stopped == new.safe_stopped && reviewed
 }
 
+#[derive(Default)]
 struct LifecycleWalk {
     worlds: usize,
     steps: usize,
@@ -476,7 +476,7 @@ fn walk<R: LifecycleRules>(rules: R, part: WalkPart) -> LifecycleWalk {
     let start = canonical(start);
     let mut seen = HashSet::from([key(&start)]);
     let mut open = VecDeque::from([start]);
-    let mut walk = LifecycleWalk { worlds: 1, steps: 0, problem: None, reached: [false; 6], rows: BTreeSet::new() };
+    let mut walk = LifecycleWalk { worlds: 1, ..LifecycleWalk::default() };
     while let Some(world) = open.pop_front() {
         let mut next: Vec<WalkWorld> = Vec::new();
         for event in events(&world, part) {
