@@ -1,6 +1,7 @@
 //! `holdpoint status`: shows, watches, and waits for a state.
 
 mod pending_approval;
+mod person_acts;
 pub(super) mod report;
 
 use std::collections::BTreeSet;
@@ -390,7 +391,10 @@ mod tests {
     use super::report::FamilyStatusRow;
     use super::*;
     use holdpoint_governance::ids::Digest;
+    use holdpoint_governance::lifecycle::VersionFlags;
+    use holdpoint_governance::notice::{Notice, OperatorAct};
     use holdpoint_governance::tries::{CountedTry, TryAuthor};
+    use holdpoint_governance::version_status::{RecordedChanges, StatusFacts, VersionStatus};
 
     fn row(state: State, provisional: bool) -> VersionRow {
         VersionRow {
@@ -398,7 +402,6 @@ mod tests {
             state,
             running: None,
             paused: false,
-            paused_by: None,
             awaiting_approval: false,
             provisional,
             restricted: false,
@@ -411,8 +414,20 @@ mod tests {
             kappas: [None; 4],
             progress: None,
             counted: None,
+            status: status(state, VersionFlags { provisional, ..VersionFlags::default() }),
             reason: None,
         }
+    }
+
+    fn status(state: State, flags: VersionFlags) -> VersionStatus {
+        VersionStatus::of(&StatusFacts {
+            state,
+            flags: &flags,
+            held: false,
+            reasons: &[],
+            obstacle: None,
+            recorded: &RecordedChanges::default(),
+        })
     }
 
     #[test]
@@ -453,8 +468,11 @@ mod tests {
         for flag in [" active,", "promotion paused", "provisional"] {
             assert!(version.line().contains(flag), "{}", version.line());
         }
-        let paused_by = Some("paused by mia: an odd noise".to_owned());
-        let paused = VersionRow { paused: true, paused_by, ..row(State::Sandboxed, false) };
+        let (by, reason) = ("mia".to_owned(), "an odd noise".to_owned());
+        let flags = VersionFlags { paused: true, ..VersionFlags::default() };
+        let cause = Some(Notice::OperatorDid { act: OperatorAct::Paused, by, reason }.into());
+        let status = VersionStatus { cause, ..status(State::Sandboxed, flags) };
+        let paused = VersionRow { paused: true, status, ..row(State::Sandboxed, false) };
         for part in ["sandboxed, paused", "(paused by mia: an odd noise)"] {
             assert!(paused.line().contains(part), "{}", paused.line());
         }

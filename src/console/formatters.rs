@@ -6,7 +6,7 @@ use holdpoint_governance::wall_time::WallTime;
 use holdpoint_protocol::clock::clock_time;
 use holdpoint_protocol::console_presence::AttachedConsoleView;
 use holdpoint_protocol::event::DimensionResult;
-use holdpoint_protocol::snapshot::{ApprovalRequestView, CandidateView, ProgressView, Snapshot};
+use holdpoint_protocol::snapshot::{ApprovalRequestView, Snapshot};
 use holdpoint_text::Untrusted;
 
 /// Virtual time as hours, minutes and seconds since the store began.
@@ -100,47 +100,6 @@ pub fn state_label(state: State, flags: &VersionFlags) -> String {
     labels.join(", ")
 }
 
-/// What an idle candidate waits for; absent if it runs, is finished, or is held by a person.
-#[must_use]
-pub fn waits_for(now: &Snapshot, candidate: &CandidateView) -> Option<String> {
-    let (State::Registered | State::Validated | State::Sandboxed | State::Shadowed | State::Demoted) =
-        candidate.state
-    else {
-        return None;
-    };
-    let flags = candidate.flags;
-    if candidate.progress.is_some() || flags.running.is_some() || flags.paused || flags.awaiting_approval {
-        return None;
-    }
-    let family = now.families.iter().find(|family| family.family == candidate.version.family);
-    let compares = !matches!(candidate.state, State::Registered | State::Shadowed);
-    let mut others = now.candidates.iter().filter(|other| other.version != candidate.version);
-    let at_work = others.find(|other| works(other));
-    Some(if let Some(why) = pipeline_idle_reason(now) {
-        format!("waits: {why}")
-    } else if candidate.held {
-        "on hold: nothing runs until it is resumed".to_owned()
-    } else if compares && family.is_some_and(|family| family.active.is_none()) {
-        format!("waits until {} has an active version to compare it with", candidate.version.family)
-    } else if candidate.state == State::Demoted {
-        "waits for an operator to evaluate it again".to_owned()
-    } else if let Some(review) = family.and_then(|family| family.review.as_ref()) {
-        format!("waits for the review of {}", review.version)
-    } else if let Some(other) = at_work {
-        let stage = other.progress.as_ref().map(|progress| progress.stage).or(other.flags.running);
-        // Fresh evidence about an active version counts as sandbox.
-        let confirms = other.state == State::Active;
-        let stage = match stage {
-            _ if re_evaluation(other).is_some() => "re-evaluation",
-            _ if confirms => "confirmation",
-            stage => stage.map_or("its stage", Stage::name),
-        };
-        format!("waits for {}, in {stage}: one runs at a time", other.version)
-    } else {
-        return None;
-    })
-}
-
 /// Why nothing runs; absent if something may.
 #[must_use]
 pub fn pipeline_idle_reason(now: &Snapshot) -> Option<&'static str> {
@@ -149,27 +108,6 @@ pub fn pipeline_idle_reason(now: &Snapshot) -> Option<&'static str> {
     } else {
         now.stopped.is_some().then_some("the cell is stopped")
     }
-}
-
-/// Whether a stage of a version is running. A new stage has no count yet.
-#[must_use]
-pub const fn works(candidate: &CandidateView) -> bool {
-    current_progress(candidate).is_some() || (candidate.flags.running.is_some() && !candidate.flags.paused)
-}
-
-/// How far a version's stage is; absent if it has left the pipeline, despite an older count.
-#[must_use]
-pub const fn current_progress(candidate: &CandidateView) -> Option<&ProgressView> {
-    let rests = matches!(candidate.state, State::Demoted) && candidate.flags.running.is_none();
-    if candidate.state.is_terminal() || rests { None } else { candidate.progress.as_ref() }
-}
-
-/// How far the re-evaluation of an active, inconclusive version is. Its confirmation counts as sandbox, this as
-/// shadow.
-#[must_use]
-pub fn re_evaluation(version: &CandidateView) -> Option<&ProgressView> {
-    current_progress(version)
-        .filter(|progress| version.state == State::Active && progress.stage == Stage::Shadow)
 }
 
 /// When an approved version takes over.

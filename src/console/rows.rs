@@ -3,7 +3,7 @@
 use std::fmt::Write as _;
 
 use super::audit::{self, AuditGroup, AuditItem};
-use super::formatters::{state_label, works};
+use super::formatters::state_label;
 use super::model::{ConsoleModel, EVENT_LOG_PANE, EventLogLine, HISTORY_PANE, ItemKey, MONITORS_PANE, View};
 use holdpoint_governance::alarms::{AlarmState, Priority};
 use holdpoint_governance::behavior::component_of;
@@ -18,7 +18,7 @@ use holdpoint_protocol::event::DimensionResult;
 use holdpoint_protocol::explanation::DecisionExplanation;
 use holdpoint_protocol::health::AlarmEpisode;
 use holdpoint_protocol::snapshot::{
-    AlarmView, ApprovalRequestView, CandidateView, Disagreement, EscalationView,
+    AlarmView, ApprovalRequestView, CandidateView, Disagreement, EscalationView, current_progress,
 };
 
 /// A row of the registry's tree.
@@ -145,6 +145,11 @@ impl CandidateRank {
     pub const fn is_pinned(self) -> bool {
         matches!(self, Self::Watched | Self::AtWork)
     }
+}
+
+/// Whether a stage of a version is running. A new stage has no count yet.
+const fn works(candidate: &CandidateView) -> bool {
+    current_progress(candidate).is_some() || (candidate.flags.running.is_some() && !candidate.flags.paused)
 }
 
 impl ConsoleModel {

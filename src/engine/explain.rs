@@ -29,6 +29,7 @@ use holdpoint_governance::explanation::{Consequence, DecisionRemark, Remedy};
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::record::{AuditRecord, RecordKind};
 use holdpoint_governance::rollback::RollbackRecord;
+use holdpoint_governance::version_status::RecordedChanges;
 use holdpoint_protocol::explanation::{Explanation, PeopleRuling, Ruling};
 use holdpoint_registry::store_terms::EvidenceKind;
 use holdpoint_registry::{AuditFilter, EvidenceEntry, StoreError, VersionDetail, Views};
@@ -85,11 +86,9 @@ pub(crate) fn decisions(
             RecordKind::StateSet => reader.state(record),
             RecordKind::AuditClosed => reader.add_consequence(record, Consequence::UpgradeRecordClosed),
             RecordKind::ProfilesSet => reader.add_consequence(record, Consequence::ProfilesSet),
-            RecordKind::PauseSet => match serde_json::from_str(&record.body) {
-                Ok(act) => reader.add_consequence(record, Consequence::PersonActed(act)),
-                Err(_) => reader.unreadable(record),
-            },
-            RecordKind::Resumed => reader.add_consequence(record, Consequence::Resumed),
+            RecordKind::PauseSet | RecordKind::Resumed | RecordKind::MonitorAnswer => {
+                reader.person_act(record);
+            }
             RecordKind::AnchorSet => reader.add_consequence(record, Consequence::AnchorSet),
             RecordKind::TriesReviewed => reader.add_consequence(record, Consequence::TriesReviewed),
             RecordKind::BreakGlass => reader.add_consequence(record, Consequence::BreakGlassUsed),
@@ -113,7 +112,6 @@ pub(crate) fn decisions(
             | RecordKind::TelemetryPruned
             | RecordKind::TelemetryMissed
             | RecordKind::AlarmChanged
-            | RecordKind::MonitorAnswer
             | RecordKind::TryCounted
             | RecordKind::Shown
             | RecordKind::ClockDoubted
@@ -247,6 +245,18 @@ impl DecisionReader<'_> {
     fn people(&mut self, record: &AuditRecord, ruling: PeopleRuling, remark: DecisionRemark) {
         let (ruling, reasons) = (Ruling::People(ruling), vec![DecisionReason::Remark(remark)]);
         self.decisions.push(ExplainedDecision::new(record.seq, record.at_ms, ruling, reasons));
+    }
+
+    /// A pause, its end, or the end of a restriction. An answer to a monitor that lifts none changes nothing.
+    fn person_act(&mut self, record: &AuditRecord) {
+        let mut changes = RecordedChanges::default();
+        changes.note(record);
+        let RecordedChanges { paused, resumed, released, .. } = changes;
+        match paused.or(resumed).or(released).and_then(|change| change.cause) {
+            Some(act) => self.add_consequence(record, Consequence::PersonActed(act)),
+            None if record.kind == RecordKind::MonitorAnswer => {}
+            None => self.unreadable(record),
+        }
     }
 
     /// A changed state. Without a decision, a person or a deadline changed it.

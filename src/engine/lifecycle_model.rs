@@ -308,7 +308,12 @@ impl StateMachineTest for ModelStore {
         assert_eq!(row.active, model.family.active().map(id_of));
         for (member, version) in entry.members.iter().zip(&model.family.versions) {
             let row = views.version(&member.capability.id()).unwrap().unwrap().summary;
-            assert_eq!((row.state, row.flags), (version.state, version.flags), "{}", member.capability.id());
+            let id = member.capability.id();
+            assert_eq!((row.state, row.flags), (version.state, version.flags), "{id}");
+            // What a status rests on is the same in memory and after a restart, whatever came before.
+            let recorded = views.recorded_changes(&id).unwrap();
+            assert_eq!(store.version_table.recorded_changes(&id), Some(&recorded), "{id}");
+            assert!(recorded.state.is_some(), "{id}");
         }
         if let (Some(active), Some(pinned)) = (model.family.active(), &row.pinned) {
             let target = model.family.versions[usize::from(active.0)].predecessor.map(id_of);

@@ -4,12 +4,16 @@
 //! writes all of them with their audit record or none, and only then the memory follows. It decides nothing.
 
 mod anchor;
+mod load;
+mod recorded;
 mod tries;
 
 use std::borrow::Cow;
 use std::collections::BTreeMap;
 
 pub use anchor::chosen_anchors;
+pub(crate) use load::load_member;
+use load::load_members;
 
 use crate::check::BUILT_IN_FAMILIES;
 use crate::store_robot::StoreRobot;
@@ -23,9 +27,9 @@ use holdpoint_governance::notice::{Notice, NoticeOrText};
 use holdpoint_governance::profile_downgrade::AdmissionContext;
 use holdpoint_governance::submission::Package;
 use holdpoint_governance::tries::TryLedger;
+use holdpoint_governance::version_status::RecordedChanges;
 use holdpoint_registry::{
-    ActiveCause, AuditBody, Change, NewVersion, Store, StoreError, Transaction, VersionHistory, Views,
-    command_id,
+    ActiveCause, AuditBody, Change, NewVersion, Store, StoreError, Transaction, VersionHistory, command_id,
 };
 use holdpoint_runtime::agent::ActiveView;
 use holdpoint_runtime::capability::{Capability, PackageError};
@@ -213,6 +217,8 @@ pub struct VersionTable {
     anchors: BTreeMap<Family, CapabilityId>,
     /// The counted tries.
     tries: BTreeMap<Family, TryLedger>,
+    /// What is on record of the present state of each version.
+    recorded: BTreeMap<CapabilityId, RecordedChanges>,
     wall: WallClock,
     /// Digest of the robot that activations name.
     robot: Option<String>,
@@ -244,9 +250,11 @@ impl VersionTable {
             families.insert(family, FamilyEntry { state, members });
         }
         let (anchors, tries) = (chosen_anchors(&views)?, tries::recorded_tries(&views)?);
+        let ids = families.values().flat_map(|entry: &FamilyEntry| &entry.members);
+        let recorded = recorded::of_all(&views, ids.map(|member| member.capability.id()))?;
         drop(views);
         let admission = AdmissionContext::LEAST;
-        Ok(Self { store, families, anchors, tries, wall, robot: None, admission })
+        Ok(Self { store, families, anchors, tries, recorded, wall, robot: None, admission })
     }
 
     /// Creates the store's first administrator, if no person was ever enrolled.
@@ -526,7 +534,13 @@ impl VersionTable {
     ) -> Result<holdpoint_registry::Receipt, StoreError> {
         let command_id = command_id("engine")?;
         let wall_ms = self.wall.stamp(at_ms);
-        self.store.commit_sealing(Transaction { command_id, at_ms, wall_ms, changes, audit })
+        let changes_status = recorded::changes_status(&changes, &audit);
+        let receipt =
+            self.store.commit_sealing(Transaction { command_id, at_ms, wall_ms, changes, audit })?;
+        if changes_status {
+            self.note_records(&receipt);
+        }
+        Ok(receipt)
     }
 }
 
@@ -568,32 +582,4 @@ fn new_version(
         environments: canonical_json(&manifest.deployment.environments).map_err(record("environments"))?,
         baseline,
     })
-}
-
-/// Loads every version of a family from the store, in registration order, and checks its digest.
-fn load_members(views: &Views, family: &Family) -> Result<Vec<VersionEntry>, VersionTableError> {
-    let ids = views.family_in_order(family)?;
-    ids.iter().filter_map(|id| load_member(views, id).transpose()).collect()
-}
-
-/// Loads one version from the store and checks its digest.
-pub(crate) fn load_member(
-    views: &Views,
-    id: &CapabilityId,
-) -> Result<Option<VersionEntry>, VersionTableError> {
-    let Some(detail) = views.version(id)? else { return Ok(None) };
-    let stored: StoredPackage = serde_json::from_str(&detail.submission)
-        .map_err(|source| VersionTableError::Record { what: "package", of: id.to_string(), source })?;
-    let capability = Capability::load(&id.to_string(), stored.package)
-        .map_err(|source| VersionTableError::Load { id: id.clone(), source })?;
-    if capability.digest() != detail.candidate_digest {
-        return Err(VersionTableError::DigestDiffers {
-            id: id.clone(),
-            found: capability.digest(),
-            recorded: detail.candidate_digest,
-        });
-    }
-    let course = views.version_history(id)?;
-    let origin = stored.origin;
-    Ok(Some(VersionEntry { capability, origin, row_version: detail.summary.row_version, course }))
 }

@@ -330,10 +330,8 @@ pub enum Consequence {
     UpgradeRecordClosed,
     /// The version was blocked or unblocked under profiles.
     ProfilesSet,
-    /// A person paused the version, or resumed it from a pause: who and why.
+    /// A person paused or resumed the version, or lifted its restriction: who and why.
     PersonActed(NoticeOrText),
-    /// An operator resumed the version, which was on hold.
-    Resumed,
     /// A person made it its family's anchor.
     AnchorSet,
     /// A person reviewed the tries of its family.

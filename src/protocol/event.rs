@@ -9,7 +9,7 @@ use super::caller::Caller;
 use super::detail::VersionDiff;
 use super::explanation::blank;
 use super::request_kind::RequestKind;
-use super::work_unit::WorkUnit;
+use super::work_unit::{PartCount, WorkUnit};
 use holdpoint_body::disturbance::{DriftKind, LiveFault, Magnitude};
 use holdpoint_governance::alarms::{AlarmState, Priority};
 use holdpoint_governance::approval::{ApprovalDecision, Requester};
@@ -127,10 +127,13 @@ pub enum EventKind {
         stage: Stage,
         /// The unit of work, e.g. episode pairs or drills.
         what: Lenient<WorkUnit>,
-        /// How many of them are done.
+        /// How much of the whole stage is done.
         done: u64,
-        /// How many there are in all; an early end may come before.
+        /// How much there is in all; an early end may come before.
         budget: u64,
+        /// The count of the unit alone; absent where that is the whole, and in events of older builds.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        part: Option<PartCount>,
     },
     /// A stage ended with a decision by its rule.
     Decided {

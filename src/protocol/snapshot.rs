@@ -13,7 +13,7 @@ use super::detail::VersionDiff;
 use super::event::{DimensionResult, TaskSummary};
 use super::monitor_chart::ChartView;
 use super::video_frame::Scenery;
-use super::work_unit::WorkUnit;
+use super::work_unit::{PartCount, WorkUnit};
 use holdpoint_approvals::Nonce;
 use holdpoint_body::disturbance::{Drift, LiveFault};
 use holdpoint_governance::alarms::{AlarmState, AlarmSummary, Priority};
@@ -30,10 +30,14 @@ use holdpoint_governance::profile::{ProfileName, SiteName};
 use holdpoint_governance::risk::RiskClass;
 use holdpoint_governance::submission::{Provenance, Risk};
 use holdpoint_governance::tries::CountedTry;
+use holdpoint_governance::version_status::VersionStatus;
 use holdpoint_governance::vocabulary::Deployability;
 use holdpoint_governance::wall_time::{ClockMismatch, WallTime};
 
+mod version_status;
+
 pub use super::request_kind::RequestKind;
+pub use version_status::{current_progress, is_at_work, re_evaluation};
 
 /// The state of the whole engine at one moment.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -337,18 +341,9 @@ pub struct CandidateView {
     /// The try that its sandbox counts as; absent before its first pair.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub counted: Option<CountedTry>,
-}
-
-impl CandidateView {
-    /// A sentence on why its evidence is stale; absent while it counts.
-    #[must_use]
-    pub fn stale_line(&self) -> Option<String> {
-        if self.stale.is_empty() {
-            return None;
-        }
-        let causes: Vec<&str> = self.stale.iter().map(|cause| cause.name()).collect();
-        Some(format!("STALE, measured under another {}", causes.join(", ")))
-    }
+    /// Its status by state and record; absent in snapshots of older builds, see [`Snapshot::status`].
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub status: Option<VersionStatus>,
 }
 
 /// Progress of the running stage.
@@ -358,10 +353,13 @@ pub struct ProgressView {
     pub stage: Stage,
     /// The unit of work, e.g. episode pairs or drills.
     pub what: Lenient<WorkUnit>,
-    /// Episodes, drills or sequences that are done.
+    /// Episodes, drills and sequences of the whole stage that are done.
     pub done: u64,
     /// How many there are in all; an early end may come before.
     pub budget: u64,
+    /// The count of the unit that runs, against its own budget; absent where that is the whole, and in snapshots of older builds.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub part: Option<PartCount>,
     /// When the stage began, virtual ms.
     pub since_ms: u64,
     /// The condition of an early end, one sentence.

@@ -1,6 +1,17 @@
 //! The units of work that a stage counts in its progress.
 
 use holdpoint_governance::evidence::{DrillKind, SandboxMode};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+/// How much of one kind of work is done, against the budget of that kind alone.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+pub struct PartCount {
+    /// What is done of it.
+    pub done: u64,
+    /// How much there is of it; an early end may come before.
+    pub budget: u64,
+}
 
 holdpoint_governance::closed_set! {
     /// The unit of work of a progress report. The names are those of records and of the screen.

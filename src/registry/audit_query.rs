@@ -10,7 +10,9 @@ use super::audit;
 use super::entries::AuditFilter;
 use super::error::StoreError;
 use super::views::{Views, limit, many};
+use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::record::AuditRecord;
+use holdpoint_governance::version_status::RecordedChanges;
 
 /// The most kinds of records of one chain: an engine knows a quarter of them, and a query has room for this many.
 const KINDS_MAX: usize = 200;
@@ -66,6 +68,27 @@ impl Views {
         let columns = audit::COLUMNS;
         let sql = format!("SELECT {columns} FROM audit WHERE {rows} ORDER BY seq {order} LIMIT ?3");
         many(&self.connection, &sql, params_from_iter(values), audit::read)
+    }
+
+    /// What is on record of a version's present state.
+    ///
+    /// # Errors
+    /// If the store cannot be read.
+    pub fn recorded_changes(&self, id: &CapabilityId) -> Result<RecordedChanges, StoreError> {
+        let mut found = Vec::new();
+        for (kind, limit) in RecordedChanges::READ {
+            found.extend(self.audit(&AuditFilter {
+                kind: Some(kind),
+                subject: Some(id.to_string()),
+                limit,
+                newest_first: true,
+                ..AuditFilter::default()
+            })?);
+        }
+        found.sort_by_key(|record| record.seq);
+        let mut changes = RecordedChanges::default();
+        found.iter().for_each(|record| changes.note(record));
+        Ok(changes)
     }
 
     /// The kinds of records in the chain, including those of other builds: one index search for each.

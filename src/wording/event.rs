@@ -63,8 +63,11 @@ fn text(kind: &EventKind) -> String {
         EventKind::StageStarted { version, stage, budget } => {
             format!("stage    {version}: {} begins, budget {budget}", stage.name())
         }
-        EventKind::Progress { version, what, done, budget, .. } => {
+        EventKind::Progress { version, what, done, budget, part: None, .. } => {
             format!("progress {version}: {what} {done}/{budget}")
+        }
+        EventKind::Progress { version, what, done, budget, part: Some(part), .. } => {
+            format!("progress {version}: {what} {}/{}, in all {done}/{budget}", part.done, part.budget)
         }
         EventKind::Decided {
             version,

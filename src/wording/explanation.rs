@@ -324,7 +324,6 @@ pub fn consequence(of: &Consequence, record: u64) -> Vec<String> {
         C::UpgradeRecordClosed => vec!["the record of the upgrade was closed".to_owned()],
         C::ProfilesSet => vec!["it was blocked or unblocked under profiles".to_owned()],
         C::PersonActed(act) => vec![notice(act)],
-        C::Resumed => vec!["an operator resumed it".to_owned()],
         C::AnchorSet => vec!["a person made it the anchor of its family".to_owned()],
         C::TriesReviewed => vec!["a person reviewed the tries of its family".to_owned()],
         C::BreakGlassUsed => vec!["one person activated it by break-glass".to_owned()],

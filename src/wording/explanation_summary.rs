@@ -25,7 +25,7 @@ use crate::explanation::{
 };
 use crate::finding::twin_signal;
 use crate::stage::early_end;
-use crate::{counted_try, failure_cause, notice, reason};
+use crate::{counted_try, failure_cause, notice, reason, version_status};
 
 /// The lines of a short explanation, each one sentence without a full stop.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -373,8 +373,7 @@ fn summary_remark(remark: &SummaryRemark, of: &ExplanationSummary) -> String {
                 until.label()
             )
         }
-        SummaryRemark::Paused => "promotion in its family is paused".to_owned(),
-        SummaryRemark::RollbackRunning => "the rollback ladder runs".to_owned(),
+        SummaryRemark::Limited(status) => version_status(&of.version, status),
     }
 }
 

@@ -24,6 +24,7 @@ pub mod seeds;
 pub mod stage;
 mod task_failure;
 mod twin;
+mod version_status;
 
 pub use counted_try::counted_try;
 pub use finding::{finding, hard_stop};
@@ -31,6 +32,7 @@ pub use harm::{harm_comparison, harm_decider, sequence_measure};
 pub use notice::{admission_refusal, came_up_stopped, coded, notice, notice_sentence, operator_act};
 pub use reason::{line, reason};
 pub use task_failure::failure_cause;
+pub use version_status::{status_cause, status_end, version_status};
 
 #[cfg(test)]
 mod tests;

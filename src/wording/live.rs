@@ -3,14 +3,16 @@
 use holdpoint_protocol::snapshot::{ApprovalRequestView, RequestKind, Snapshot};
 use holdpoint_text::Untrusted;
 
+use crate::version_status;
+
 /// What stands over these lines; the time follows.
 pub const LIVE_HEADING: &str = "LIVE, NOT SIGNED, as of";
 
 /// The longest line, columns.
 const WIDTH_MAX: usize = 200;
 
-/// The heading with the time of the snapshot, then the answers, the time left, the state of the live cell and the open
-/// alarms. A snapshot is only as reliable as its sender: none of it is a reason to approve.
+/// The heading with the time of the snapshot, then the answers, the time left, the status of the version, the state of the
+/// live cell and the open alarms. A snapshot is only as reliable as its sender: none of it is a reason to approve.
 #[must_use]
 pub fn live_lines(question: &ApprovalRequestView, now: &Snapshot) -> Vec<String> {
     let mut lines = vec![format!("{LIVE_HEADING} {}", now.time.label())];
@@ -31,6 +33,9 @@ pub fn live_lines(question: &ApprovalRequestView, now: &Snapshot) -> Vec<String>
     if !(question.granted || is_emergency) {
         lines.push(format!("Deadline: {}", question.until.as_deadline(now.time)));
     }
+    let candidate = now.candidates.iter().find(|candidate| candidate.version == question.version);
+    let status = candidate.map(|candidate| version_status(&question.version, &now.status(candidate)));
+    lines.extend(status.map(|status| format!("Status: {status}")));
     if let (Some(success), recent) = (now.live.recent_success, now.live.recent) {
         lines.push(format!("Live cell: {:.0} % of the last {recent} sequences done", 100.0 * success));
     }

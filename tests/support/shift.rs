@@ -132,6 +132,7 @@ fn candidate(version: &str, state: State, flags: VersionFlags) -> CandidateView 
         closed: Vec::new(),
         stale: Vec::new(),
         counted: None,
+        status: None,
     }
 }
 
@@ -193,6 +194,7 @@ fn candidates() -> Vec<CandidateView> {
         what: WorkUnit::ShadowSequences.into(),
         done: 14,
         budget: 40,
+        part: None,
         since_ms: 601_000,
         early: "the output divergence passes 0.30 on average".to_owned(),
     });
@@ -203,6 +205,7 @@ fn candidates() -> Vec<CandidateView> {
         what: Lenient::read("paired episodes, mode nominal".to_owned()),
         done: 137,
         budget: 480,
+        part: None,
         since_ms: 636_000,
         early: "a worsening beyond the tolerance is established, or can no longer be".to_owned(),
     });

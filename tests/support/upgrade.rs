@@ -164,7 +164,7 @@ fn evaluation() -> Vec<(u64, EventKind)> {
         let (stage, what) = (Stage::Sandbox, WorkUnit::PairedEpisodes.into());
         at(
             700_500 + part * 7_000,
-            EventKind::Progress { version: id(NEW), stage, what, done: part * 60, budget: 480 },
+            EventKind::Progress { version: id(NEW), stage, what, done: part * 60, budget: 480, part: None },
         )
     }));
     events.push(decided(

@@ -9,24 +9,26 @@ use serde::{Deserialize, Serialize};
 
 use super::StatusSubject;
 use super::pending_approval::PendingApprovalRow;
+use super::person_acts::{PersonActRow, person_acts};
 use crate::cli::profile_authorization;
 use crate::cli::prune::wall_ms;
 use crate::error::CliError;
 use holdpoint_engine::context::ContextRecord;
 use holdpoint_engine::control_socket::{ControlSocketError, UnverifiedOrigin};
 use holdpoint_engine::halt;
-use holdpoint_governance::alarms::{AlarmState, Priority};
-use holdpoint_governance::decision::lead_reason;
+use holdpoint_governance::alarms::{AlarmState, Priority, Shelving};
 use holdpoint_governance::evidence::StaleCause;
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::lifecycle::{Stage, State, VersionFlags};
 use holdpoint_governance::notice::{Notice, NoticeOrText};
 use holdpoint_governance::profile::{ProfileName, SiteName, titled};
-use holdpoint_governance::record::{AuditRecord, RecordKind, VersionSummary};
+use holdpoint_governance::record::{AuditRecord, VersionSummary};
 use holdpoint_governance::tries::CountedTry;
+use holdpoint_governance::version_status::{StatusFacts, VersionCondition, VersionStatus};
 use holdpoint_governance::wall_time::WallTime;
 use holdpoint_protocol::clock::clock_time;
 use holdpoint_protocol::snapshot::{EscalationView, RequestKind, Snapshot, StartupProgressView, StoppedView};
+use holdpoint_protocol::work_unit::PartCount;
 use holdpoint_registry::{AuditFilter, FIRST_ADMINISTRATOR, Layout, VersionFilter, Views, lock_owner};
 use holdpoint_text::{Untrusted, signing_options};
 use holdpoint_wording::counted_try;
@@ -70,6 +72,8 @@ pub(super) struct StatusReport {
     pub(super) questions: Vec<MonitorQuestionRow>,
     /// Versions that one person may activate by break-glass, if an engine runs.
     pub(super) emergencies: Vec<CapabilityId>,
+    /// What people did to the cell as a whole, and why: its goal, its last start, and the last note.
+    pub(super) people: Vec<PersonActRow>,
     pub(super) alarms: Vec<AlarmRow>,
 }
 
@@ -101,9 +105,6 @@ pub(super) struct VersionRow {
     pub(super) state: State,
     pub(super) running: Option<Stage>,
     pub(super) paused: bool,
-    /// Who paused it, and why; absent if it is not paused, and in records of older builds.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub(super) paused_by: Option<String>,
     pub(super) awaiting_approval: bool,
     pub(super) provisional: bool,
     pub(super) restricted: bool,
@@ -126,15 +127,21 @@ pub(super) struct VersionRow {
     /// The try that its sandbox counts as, if an engine runs.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(super) counted: Option<CountedTry>,
-    /// The first reason of the last decision, if an engine runs.
+    /// Its status: what it is, since when, by whom or by which rule, and what ends that.
+    pub(super) status: VersionStatus,
+    /// The person and the reason, or the rule, of its status.
     pub(super) reason: Option<String>,
 }
 
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub(super) struct ProgressRow {
     pub(super) what: String,
+    /// Of the whole stage.
     pub(super) done: u64,
     pub(super) budget: u64,
+    /// Of the unit that runs, if that is a part of the stage.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(super) part: Option<PartCount>,
 }
 
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -147,6 +154,9 @@ pub(super) struct AlarmRow {
     /// The problem with its values; absent for the text of an older build.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(super) notice: Option<Notice>,
+    /// The person who shelved it, until when, and why.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(super) shelf: Option<Shelving>,
 }
 
 impl StatusReport {
@@ -225,6 +235,11 @@ impl StatusReport {
                 rows.collect::<Result<Vec<_>, CliError>>()?
             }
         };
+        // The store knows of stops without an engine; a stop outlives the engine.
+        let stopped = match engine {
+            Some(engine) => engine.stopped.clone(),
+            None => halt::recall(views).map_err(CliError::usage)?,
+        };
         let context = views.context().map_err(CliError::usage)?;
         let record = |json: &str| serde_json::from_str::<ContextRecord>(json).ok();
         Ok(Self {
@@ -238,11 +253,8 @@ impl StatusReport {
             last_record: silent.map(|_| last_record(views)).transpose()?.flatten(),
             reading: engine.and_then(|engine| engine.reading),
             holding: engine.and_then(|engine| engine.holding.clone()),
-            // The store knows of stops without an engine; a stop outlives the engine.
-            stopped: match engine {
-                Some(engine) => engine.stopped.clone(),
-                None => halt::recall(views).map_err(CliError::usage)?,
-            },
+            people: person_acts(views, stopped.is_some()).map_err(CliError::usage)?,
+            stopped,
             unauthorized: match engine {
                 Some(engine) => engine.unauthorized.clone(),
                 None => profile_authorization::missing(views),
@@ -251,7 +263,7 @@ impl StatusReport {
             profile: context.map(|(profile, _, _)| profile),
             families,
             versions: rows
-                .map(|version| Ok(VersionRow::new(version, pause_of(views, version)?, engine)))
+                .map(|version| Ok(VersionRow::new(version, status_of(views, version, engine)?, engine)))
                 .collect::<Result<_, CliError>>()?,
             waiting: waiting.into_iter().filter(|row| wanted(&row.version)).collect(),
             questions: engine
@@ -298,6 +310,7 @@ impl StatusReport {
         lines.extend(self.last_record.as_ref().map(last_record_line));
         lines.extend(self.stopped.as_ref().map(|stopped| stopped_line(stopped, None)));
         lines.extend(self.unauthorized.as_ref().map(|why| format!("profile  NOT AUTHORIZED: {why}")));
+        lines.extend(self.people.iter().map(PersonActRow::line));
         lines.extend(self.families.iter().map(FamilyStatusRow::line));
         lines.extend(self.versions.iter().map(VersionRow::line));
         lines.extend(self.waiting.iter().map(PendingApprovalRow::line));
@@ -388,25 +401,34 @@ impl FamilyStatusRow {
     }
 }
 
-/// The person who paused a version that is paused, and the reason, as its newest record of a pause has them.
-fn pause_of(views: &Views, version: &VersionSummary) -> Result<Option<String>, CliError> {
-    if !version.flags.paused {
-        return Ok(None);
+/// The status of a version: the engine's if that knows the version as it is now, or else by the store alone.
+fn status_of(
+    views: &Views,
+    version: &VersionSummary,
+    engine: Option<&Snapshot>,
+) -> Result<VersionStatus, CliError> {
+    let given = engine.and_then(|engine| {
+        let mut candidates = engine.candidates.iter();
+        let view = candidates.find(|candidate| candidate.version == version.version)?;
+        let is_current = view.state == version.state && view.flags == version.flags;
+        view.status.clone().filter(|_| is_current)
+    });
+    if let Some(given) = given {
+        return Ok(given);
     }
-    let newest = AuditFilter {
-        kind: Some(RecordKind::PauseSet),
-        subject: Some(version.version.to_string()),
-        limit: 1,
-        newest_first: true,
-        ..AuditFilter::default()
-    };
-    let found = views.audit(&newest).map_err(CliError::usage)?.into_iter().next();
-    let act = found.and_then(|record| serde_json::from_str::<NoticeOrText>(&record.body).ok());
-    Ok(act.as_ref().map(holdpoint_wording::notice))
+    let recorded = views.recorded_changes(&version.version).map_err(CliError::usage)?;
+    Ok(VersionStatus::of(&StatusFacts {
+        state: version.state,
+        flags: &version.flags,
+        held: recorded.has_lapsed(),
+        reasons: &[],
+        obstacle: None,
+        recorded: &recorded,
+    }))
 }
 
 impl VersionRow {
-    fn new(version: &VersionSummary, paused_by: Option<String>, engine: Option<&Snapshot>) -> Self {
+    fn new(version: &VersionSummary, status: VersionStatus, engine: Option<&Snapshot>) -> Self {
         let view = engine.and_then(|engine| {
             engine.candidates.iter().find(|candidate| candidate.version == version.version)
         });
@@ -417,13 +439,12 @@ impl VersionRow {
             state: version.state,
             running: flags.running,
             paused: flags.paused,
-            paused_by,
             awaiting_approval: flags.awaiting_approval,
             provisional: flags.provisional,
             restricted: flags.restricted,
             rollback_pending: flags.rollback_pending,
             unreviewed: version.unreviewed,
-            held: view.is_some_and(|view| view.held),
+            held: status.condition == VersionCondition::Held,
             confirmed: view.is_some_and(|view| view.confirmed),
             closed: view.map_or_else(Vec::new, |view| view.closed.clone()),
             stale: view.map_or_else(Vec::new, |view| view.stale.clone()),
@@ -432,9 +453,11 @@ impl VersionRow {
                 what: progress.what.to_string(),
                 done: progress.done,
                 budget: progress.budget,
+                part: progress.part,
             }),
             counted: view.and_then(|view| view.counted.clone()),
-            reason: view.and_then(|view| lead_reason(&view.reasons)).map(holdpoint_wording::line),
+            reason: holdpoint_wording::status_cause(&status),
+            status,
         }
     }
 
@@ -464,8 +487,13 @@ impl VersionRow {
             let causes: Vec<&str> = self.stale.iter().map(|cause| cause.name()).collect();
             line.push_str(&format!(", STALE evidence (another {})", causes.join(", ")));
         }
-        if let Some(ProgressRow { what, done, budget }) = &self.progress {
-            line.push_str(&format!(", {what} {done} of {budget}"));
+        if let Some(ProgressRow { what, done, budget, part }) = &self.progress {
+            line.push_str(&match part {
+                Some(part) => {
+                    format!(", {what} {} of {}, {done} of {budget} in all", part.done, part.budget)
+                }
+                None => format!(", {what} {done} of {budget}"),
+            });
         }
         if self.kappas.iter().any(Option::is_some) {
             for (name, value) in ["κI", "κP", "κB", "κR"].iter().zip(self.kappas) {
@@ -473,13 +501,9 @@ impl VersionRow {
                 line.push_str(&format!("  {name} {shown}"));
             }
         }
-        if let Some(act) = &self.paused_by {
-            // The text is a person's.
-            line.push_str(&format!("  ({})", Untrusted::new(act.as_str()).line()));
-        }
-        if let Some(reason) = &self.reason {
-            line.push_str(&format!("  ({reason})"));
-        }
+        // A part of the text may be a person's.
+        let status = Untrusted::new(holdpoint_wording::version_status(&self.version, &self.status));
+        line.push_str(&format!("  [{}]", status.line()));
         if let Some(counted) = &self.counted {
             line.push_str(&format!("  [{}]", counted_try(&self.version.family, counted)));
         }
@@ -518,7 +542,11 @@ impl MonitorQuestionRow {
 
 impl AlarmRow {
     fn line(&self) -> String {
-        format!("alarm    {} {}, {}: {}", self.priority, self.alarm, self.state, self.text)
+        let shelf = self.shelf.as_ref().map_or_else(String::new, |shelf| {
+            let by = Untrusted::new(shelf.by.as_str());
+            format!("  [shelved by {} until {}: {}]", by.line(), shelf.until.label(), shelf.reason.line())
+        });
+        format!("alarm    {} {}, {}: {}{shelf}", self.priority, self.alarm, self.state, self.text)
     }
 }
 
@@ -532,7 +560,8 @@ fn alarms(views: &Views) -> Result<Vec<AlarmRow>, CliError> {
             let problem = body.get("text").and_then(|text| NoticeOrText::deserialize(text).ok());
             let problem = problem.unwrap_or_default();
             let (text, notice) = (holdpoint_wording::notice(&problem), problem.notice().cloned());
-            AlarmRow { alarm: entry.alarm, priority: entry.priority, state: entry.state, text, notice }
+            let shelf = body.get("shelf").and_then(|shelf| Shelving::deserialize(shelf).ok());
+            AlarmRow { alarm: entry.alarm, priority: entry.priority, state: entry.state, text, notice, shelf }
         })
         .collect())
 }

@@ -80,7 +80,7 @@ mod tests {
 
     fn at(done: u64, since_ms: u64) -> ProgressView {
         let (what, early) = (WorkUnit::ShadowSequences.into(), String::new());
-        ProgressView { stage: Stage::Shadow, what, done, budget: 20, since_ms, early }
+        ProgressView { stage: Stage::Shadow, what, done, budget: 20, part: None, since_ms, early }
     }
 
     #[test]

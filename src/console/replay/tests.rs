@@ -82,6 +82,7 @@ fn recording() -> Recording {
         what: WorkUnit::PairedEpisodes.into(),
         done,
         budget: 9,
+        part: None,
     };
     let kinds = [
         (10_000, moved(State::Registered, State::Validated)),

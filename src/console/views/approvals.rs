@@ -43,6 +43,10 @@ pub fn draw(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
             let mut lines =
                 vec![(ThemeRole::Waiting, format!("{key} opens the whole decision; it approves nothing"))];
             let safe = |line: &String| Untrusted::new(line.clone()).line().into_string();
+            let now = model.engine_data.snapshot.as_deref();
+            let status = now.and_then(|now| Some(now.status(model.candidate(&question.version)?)));
+            let told = status.map(|status| holdpoint_wording::version_status(&question.version, &status));
+            lines.extend(told.map(|told| (ThemeRole::Text, safe(&told))));
             lines.extend(question.lines.iter().map(|line| (ThemeRole::Text, safe(line))));
             lines
         }

@@ -22,7 +22,7 @@ use crate::widgets::row::{Row, wrap};
 use holdpoint_governance::lifecycle::State;
 use holdpoint_protocol::detail::Detail;
 use holdpoint_protocol::snapshot::CandidateView;
-use holdpoint_wording::counted_try;
+use holdpoint_wording::{counted_try, version_status};
 
 const DIFFERENCE: usize = 1;
 
@@ -74,7 +74,7 @@ pub fn draw(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
     }
 }
 
-/// The version, its counterpart, its state, and its author's statement.
+/// The version, its counterpart, its state, its status, and its author's statement.
 fn heading(model: &ConsoleModel, detail: &Detail, look: &Look, width: usize, fit: Fit) -> Vec<Row> {
     let mut first = Row::of(ThemeRole::Title, &detail.version.to_string());
     if let Some(against) = &detail.against {
@@ -91,6 +91,11 @@ fn heading(model: &ConsoleModel, detail: &Detail, look: &Look, width: usize, fit
         &format!("  {}, {}, risk {}", short(&detail.author, 20), detail.provenance, detail.risk),
     );
     let mut rows = vec![first];
+    let now = model.engine_data.snapshot.as_deref();
+    if let Some(status) = now.and_then(|now| Some(now.status(candidate?))) {
+        let told = version_status(&detail.version, &status);
+        rows.push(Row::of(ThemeRole::Text, &short(&told, width)));
+    }
     let lines = if fit >= Fit::Two { 2 } else { 1 };
     rows.extend(wrap(&detail.summary, width, lines).iter().map(|line| Row::of(ThemeRole::Text, line)));
     if fit >= Fit::Two {

@@ -6,7 +6,6 @@
 //! last sequences •••••••✖••••••••  94 % of 50
 //! ```
 
-use crate::formatters::{current_progress, re_evaluation, works};
 use crate::look::ThemeRole;
 use crate::model::ConsoleModel;
 use crate::theme::StateMark;
@@ -14,7 +13,9 @@ use crate::widgets::bar::outcomes;
 use crate::widgets::pen::Pen;
 use crate::widgets::row::Row;
 use holdpoint_governance::lifecycle::State;
-use holdpoint_protocol::snapshot::{CandidateView, FamilyView, LiveView, Snapshot};
+use holdpoint_protocol::snapshot::{
+    CandidateView, FamilyView, LiveView, Snapshot, current_progress, is_at_work, re_evaluation,
+};
 
 /// The longest trend, signs.
 const TREND_MAX: usize = 30;
@@ -95,7 +96,7 @@ fn after_window(now: &Snapshot, family: &FamilyView) -> String {
     }
     let own = own(now, family);
     let is_other = |candidate: &&CandidateView| Some(&candidate.version) != family.active.as_ref();
-    let other = now.candidates.iter().filter(is_other).find(|other| works(other));
+    let other = now.candidates.iter().filter(is_other).find(|other| is_at_work(other));
     match (own.and_then(current_progress), other) {
         (Some(progress), _) => format!("in confirmation, {} of {}", progress.done, progress.budget),
         (None, Some(other)) => format!("waits for its confirmation, behind {}", other.version),

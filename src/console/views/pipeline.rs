@@ -17,8 +17,7 @@ use unicode_width::UnicodeWidthStr as _;
 use super::{indented, watched};
 use crate::action::Action;
 use crate::formatters::{
-    MONITOR_PLACE, STAGES, approvals, current_progress, duration, pipeline_idle_reason, stage_place,
-    stages_done, waits_for,
+    MONITOR_PLACE, STAGES, approvals, duration, pipeline_idle_reason, stage_place, stages_done,
 };
 use crate::look::{Glyph, Look, ThemeRole};
 use crate::model::{ConsoleModel, StageProgress};
@@ -28,16 +27,20 @@ use crate::widgets::bar::progress;
 use crate::widgets::list::{GUTTER, place};
 use crate::widgets::pen::{Hit, Pen, below};
 use crate::widgets::row::{Row, wrap};
-use holdpoint_governance::decision::lead_reason;
 use holdpoint_governance::lifecycle::State;
+use holdpoint_governance::version_status::{VersionCondition, VersionStatus};
 use holdpoint_governance::wall_time::WallTime;
-use holdpoint_protocol::snapshot::{CandidateView, ProgressView, Snapshot};
+use holdpoint_protocol::snapshot::{CandidateView, ProgressView, Snapshot, current_progress};
+use holdpoint_protocol::work_unit::PartCount;
 
 /// Rows for the conditions of an early end.
 const EARLY_ROWS_MAX: usize = 3;
 
 /// Candidates of the queue that its line names.
 const NEXT_NAMED: usize = 2;
+
+/// Rows for the status of the chosen version.
+const STATUS_ROWS_MAX: usize = 3;
 
 /// Draws the pinned candidates, the queue, and the rest round the cursor.
 pub fn draw(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect, focused: bool) {
@@ -125,9 +128,6 @@ fn block(
     if rank == CandidateRank::Queued && !chosen {
         // The line of the queue says what all of them wait for.
         rows.truncate(1);
-    } else if let Some(text) = now.and_then(|now| waits_for(now, candidate)) {
-        // Below name and stages, before earlier decisions.
-        rows.insert(rows.len().min(2), Row::of(ThemeRole::Waiting, &super::short(&text, width)));
     }
     if rank.is_pinned() && rows.len() > 1 {
         // On a small screen the stages give way to what is counted and watched.
@@ -295,6 +295,9 @@ fn rows(
     if !candidate.state.is_terminal() || chosen {
         rows.push(strip(candidate, look, width));
     }
+    let status = now.map(|now| now.status(candidate)).or_else(|| candidate.status.clone());
+    let limited = status.as_ref().filter(|status| status.is_limited());
+    rows.extend(limited.into_iter().flat_map(|status| status_rows(candidate, status, width, chosen)));
     let question =
         now.and_then(|now| now.prompts.iter().find(|request| request.version == candidate.version));
     let still = now.and_then(pipeline_idle_reason);
@@ -305,8 +308,8 @@ fn rows(
         rows.push(Row::of(ThemeRole::Waiting, &super::short(&format!("{count} approved, {next}"), width)));
     } else if let (Some(progress), Some(why)) = (current_progress(candidate), still) {
         // Time passes, but says nothing about the end.
-        let (done, all) = (progress.done, progress.budget);
-        rows.push(muted(&format!("stands still at {done} of {all} {}: {why}", progress.what)));
+        let PartCount { done, budget } = progress.unit_count();
+        rows.push(muted(&format!("stands still at {done} of {budget} {}: {why}", progress.what)));
     } else if let Some(progress) = current_progress(candidate) {
         rows.extend(running(progress, headway, now_ms, look, width, chosen));
     } else if let Some(stage) = candidate.flags.running.filter(|_| !candidate.flags.paused) {
@@ -316,12 +319,33 @@ fn rows(
             Some(why) => muted(&format!("{name} stands still: {why}")),
             None => muted(&format!("{name} begins; nothing has run yet")),
         });
-    } else if let Some(reason) =
-        lead_reason(&candidate.reasons).filter(|_| chosen || candidate.state == State::Rejected)
-    {
-        rows.push(muted(&holdpoint_wording::line(reason)));
+    } else if let Some(status) = status.filter(|status| !status.is_limited()) {
+        let is_rejected = status.condition == VersionCondition::Rejected;
+        if chosen || is_rejected || status.is_waiting() {
+            rows.extend(status_rows(candidate, &status, width, chosen));
+        }
     }
     rows
+}
+
+/// The status of the chosen version in full. Of another one, what is needed at a glance: a limit and its author, the cause of
+/// a rejection, or what it waits for.
+fn status_rows(candidate: &CandidateView, status: &VersionStatus, width: usize, chosen: bool) -> Vec<Row> {
+    let id = &candidate.version;
+    let role = if status.is_waiting() { ThemeRole::Waiting } else { ThemeRole::Muted };
+    if chosen {
+        let told = holdpoint_wording::version_status(id, status);
+        return wrap(&told, width, STATUS_ROWS_MAX).iter().map(|line| Row::of(role, line)).collect();
+    }
+    let told = match status.condition {
+        _ if status.is_limited() => holdpoint_wording::version_status(id, status),
+        VersionCondition::Rejected => {
+            let cause = holdpoint_wording::status_cause(status);
+            cause.unwrap_or_else(|| holdpoint_wording::status_end(id, status))
+        }
+        _ => holdpoint_wording::status_end(id, status),
+    };
+    vec![Row::of(role, &super::short(&told, width))]
 }
 
 fn stage_mark(candidate: &CandidateView, place: usize) -> StateMark {
@@ -396,7 +420,8 @@ fn running(
         },
         None => elapsed,
     };
-    let count = format!(" {} of {} ", view.done, view.budget);
+    let PartCount { done, budget } = view.unit_count();
+    let count = format!(" {done} of {budget} ");
     let bar = (width / 4).clamp(6, 24);
     let mut head = progress(look, view.done, view.budget, bar).with(ThemeRole::Text, &count);
     let what = super::short(&view.what.to_string(), width.saturating_sub(head.width() + time.len() + 2));
@@ -404,6 +429,11 @@ fn running(
     head.push(ThemeRole::Muted, &what);
     if head.width() + time.len() <= width {
         head.push(ThemeRole::Text, &time);
+    }
+    // The bar and the time are those of the whole stage.
+    let whole = format!("; {} of {} in all", view.done, view.budget);
+    if view.part.is_some() && head.width() + whole.len() <= width {
+        head.push(ThemeRole::Muted, &whole);
     }
     let mut rows = vec![head];
     if chosen && !view.early.is_empty() {
@@ -418,6 +448,7 @@ fn running(
 mod tests {
     use super::*;
     use holdpoint_governance::lifecycle::Stage;
+    use holdpoint_governance::version_status::{RecordedChanges, StatusFacts};
     use serde_json::json;
 
     fn candidate(state: &str, left: &str, confirmed: bool) -> CandidateView {
@@ -503,9 +534,25 @@ mod tests {
         // A rejected version is in no running stage.
         let what = holdpoint_protocol::work_unit::WorkUnit::PairedEpisodes.into();
         let early = String::new();
-        let progress =
-            ProgressView { stage: Stage::Sandbox, what, done: 24, budget: 120, since_ms: 0, early };
-        let rejected = CandidateView { progress: Some(progress), ..rejected };
+        let progress = ProgressView {
+            stage: Stage::Sandbox,
+            what,
+            done: 24,
+            budget: 120,
+            part: None,
+            since_ms: 0,
+            early,
+        };
+        let recorded = RecordedChanges::default();
+        let status = VersionStatus::of(&StatusFacts {
+            state: rejected.state,
+            flags: &rejected.flags,
+            held: false,
+            reasons: &rejected.reasons,
+            obstacle: None,
+            recorded: &recorded,
+        });
+        let rejected = CandidateView { progress: Some(progress), status: Some(status), ..rejected };
         let rows = rows(&rejected, None, None, 9_000, &look, 120, false);
         let text = |row: &Row| row.parts().map(|(text, _)| text).collect::<String>();
         let lines: Vec<String> = rows.iter().map(text).collect();

@@ -19,8 +19,9 @@ use crate::widgets::bar::against_limit;
 use crate::widgets::list::{GUTTER, place};
 use crate::widgets::pen::{Fit, Pen, below, cut};
 use crate::widgets::row::Row;
-use holdpoint_governance::decision::{Dimension, lead_reason};
+use holdpoint_governance::decision::Dimension;
 use holdpoint_governance::record::VersionSummary;
+use holdpoint_governance::version_status::{RecordedChanges, StatusFacts, VersionStatus};
 
 /// Lines for the description of the version under the cursor.
 const DETAIL_ROWS: u16 = 4;
@@ -144,10 +145,24 @@ fn header(columns: &RegistryColumns, has_age: bool, sort: SortOrder, look: &Look
 fn extra_columns(model: &ConsoleModel, row: &VersionSummary, columns: &RegistryColumns) -> Row {
     let by = format!("{}, {}, {}", super::short(&row.author, 14), row.provenance, row.risk);
     let room = columns.by.saturating_sub(1);
-    let reason = model.candidate(&row.version).and_then(|candidate| lead_reason(&candidate.reasons));
-    Row::new()
-        .cell(ThemeRole::Muted, &super::short(&by, room), columns.by)
-        .with(ThemeRole::Text, &reason.map(holdpoint_wording::line).unwrap_or_default())
+    let cause = holdpoint_wording::status_cause(&status(model, row)).unwrap_or_default();
+    Row::new().cell(ThemeRole::Muted, &super::short(&by, room), columns.by).with(ThemeRole::Text, &cause)
+}
+
+/// The status of a version; by its row alone if the snapshot does not have it.
+fn status(model: &ConsoleModel, row: &VersionSummary) -> VersionStatus {
+    let now = model.engine_data.snapshot.as_deref();
+    let known = now.and_then(|now| Some(now.status(model.candidate(&row.version)?)));
+    known.unwrap_or_else(|| {
+        VersionStatus::of(&StatusFacts {
+            state: row.state,
+            flags: &row.flags,
+            held: false,
+            reasons: &[],
+            obstacle: None,
+            recorded: &RecordedChanges::default(),
+        })
+    })
 }
 
 fn version(
@@ -242,9 +257,11 @@ fn detail(model: &ConsoleModel, item: Option<&RegistryItem<'_>>, pen: &mut Pen<'
         sentence.push(ThemeRole::Muted, &format!("  {sign} at least {limit:.2}"));
     }
     pen.row(inside, 0, &sentence);
+    let told = holdpoint_wording::version_status(&row.version, &status(model, row));
+    let taken = pen.text(below(inside, 1), 0, ThemeRole::Text, &told);
     let Some(candidate) = model.candidate(&row.version) else { return };
     let composite = candidate.composite.map_or_else(String::new, |value| format!("composite {value:.3}  "));
-    let mut rest = below(inside, 1);
+    let mut rest = below(inside, 1 + taken);
     for (at, reason) in candidate.reasons.iter().enumerate() {
         let lead = if at == 0 { composite.as_str() } else { "" };
         let taken = pen.text(rest, 0, ThemeRole::Text, &format!("{lead}{}", reason_line(reason)));

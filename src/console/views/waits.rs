@@ -12,7 +12,7 @@ use ratatui::layout::Rect;
 
 use super::overview::time_left;
 use crate::action::Action;
-use crate::formatters::{approvals, time_of_day, waits_for};
+use crate::formatters::{approvals, time_of_day};
 use crate::look::ThemeRole;
 use crate::model::ConsoleModel;
 use crate::rows::PendingApprovalItem;
@@ -125,8 +125,8 @@ fn signatures(model: &ConsoleModel, prompt: &ApprovalRequestView) -> String {
 
 /// A version that continues when a person lets it; absent for one that people are already asked about.
 fn kept(now: &Snapshot, candidate: &CandidateView) -> Option<WaitingItem> {
-    let condition = VersionCondition::of(candidate.state, &candidate.flags, candidate.held);
-    let (what, action) = match condition {
+    let status = now.status(candidate);
+    let (what, action) = match status.condition {
         VersionCondition::Paused | VersionCondition::PromotionPaused => ("paused", Action::Resume),
         VersionCondition::Held => ("held", Action::Resume),
         VersionCondition::Demoted => ("demoted", Action::Repeat),
@@ -141,17 +141,8 @@ fn kept(now: &Snapshot, candidate: &CandidateView) -> Option<WaitingItem> {
         | VersionCondition::Rejected
         | VersionCondition::RolledBack => return None,
     };
-    let why = match condition {
-        // Why a person paused it is on record, and explains no decision.
-        VersionCondition::Paused => "a person paused it".to_owned(),
-        VersionCondition::PromotionPaused => {
-            "a person paused its confirmation; it stays in control".to_owned()
-        }
-        _ => lead_reason(&candidate.reasons)
-            .map(holdpoint_wording::line)
-            .or_else(|| waits_for(now, candidate))
-            .unwrap_or_default(),
-    };
+    let why = holdpoint_wording::status_cause(&status)
+        .unwrap_or_else(|| holdpoint_wording::status_end(&candidate.version, &status));
     Some(WaitingItem { what, subject: candidate.version.to_string(), text: why, action })
 }
 

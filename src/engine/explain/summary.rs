@@ -25,6 +25,7 @@ use holdpoint_governance::outcome::{ActivationMode, Basis, CheckResult, StageOut
 use holdpoint_governance::permission::PermissionUse;
 use holdpoint_governance::record::{AuditRecord, RecordKind};
 use holdpoint_governance::rollback::{PostStatus, RollbackRecord, TriggerKind};
+use holdpoint_governance::version_status::{StatusFacts, VersionCondition, VersionStatus, next_stage};
 use holdpoint_governance::wall_time::WallTime;
 use holdpoint_protocol::explanation::{PeopleRuling, Ruling};
 use holdpoint_registry::store_terms::EvidenceKind;
@@ -49,6 +50,15 @@ pub fn summarize(views: &Views, id: &CapabilityId) -> Result<Option<ExplanationS
     let filter = AuditFilter { subject: Some(id.to_string()), ..AuditFilter::default() };
     let records = views.audit(&filter)?;
     let family = views.families()?.into_iter().find(|family| family.name == id.family.as_str());
+    let recorded = views.recorded_changes(id)?;
+    let status = VersionStatus::of(&StatusFacts {
+        state: detail.summary.state,
+        flags: &detail.summary.flags,
+        held: recorded.has_lapsed() || is_held_by_gate(&decisions),
+        reasons: &[],
+        obstacle: None,
+        recorded: &recorded,
+    });
     SummaryReader {
         views,
         id,
@@ -56,9 +66,18 @@ pub fn summarize(views: &Views, id: &CapabilityId) -> Result<Option<ExplanationS
         decisions: &decisions,
         records: &records,
         family: family.as_ref(),
+        status: &status,
     }
     .summary()
     .map(Some)
+}
+
+/// Whether the newest decision of a stage is the gate's hold.
+fn is_held_by_gate(decisions: &[ExplainedDecision]) -> bool {
+    let newest = decisions.iter().rev().find(|decision| stage_of(&decision.ruling).is_some());
+    newest.is_some_and(
+        |decision| matches!(&decision.ruling, Ruling::Activation(outcome) if *outcome == StageOutcome::Hold),
+    )
 }
 
 /// Everything about one version that is on record.
@@ -69,6 +88,7 @@ struct SummaryReader<'a> {
     decisions: &'a [ExplainedDecision],
     records: &'a [AuditRecord],
     family: Option<&'a FamilyStatus>,
+    status: &'a VersionStatus,
 }
 
 /// What a version is, and what led to it.
@@ -266,22 +286,18 @@ impl<'a> SummaryReader<'a> {
     fn waiting(&self) -> Result<FoundPosition<'a>, StoreError> {
         let summary = &self.detail.summary;
         let decision = self.decisions.iter().rev().find(|decision| stage_of(&decision.ruling).is_some());
-        let is_held = decision.is_some_and(|decision| {
-            matches!(&decision.ruling, Ruling::Activation(outcome) if *outcome == StageOutcome::Hold)
-        });
         let request = if summary.flags.awaiting_approval { self.open_request()? } else { None };
-        let step = if summary.flags.paused {
-            PendingStep::Resumption
-        } else if let Some(request) = request {
-            request
-        } else if let Some(stage) = summary.flags.running {
-            PendingStep::StageEnd(stage)
-        } else if let Some(until) = self.unanswered() {
-            PendingStep::Unanswered(until)
-        } else if is_held {
-            PendingStep::Gate
-        } else {
-            PendingStep::StageStart(next_stage(summary.state))
+        let step = match (self.status.condition, request) {
+            (VersionCondition::Paused, _) => PendingStep::Resumption,
+            (_, Some(request)) => request,
+            (VersionCondition::Held, None) => match self.unanswered() {
+                Some(until) => PendingStep::Unanswered(until),
+                None => PendingStep::Gate,
+            },
+            (_, None) => match summary.flags.running {
+                Some(stage) => PendingStep::StageEnd(stage),
+                None => PendingStep::StageStart(next_stage(summary.state)),
+            },
         };
         let found = self.unexplained(VersionPosition::Waiting(step));
         Ok(FoundPosition { decision, ..found })
@@ -376,12 +392,9 @@ impl<'a> SummaryReader<'a> {
         position: &VersionPosition,
         file: &EvidenceFileRecord,
     ) -> Result<Vec<SummaryRemark>, StoreError> {
-        let flags = &self.detail.summary.flags;
-        let mut remarks: Vec<SummaryRemark> =
-            file.counted.clone().map(SummaryRemark::Counted).into_iter().collect();
-        if flags.rollback_pending {
-            remarks.push(SummaryRemark::RollbackRunning);
-        }
+        let status = Some(self.status).filter(|status| status.is_limited()).cloned();
+        let mut remarks: Vec<SummaryRemark> = status.map(SummaryRemark::Limited).into_iter().collect();
+        remarks.extend(file.counted.clone().map(SummaryRemark::Counted));
         let excesses = file.permissions.as_ref().map(PermissionUse::excesses).unwrap_or_default();
         // What does not count explains no rejection.
         let is_shown = |counts: bool| counts || !is_adverse(position);
@@ -395,9 +408,6 @@ impl<'a> SummaryReader<'a> {
         remarks.extend(fewer_drills_passed(file).into_iter().map(SummaryRemark::FewerDrillsPassed));
         remarks.extend(file.domain.clone().map(SummaryRemark::Covered));
         if matches!(position, VersionPosition::Active(_)) {
-            if flags.paused {
-                remarks.push(SummaryRemark::Paused);
-            }
             remarks.extend(self.open_concern(file).map(SummaryRemark::OpenConcern));
             let reviews = self.views.open_reviews()?;
             let review = reviews.into_iter().find(|(version, _)| version == self.id);
@@ -498,21 +508,6 @@ const fn stage_of(ruling: &Ruling) -> Option<Stage> {
         Ruling::Shadow(_) => Some(Stage::Shadow),
         Ruling::Activation(_) => Some(Stage::Activation),
         Ruling::Monitor(_) | Ruling::Rollback(_) | Ruling::People(_) => None,
-    }
-}
-
-/// The stage after the last one that the version passed.
-const fn next_stage(state: State) -> Stage {
-    match state {
-        State::Registered => Stage::Validation,
-        State::Validated => Stage::Sandbox,
-        State::Sandboxed => Stage::Shadow,
-        State::Shadowed
-        | State::Active
-        | State::Demoted
-        | State::Rejected
-        | State::RolledBack
-        | State::Superseded => Stage::Activation,
     }
 }
 

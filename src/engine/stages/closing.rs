@@ -10,7 +10,7 @@ use holdpoint_governance::record::{RecordKind, UpgradeEnd};
 use holdpoint_governance::time_excess::TimeExcess;
 use holdpoint_protocol::event::EventKind;
 use holdpoint_protocol::snapshot::ProgressView;
-use holdpoint_protocol::work_unit::WorkUnit;
+use holdpoint_protocol::work_unit::{PartCount, WorkUnit};
 use holdpoint_registry::store_terms::{EvidenceKind, RequestState};
 use holdpoint_registry::{AuditBody, Change};
 use holdpoint_wording::stage::early_end;
@@ -23,13 +23,13 @@ use crate::recorded_decision;
 use crate::recorder::EngineRecorder;
 use crate::version_table::TransitionNote;
 
-/// Keeps and tells how far a stage is.
+/// Keeps and tells how far a stage is: the unit that runs, with its own count where that is a part, and the whole.
 pub(crate) fn progress(
     record: &mut EngineRecorder,
     evidence_files: &mut EvidenceFiles,
     id: &CapabilityId,
     stage: Stage,
-    what: WorkUnit,
+    (what, part): (WorkUnit, Option<PartCount>),
     (done, budget): (u64, u64),
 ) {
     let now_ms = record.now_ms();
@@ -37,8 +37,9 @@ pub(crate) fn progress(
     let before = evidence_file.progress.as_ref();
     let since_ms = before.filter(|view| view.stage == stage).map_or(now_ms, |view| view.since_ms);
     let early = early_end(stage).to_owned();
-    evidence_file.progress = Some(ProgressView { stage, what: what.into(), done, budget, since_ms, early });
-    record.tell(EventKind::Progress { version: id.clone(), stage, what: what.into(), done, budget });
+    let view = ProgressView { stage, what: what.into(), done, budget, part, since_ms, early };
+    evidence_file.progress = Some(view);
+    record.tell(EventKind::Progress { version: id.clone(), stage, what: what.into(), done, budget, part });
 }
 
 pub(crate) fn report_decision<O: Copy + Into<StageOutcome>>(

@@ -63,7 +63,7 @@ pub(super) fn run_slice(
     }
     let versions = (comparison.id, &comparison.compared_with.id());
     alarm_since(context, record, versions, evaluation.stops(), known);
-    let work_unit = (comparison.name_of)(slice.what);
+    let work_unit = ((comparison.name_of)(slice.what), slice.part);
     let done = (slice.done, comparison.plan.budget());
     progress(record, evidence_files, comparison.id, comparison.stage, work_unit, done);
     Ok(episodes)

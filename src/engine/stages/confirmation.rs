@@ -94,7 +94,7 @@ pub fn begin(
         ..binding(context, record.version_table(), &candidate)
     };
     let plan = EvaluationPlan::confirmation(&context.profile).with_anchor(anchor.is_some());
-    progress(record, evidence_files, id, Stage::Sandbox, WorkUnit::Confirmation, (0, plan.budget()));
+    progress(record, evidence_files, id, Stage::Sandbox, (WorkUnit::Confirmation, None), (0, plan.budget()));
     let seeds = record.evaluation_seeds(KeyUse::Confirmation, id, &binding)?;
     let evaluation = Evaluation::new(plan, binding, SceneStops::default());
     Ok(Some(Box::new(ConfirmationRun { id: id.clone(), predecessor, seeds, evaluation })))

@@ -110,7 +110,7 @@ pub fn begin(
         // The time of its promotion is over.
         evidence_files.edit(id).worked_ms = 0;
     }
-    progress(record, evidence_files, id, Stage::Shadow, WorkUnit::ReEvaluation, (0, plan.budget()));
+    progress(record, evidence_files, id, Stage::Shadow, (WorkUnit::ReEvaluation, None), (0, plan.budget()));
     Ok(Some(Box::new(ReEvaluationRun {
         id: id.clone(),
         before,

@@ -21,7 +21,7 @@ use holdpoint_governance::outcome::{BehaviorOutcome, Recommendation, RecoveryOut
 use holdpoint_governance::shared_event::SceneKind;
 use holdpoint_governance::start_domain::StartDomain;
 use holdpoint_governance::tries::CountedTry;
-use holdpoint_protocol::work_unit::WorkUnit;
+use holdpoint_protocol::work_unit::{PartCount, WorkUnit};
 use holdpoint_registry::store_terms::EvidenceKind;
 use holdpoint_runtime::capability::Capability;
 use holdpoint_runtime::task::TaskRecord;
@@ -339,7 +339,7 @@ impl Sandbox<'_> {
         }
         comparison.records.0.extend(new);
         let done = (2 * MODE_EPISODES + slice.done, budget(evaluation.plan()));
-        progress(self.record, self.evidence_files, id, Stage::Sandbox, slice.what, done);
+        progress(self.record, self.evidence_files, id, Stage::Sandbox, (slice.what, slice.part), done);
         Ok(())
     }
 
@@ -366,7 +366,8 @@ impl Sandbox<'_> {
         keep_stops(self.context, self.record, evidence_file, (&id, &active.id()), evaluation.stops());
         evidence_file.searched = search.finding(&self.context.cell.sandbox);
         let done = 2 * MODE_EPISODES + evaluation.done() + search.pairs_run();
-        let (what, budget) = (WorkUnit::WorstCaseSearch, budget(evaluation.plan()));
+        let part = PartCount { done: search.pairs_run(), budget: search::PAIRS };
+        let (what, budget) = ((WorkUnit::WorstCaseSearch, Some(part)), budget(evaluation.plan()));
         progress(self.record, self.evidence_files, &id, Stage::Sandbox, what, (done, budget));
         Ok(results.len() as u64)
     }
@@ -447,7 +448,9 @@ impl Sandbox<'_> {
         evidence_file.note_use(candidate, records);
         evidence_file.modes.extend(ModeMetrics::of(mode, ComparedVersion::Candidate, &*records));
         let done = if alone == SoloMode::Canonical { MODE_EPISODES } else { 2 * MODE_EPISODES };
-        progress(self.record, self.evidence_files, &id, Stage::Sandbox, mode.into(), (done, budget));
+        let part = PartCount { done: MODE_EPISODES, budget: MODE_EPISODES };
+        let what = (mode.into(), Some(part));
+        progress(self.record, self.evidence_files, &id, Stage::Sandbox, what, (done, budget));
         Ok(true)
     }
 

@@ -154,8 +154,8 @@ pub fn take_in(
     }
     let stopped = !evidence_file.hard_stops.is_empty();
     let done = u32::try_from(run.traces.len()).unwrap_or(u32::MAX);
-    let part = (u64::from(done), u64::from(run.budget));
-    progress(record, evidence_files, &id, Stage::Shadow, WorkUnit::ShadowSequences, part);
+    let whole = (u64::from(done), u64::from(run.budget));
+    progress(record, evidence_files, &id, Stage::Shadow, (WorkUnit::ShadowSequences, None), whole);
     if done < run.budget && run.tried < ATTEMPTS_FACTOR * run.budget && !stopped {
         return Ok(ShadowStep::GoOn(run));
     }

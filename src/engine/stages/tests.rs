@@ -17,4 +17,5 @@ mod state_verb_table;
 mod telemetry;
 mod time_excess;
 mod tries;
+mod version_statuses;
 mod wiring;

@@ -35,7 +35,7 @@ use holdpoint_governance::profile::Profile;
 use holdpoint_governance::recovery::{self, RecoveryAssessment, SETTLED_KINDS};
 use holdpoint_governance::shared_event::SceneKind;
 use holdpoint_governance::tries::CountedTry;
-use holdpoint_protocol::work_unit::WorkUnit;
+use holdpoint_protocol::work_unit::{PartCount, WorkUnit};
 use holdpoint_runtime::task::TaskRecord;
 
 /// Pieces of the active version's undisturbed work in which its phases are looked for, on the first seeds of the drills.
@@ -56,6 +56,8 @@ pub struct Slice {
     pub worked: u64,
     /// Pairs and drills worked so far.
     pub done: u64,
+    /// Those of its kind, against the budget of that kind; absent if nothing was left.
+    pub part: Option<PartCount>,
     /// Empty but for pairs.
     pub pairs: Vec<PairRun>,
 }
@@ -321,7 +323,8 @@ impl Evaluation {
         if self.ended.is_some() {
             lab.expect(candidate, active, &[])?;
         }
-        Ok(Some(Slice { what, worked: self.tried() - before, done: self.done(), pairs }))
+        let part = turn.map(|slice| self.progress().part(&self.plan, slice));
+        Ok(Some(Slice { what, worked: self.tried() - before, done: self.done(), part, pairs }))
     }
 
     /// The phases that the active version's work shows, of which every kind of drill gets its quota.

@@ -16,7 +16,7 @@ use holdpoint_governance::alarms::Alarm;
 use holdpoint_governance::decision::Reason;
 use holdpoint_governance::finding::Finding;
 use holdpoint_governance::lifecycle::State;
-use holdpoint_governance::version_status::VersionCondition;
+use holdpoint_governance::version_status::{RecordedChanges, VersionCondition};
 use holdpoint_governance::wall_time::WallTime;
 use holdpoint_protocol::clock::Clock;
 use holdpoint_protocol::snapshot::{
@@ -114,10 +114,11 @@ impl SnapshotView<'_> {
                         evidence_file,
                     ),
                     counted: evidence_file.counted.clone(),
+                    status: None,
                 });
             }
         }
-        Snapshot {
+        let mut snapshot = Snapshot {
             at_ms: self.record.now_ms(),
             wall_ms: self.record.version_table().wall().machine_time().map(WallTime::ms),
             up_since_ms: match self.record.clock() {
@@ -150,7 +151,17 @@ impl SnapshotView<'_> {
             observed: self.record.observed(),
             seats: Vec::new(),
             ends_alone_s: None,
+        };
+        // The queue, which a status names, is known once all candidates are.
+        let (table, nothing) = (self.record.version_table(), RecordedChanges::default());
+        let status = |of: &CandidateView| {
+            snapshot.status_by(of, table.recorded_changes(&of.version).unwrap_or(&nothing))
+        };
+        let statuses: Vec<_> = snapshot.candidates.iter().map(status).collect();
+        for (candidate, status) in snapshot.candidates.iter_mut().zip(statuses) {
+            candidate.status = Some(status);
         }
+        snapshot
     }
 
     fn family_view(&self, family: &holdpoint_governance::ids::Family, entry: &FamilyEntry) -> FamilyView {

@@ -3,6 +3,9 @@
 //! Typed values for the short form of `explain`. The engine reads them from the store, and the crate `holdpoint-wording`
 //! makes the lines.
 
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
 use super::{DecisionRemark, DrillComparison, ReasonContent, ReasonMeasurement, Remedy};
 use crate::approval::Role;
 use crate::condition::Condition;
@@ -16,6 +19,7 @@ use crate::record::ActivationCause;
 use crate::rollback::PostStatus;
 use crate::start_domain::StartDomain;
 use crate::tries::CountedTry;
+use crate::version_status::VersionStatus;
 use crate::wall_time::WallTime;
 
 /// A version in short.
@@ -42,13 +46,14 @@ pub struct ExplanationSummary {
 }
 
 /// A record and its time.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub struct RecordMoment {
     /// Number of the record.
     pub record: u64,
     /// Virtual time, ms.
     pub at_ms: u64,
     /// Wall time; absent in scripts.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub wall: Option<WallTime>,
 }
 
@@ -219,8 +224,6 @@ pub enum SummaryRemark {
     Counted(CountedTry),
     /// Its break-glass activation waits for a review until then.
     ReviewUntil(WallTime),
-    /// A person paused promotion in its family.
-    Paused,
-    /// The rollback ladder runs.
-    RollbackRunning,
+    /// It is paused, on hold, restricted, or taken off: since when, by whom or by which rule, and what ends that.
+    Limited(VersionStatus),
 }

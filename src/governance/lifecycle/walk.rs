@@ -13,7 +13,7 @@
 //! Counters are brought back to "the present one" or "an earlier one" after each step, so that the space is
 //! finite without a bound on the length of a history.
 
-use std::collections::{HashSet, VecDeque};
+use std::collections::{BTreeSet, HashSet, VecDeque};
 
 use super::apply::apply_under;
 use super::rules::{AllLifecycleRules, LifecycleRule, LifecycleRules};
@@ -24,7 +24,6 @@ use super::{
 use crate::wall_time::WallTime;
 
 const VERSIONS: usize = 3;
-
 /// No walk may grow beyond this.
 const WORLDS_MAX: usize = 60_000_000;
 
@@ -453,6 +452,7 @@ fn reported(old: &FamilyState, new: &FamilyState, changes: &[LifecycleChange]) -
     states == wanted && active == new.active() && stopped == new.safe_stopped && reviewed
 }
 
+#[derive(Default)]
 struct LifecycleWalk {
     worlds: usize,
     steps: usize,
@@ -460,6 +460,7 @@ struct LifecycleWalk {
     /// A candidate became active; the baseline came back; two successors in a row; a stopped family was reactivated; a
     /// break-glass activation was reviewed while active; a demoted version passed a stage again.
     reached: [bool; 6],
+    rows: BTreeSet<(State, VersionFlags)>,
 }
 
 fn walk<R: LifecycleRules>(rules: R, part: WalkPart) -> LifecycleWalk {
@@ -475,7 +476,7 @@ fn walk<R: LifecycleRules>(rules: R, part: WalkPart) -> LifecycleWalk {
     let start = canonical(start);
     let mut seen = HashSet::from([key(&start)]);
     let mut open = VecDeque::from([start]);
-    let mut walk = LifecycleWalk { worlds: 1, steps: 0, problem: None, reached: [false; 6] };
+    let mut walk = LifecycleWalk { worlds: 1, ..LifecycleWalk::default() };
     while let Some(world) = open.pop_front() {
         let mut next: Vec<WalkWorld> = Vec::new();
         for event in events(&world, part) {
@@ -512,6 +513,7 @@ fn walk<R: LifecycleRules>(rules: R, part: WalkPart) -> LifecycleWalk {
                 walk.problem = Some((problem, format!("{world:?}")));
                 return walk;
             }
+            walk.rows.extend(world.family.versions.iter().map(|version| (version.state, version.flags)));
             walk.worlds += 1;
             assert!(walk.worlds <= WORLDS_MAX, "more worlds than {WORLDS_MAX}");
             open.push_back(world);
@@ -530,6 +532,7 @@ fn every_lifecycle_history_keeps_the_invariants() {
     let found = [ONE_CANDIDATE, TWO_CANDIDATES].map(|part| {
         let walk = walk(AllLifecycleRules, part);
         assert_eq!(walk.problem, None);
+        walk.rows.iter().copied().for_each(crate::version_status::tests::assert_row_shows_its_own_state);
         (walk.worlds, walk.steps, walk.reached)
     });
     let known = [

@@ -210,7 +210,6 @@ fn consequences() -> Vec<Consequence> {
         Consequence::ProfilesSet,
         Consequence::TriesReviewed,
         Consequence::PersonActed(paused.into()),
-        Consequence::Resumed,
         Consequence::BreakGlassUsed,
         Consequence::BreakGlassReviewed,
         Consequence::ConcernFound(reasons.clone()),

@@ -214,8 +214,15 @@ fn at_work(version: &str) -> CandidateView {
     other.state = State::Validated;
     other.flags = VersionFlags { running: Some(Stage::Sandbox), ..VersionFlags::default() };
     let (what, early) = (WorkUnit::PairedEpisodes.into(), String::new());
-    other.progress =
-        Some(ProgressView { stage: Stage::Sandbox, what, done: 3, budget: 9, since_ms: 0, early });
+    other.progress = Some(ProgressView {
+        stage: Stage::Sandbox,
+        what,
+        done: 3,
+        budget: 9,
+        part: None,
+        since_ms: 0,
+        early,
+    });
     other
 }
 

@@ -56,7 +56,7 @@ const VERBS: [NamedOperation; 15] = [
     ("anchor", Command::Anchor),
 ];
 
-type Setting = (&'static str, fn(&mut Bench) -> CapabilityId);
+pub(super) type Setting = (&'static str, fn(&mut Bench) -> CapabilityId);
 
 pub(super) const CANDIDATE: &str = "align-improved";
 
@@ -96,7 +96,7 @@ fn baseline() -> CapabilityId {
     "align@1.0.0".parse().unwrap()
 }
 
-const SETTINGS: [Setting; 29] = [
+pub(super) const SETTINGS: [Setting; 29] = [
     ("registered", |bench| bench.pass(CANDIDATE, &[])),
     ("validated", |bench| bench.pass(CANDIDATE, &Stage::ALL[..1])),
     ("sandboxed", |bench| bench.pass(CANDIDATE, &Stage::ALL[..2])),

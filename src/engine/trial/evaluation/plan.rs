@@ -8,6 +8,7 @@ use holdpoint_governance::behavior::live_like_pairs;
 use holdpoint_governance::evidence::{DrillKind, RecoveryEvidence};
 use holdpoint_governance::profile::Profile;
 use holdpoint_governance::recovery::{CLEAN_DRILLS, DrillContrast, SETTLED_KINDS};
+use holdpoint_protocol::work_unit::PartCount;
 
 /// Pairs in one slice of work.
 const PAIRS_A_SLICE: u64 = 20;
@@ -228,6 +229,24 @@ impl EvaluationProgress {
                 self.sequences_tried..self.sequences_tried + SEQUENCES_A_SLICE.min(missing)
             }
         }
+    }
+
+    /// How much of the kind of a slice is worked, against the budget of that kind. What had no valid start does not count.
+    pub(super) fn part(&self, plan: &EvaluationPlan, slice: NextSlice) -> PartCount {
+        let (done, budget) = match slice {
+            NextSlice::Pairs => (self.pairs, u64::from(plan.pairs)),
+            NextSlice::Anchor => (self.anchored, self.pairs),
+            NextSlice::Drills(kind) => {
+                let (own, other) = (self.drills.candidate.of(kind), self.drills.active.of(kind));
+                (u64::from(own.feasible().min(other.feasible())), u64::from(plan.drills))
+            }
+            NextSlice::Settling(kind) => {
+                let contrast = DrillContrast::of(kind, &self.drills);
+                (u64::from(contrast.drills()), u64::from(contrast.drills_wanted()))
+            }
+            NextSlice::Sequences => (self.sequences, u64::from(plan.sequences)),
+        };
+        PartCount { done: done.min(budget), budget }
     }
 
     /// Takes a slice for worked, and everything in it for feasible and passed.

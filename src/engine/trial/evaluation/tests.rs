@@ -470,3 +470,39 @@ fn sequences_cost_is_measured_on_request() {
         println!("{}: {without:.2} s without, {with:.2} s with 50", own.id());
     }
 }
+
+/// Regression: drills of one kind were counted against the budget of all kinds of work.
+#[test]
+fn every_kind_of_work_counts_against_its_own_budget() {
+    let plan = EvaluationPlan::sandbox(&Profile::builtin(ProfileName::Sim).unwrap());
+    let (candidate, active) = (DrillTallies::default(), DrillTallies::default());
+    let mut progress = EvaluationProgress {
+        pairs: 0,
+        pairs_tried: 0,
+        drills: RecoveryEvidence {
+            binding: binding(),
+            candidate,
+            active,
+            settling: SettlingTallies::default(),
+        },
+        drills_tried: [0; DrillKind::ALL.len()],
+        anchored: 0,
+        sequences: 0,
+        sequences_tried: 0,
+        turns: 0,
+    };
+    let mut ended = Vec::new();
+    while let Some(slice) = progress.next(&plan).filter(|slice| !slice.is_late()) {
+        progress.suppose(&plan, slice);
+        let part = progress.part(&plan, slice);
+        assert!(part.done > 0 && part.done <= part.budget, "{slice:?}: {part:?}");
+        assert!(part.budget < plan.budget(), "{slice:?}: {part:?}");
+        if part.done == part.budget {
+            ended.push((slice, part.budget));
+        }
+    }
+    assert!(ended.contains(&(NextSlice::Pairs, u64::from(plan.pairs))), "{ended:?}");
+    for kind in DrillKind::ALL {
+        assert!(ended.contains(&(NextSlice::Drills(kind), u64::from(plan.drills))), "{ended:?}");
+    }
+}
