@@ -56,8 +56,7 @@ pub mod world;
 use std::borrow::Cow;
 use std::collections::VecDeque;
 use std::path::Path;
-use std::sync::Arc;
-use std::sync::atomic::AtomicBool;
+use std::sync::{Arc, atomic::AtomicBool};
 
 use crate::cell::Cell;
 use crate::control_socket::ControlSocketError;

@@ -224,6 +224,6 @@ pub enum SummaryRemark {
     Counted(CountedTry),
     /// Its break-glass activation waits for a review until then.
     ReviewUntil(WallTime),
-    /// It is paused, on hold, restricted, or taken off: since when, by whom or by which rule, and what ends that.
+    /// It is paused, on hold, restricted, or being rolled back: since when, by whom or by which rule, and what ends that.
     Limited(VersionStatus),
 }
