@@ -32,7 +32,7 @@ impl LabArgs {
                     .with_hint("`holdpoint bench` times the engine")
             }
             words => {
-                let line: String = words.iter().map(|word| format!(" {}", shell_word(word))).collect();
+                let line = words.iter().fold(String::new(), |line, word| line + " " + &shell_word(word));
                 CliError::usage("the laboratory is a program of its own, `holdpoint-lab`").with_hint(format!(
                     "in the sources, `cargo run --release -p holdpoint-lab --{line}` starts it"
                 ))

@@ -56,6 +56,7 @@ impl EngineRecorder {
             let change = AlarmChange::Set { alarm, from, annunciated: false, at_ms: now_ms };
             self.alarms.book.absorb(&[change]);
         }
+        self.alarms.book.recount();
         Ok(())
     }
 

@@ -361,6 +361,7 @@ impl PreviewRows {
             let from = alarm.state();
             alarms.absorb(&[AlarmChange::Set { alarm, from, annunciated: false, at_ms: head.at_ms }]);
         }
+        alarms.recount();
         let resumed_ms = views.folder().and_then(|folder| {
             // The engine's clock resumes there, and so does the preview.
             persisted_clock::resumed_ms(&Layout::new(folder), views).ok()

@@ -357,6 +357,17 @@ impl AlarmBook {
         Self::default()
     }
 
+    /// Counts anew how often alarms called for attention, by when they were raised, for alarms read from a store. A raise
+    /// while an alarm was shelved counts, too.
+    pub fn recount(&mut self) {
+        let mut raised: Vec<u64> = self.iter().flat_map(|alarm| alarm.raises_ms.iter().copied()).collect();
+        raised.sort_unstable();
+        self.annunciated_ms.clear();
+        for at_ms in raised {
+            flood::note(&mut self.annunciated_ms, at_ms);
+        }
+    }
+
     /// The alarm of this name; `None` once it was dropped as long normal.
     #[must_use]
     pub fn get(&self, key: &AlarmKey) -> Option<&Alarm> {

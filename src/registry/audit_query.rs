@@ -87,7 +87,9 @@ impl Views {
         }
         found.sort_by_key(|record| record.seq);
         let mut changes = RecordedChanges::default();
-        found.iter().for_each(|record| changes.note(record));
+        for record in &found {
+            changes.note(record);
+        }
         Ok(changes)
     }
 

@@ -1,4 +1,4 @@
-//! The line below the views: the one state that overrides all others, since when, and what to do about it. In the overview, if
+//! The line below the views: the one state that overrides all others, since when, and what to do about it. If
 //! there is none: what drives the arm.
 //!
 //! ```text
@@ -11,7 +11,7 @@ use ratatui::layout::Rect;
 use super::status;
 use crate::action::Action;
 use crate::look::ThemeRole;
-use crate::model::{ConsoleModel, EngineAbsence, EngineState, Overlay, View};
+use crate::model::{ConsoleModel, EngineAbsence, EngineState, Overlay};
 use crate::theme::StateMark;
 use crate::widgets::pen::Pen;
 use crate::widgets::row::Row;
@@ -55,11 +55,10 @@ pub fn overriding(model: &ConsoleModel) -> Option<OverridingState> {
     facts.into_iter().flatten().next()
 }
 
-/// Whether the line stands below the views: in the overview always, elsewhere if a state overrides the others.
+/// Whether the line stands below the views: always with data, so that no list moves under a click when a state begins.
 #[must_use]
 pub fn is_shown(model: &ConsoleModel) -> bool {
     model.engine_data.snapshot.is_some()
-        && (model.view_state.view == View::Overview || overriding(model).is_some())
 }
 
 /// Whether the line tells of the stop, on a screen that shows the line.
@@ -155,7 +154,7 @@ fn driving(model: &ConsoleModel, now: &Snapshot) -> Row {
     }
     let version = model.engine_data.frame.as_ref().and_then(|frame| frame.version.as_ref());
     let mut row = match version {
-        None => Row::of(ThemeRole::Good, " RUNNING").with(ThemeRole::Text, " nothing moves the arm now"),
+        None => Row::of(ThemeRole::Good, " RUNNING").with(ThemeRole::Text, " no version drives the arm now"),
         Some(version) => {
             let family = now.families.iter().find(|family| family.active.as_ref() == Some(version));
             let flags = family.and_then(|family| family.flags).unwrap_or_default();
@@ -184,7 +183,7 @@ mod tests {
 
     use super::*;
     use crate::keymap::Keymap;
-    use crate::model::{ConsoleSettings, STALE_AFTER_MS};
+    use crate::model::{ConsoleSettings, STALE_AFTER_MS, View};
     use holdpoint_engine::engine_handle::EngineEndError;
     use holdpoint_governance::wall_time::{ClockMismatch, WallTime};
     use holdpoint_protocol::command::Caller;
@@ -263,13 +262,10 @@ mod tests {
         edit(&mut model, |now| now.unauthorized = None);
         let doubt = "TIME NOT CONFIRMED, nothing is activated: the clock is behind the newest record";
         assert_eq!(line(&model), doubt);
-        model.view_state.view = View::Audit;
-        assert!(is_shown(&model), "in every view");
         edit(&mut model, |now| now.clock_doubt = None);
-        assert_eq!(line(&model), " RUNNING nothing moves the arm now; goal pick-align-place");
-        assert!(!is_shown(&model), "it is the overview's alone");
-        model.view_state.view = View::Overview;
-        assert!(is_shown(&model));
+        assert_eq!(line(&model), " RUNNING no version drives the arm now; goal pick-align-place");
+        model.view_state.view = View::Audit;
+        assert!(is_shown(&model), "in every view, whatever it says");
     }
 
     #[test]

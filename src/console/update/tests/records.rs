@@ -147,12 +147,12 @@ fn tour_occupies_one_line() {
     for (columns, rows) in [(80, 24), (60, 16), (120, 36)] {
         let text = screen(&console, columns, rows);
         assert!(
-            text.lines().nth(2).is_some_and(|line| line.contains("(. ends") && line.ends_with(')')),
+            text.lines().nth(3).is_some_and(|line| line.contains("(. ends") && line.ends_with(')')),
             "{text}"
         );
     }
     let with = screen(&console, 80, 24);
-    assert_eq!(with.lines().nth(3), without.lines().nth(2), "the view begins one line further down");
+    assert_eq!(with.lines().nth(4), without.lines().nth(3), "the view begins one line further down");
 }
 
 fn listed(console: &mut TestConsole) {
