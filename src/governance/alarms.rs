@@ -357,7 +357,7 @@ impl AlarmBook {
         Self::default()
     }
 
-    /// Counts anew how often alarms called for attention, by when they were raised, for alarms read from a store. A raise
+    /// Counts how often alarms called for attention, by when they were raised, for alarms read from a store. A raise
     /// while an alarm was shelved counts, too.
     pub fn recount(&mut self) {
         let mut raised: Vec<u64> = self.iter().flat_map(|alarm| alarm.raises_ms.iter().copied()).collect();

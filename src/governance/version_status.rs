@@ -158,7 +158,7 @@ crate::closed_set! {
     }
 }
 
-/// Why a candidate stands still that nobody holds.
+/// Why a candidate stands still that no person holds.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case", tag = "obstacle")]
 pub enum Obstacle {
@@ -196,7 +196,7 @@ pub struct VersionStatus {
     /// Who made it so and why, or by which rule; absent if nothing on record says it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub cause: Option<NoticeOrText>,
-    /// Why it stands still although nobody holds it; absent if it does not.
+    /// Why it stands still although no person holds it; absent if it does not.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub obstacle: Option<Obstacle>,
     /// What ends it.
@@ -214,7 +214,7 @@ pub struct StatusFacts<'a> {
     pub held: bool,
     /// The reasons of its newest decision; none where they are not known.
     pub reasons: &'a [Reason],
-    /// Why it stands still although nobody holds it.
+    /// Why it stands still although no person holds it.
     pub obstacle: Option<&'a Obstacle>,
     /// What is on record.
     pub recorded: &'a RecordedChanges,

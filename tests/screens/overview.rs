@@ -223,7 +223,9 @@ fn what_drives_the_arm_stands_in_the_line_of_state() {
     }
     // A running stage is not the state of the cell.
     edit(&mut model, |now| {
-        now.candidates.iter_mut().for_each(|one| one.flags.running = Some(Stage::Sandbox))
+        for one in &mut now.candidates {
+            one.flags.running = Some(Stage::Sandbox);
+        }
     });
     assert!(shown(&model, (80, 24)).lines().nth(2).unwrap().starts_with(" RUNNING grasp@1.0.0"));
 }

@@ -88,7 +88,7 @@ impl Snapshot {
         })
     }
 
-    /// Why a candidate stands still although nobody holds it; absent if it does not, or has left evaluation.
+    /// Why a candidate stands still although no person holds it; absent if it does not, or has left evaluation.
     fn obstacle(&self, candidate: &CandidateView) -> Option<Obstacle> {
         if matches!(candidate.state, State::Active | State::Superseded | State::Rejected | State::RolledBack)
         {
