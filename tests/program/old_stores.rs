@@ -142,6 +142,10 @@ fn without_new_fields(now: &mut Value, then: &Value) {
         (Value::Object(now), Value::Object(then)) => {
             now.retain(|field, _| then.contains_key(field));
             for (field, value) in now {
+                // The status of a version now has its reason in every state.
+                if field == "reason" && then[field].is_null() {
+                    *value = Value::Null;
+                }
                 without_new_fields(value, &then[field]);
             }
         }
