@@ -237,7 +237,7 @@ impl Builder<'_> {
 }
 
 /// What a link may touch. Of the robot itself only the far end against the near end is resolved by
-/// physics (the pairs between are caught by geometry, see [`crate::clearance`]).
+/// physics (the pairs between are caught by geometry, see [`holdpoint_body::clearance`]).
 fn link_groups(index: usize, joints: usize, self_contacts: bool) -> (Group, Group) {
     let (near, far) = if self_contacts { (PROXIMAL, DISTAL) } else { (Group::NONE, Group::NONE) };
     if index <= 2 {

@@ -463,7 +463,7 @@ impl ReducedCell {
         Some(points)
     }
 
-    /// True joint state, as [`readout::joint_state`] says it of the engine.
+    /// True joint state, as [`crate::readout::joint_state`] says it of the engine.
     pub fn joint_state(&self, state: &ReducedState) -> JointState {
         let mut out = JointState::default();
         let n = self.dynamics.joints();
