@@ -39,6 +39,9 @@ const EARLY_ROWS_MAX: usize = 3;
 /// Candidates of the queue that its line names.
 const NEXT_NAMED: usize = 2;
 
+/// Columns of the name of what runs, beside the time.
+const WHAT_MIN: usize = 8;
+
 /// Rows for the status of the chosen version.
 const STATUS_ROWS_MAX: usize = 3;
 
@@ -424,7 +427,12 @@ fn running(
     let count = format!(" {done} of {budget} ");
     let bar = (width / 4).clamp(6, 24);
     let mut head = progress(look, view.done, view.budget, bar).with(ThemeRole::Text, &count);
-    let what = super::short(&view.what.to_string(), width.saturating_sub(head.width() + time.len() + 2));
+    // What runs comes before the time.
+    let what = view.what.to_string();
+    let room = width.saturating_sub(head.width());
+    let beside_time = room.saturating_sub(time.len() + 2);
+    let is_readable = beside_time >= what.width().min(WHAT_MIN);
+    let what = super::short(&what, if is_readable { beside_time } else { room });
     let time = format!("  {time}");
     head.push(ThemeRole::Muted, &what);
     if head.width() + time.len() <= width {
