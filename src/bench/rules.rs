@@ -222,21 +222,7 @@ fn behaviour(subjects: &Subjects, effort: &FigureEffort) -> Result<MeasuredFigur
 }
 
 /// An episode without anything wrong.
-pub const CLEAN: EpisodeValues = EpisodeValues {
-    failure: None,
-    success: true,
-    violation: false,
-    anomaly: false,
-    recovery: false,
-    intervention: false,
-    timeout: false,
-    near_violation: false,
-    policy_warning: false,
-    harm: None,
-    retries: 0,
-    time_s: 3.0,
-    unsafe_continuation_ms: 0.0,
-};
+pub const CLEAN: EpisodeValues = EpisodeValues { time_s: 3.0, ..EpisodeValues::CLEAN };
 
 /// The gate over the evidence of a candidate that is as good as the active version; it has to pass.
 fn gate_pass(subjects: &Subjects, effort: &FigureEffort) -> Result<MeasuredFigure, BenchError> {

@@ -110,7 +110,7 @@ pub trait LiveCell: RobotCell {
 
 /// A cell for trials: it is reset, continues from a state, and breaks on demand.
 pub trait TrialCell: RobotCell {
-    /// Starts an episode. Nothing of the one before is left.
+    /// Starts an episode from a new state: the episode before has no effect on it.
     ///
     /// # Errors
     /// [`CellError::InvalidStart`] if the start is out of reach or the object does not hold.

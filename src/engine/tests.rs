@@ -217,21 +217,7 @@ pub(crate) fn at_the_gate(pipeline: &mut Pipeline) -> CapabilityId {
     candidate_past_shadow(pipeline, PolicyOutcome::Compatible, Vec::new())
 }
 
-const GOOD: EpisodeValues = EpisodeValues {
-    failure: None,
-    success: true,
-    violation: false,
-    anomaly: false,
-    recovery: false,
-    intervention: false,
-    timeout: false,
-    near_violation: false,
-    policy_warning: false,
-    harm: None,
-    retries: 0,
-    time_s: 2.0,
-    unsafe_continuation_ms: 0.0,
-};
+const GOOD: EpisodeValues = EpisodeValues { time_s: 2.0, ..EpisodeValues::CLEAN };
 
 /// Runs until nothing is left to do or the engine is halted.
 fn work(pipeline: &mut Pipeline, id: &CapabilityId) -> Option<State> {

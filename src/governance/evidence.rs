@@ -109,6 +109,23 @@ pub struct EpisodeValues {
 }
 
 impl EpisodeValues {
+    /// An episode that succeeds at once, in no time, with nothing wrong: what benchmarks and tests begin from.
+    pub const CLEAN: Self = Self {
+        success: true,
+        violation: false,
+        anomaly: false,
+        recovery: false,
+        intervention: false,
+        timeout: false,
+        near_violation: false,
+        policy_warning: false,
+        retries: 0,
+        time_s: 0.0,
+        unsafe_continuation_ms: 0.0,
+        harm: None,
+        failure: None,
+    };
+
     /// Whether every number is one, and plausible: finite, not negative, at most 10^4 retries and 10^5 s.
     #[must_use]
     pub fn is_valid(&self) -> bool {

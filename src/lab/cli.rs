@@ -8,6 +8,7 @@ mod experiment;
 mod paper;
 mod per_candidate;
 mod pool;
+mod progress;
 mod refine;
 mod sensors;
 mod series;

@@ -12,7 +12,7 @@ use crate::snapshot::Snapshot;
 use crate::video_frame::VideoFrame;
 
 /// Raised when either side's documents change; both sides must have the same.
-pub const PROTOCOL: u32 = 12;
+pub const PROTOCOL: u32 = 13;
 
 /// The longest line a client may send, bytes: enough for the largest component in a package's JSON.
 pub const CALL_BYTES_MAX: usize = 4 * 1024 * 1024;

@@ -244,21 +244,7 @@ mod tests {
         anchor: None,
     };
 
-    const VALUES: EpisodeValues = EpisodeValues {
-        success: true,
-        violation: false,
-        anomaly: false,
-        recovery: false,
-        intervention: false,
-        timeout: false,
-        near_violation: false,
-        policy_warning: false,
-        retries: 0,
-        time_s: 1.0,
-        unsafe_continuation_ms: 0.0,
-        harm: None,
-        failure: None,
-    };
+    const VALUES: EpisodeValues = EpisodeValues { time_s: 1.0, ..EpisodeValues::CLEAN };
 
     fn id() -> CapabilityId {
         "grasp@1.1.0".parse().unwrap()

@@ -2,7 +2,7 @@
 //!
 //! Prints the number of rows of [`crate::distinguisher`]; trains no classifier.
 
-use std::io::Write as _;
+use super::progress;
 use std::path::PathBuf;
 
 use clap::Args;
@@ -12,7 +12,6 @@ use crate::pipeline_experiments::ExperimentError;
 use holdpoint::cli::output::{CommandOutput, TextTable};
 use holdpoint::cli::run::JOBS_MAX;
 use holdpoint::error::{CliError, Exit};
-use holdpoint_text::{WIDTH_MAX, sanitize};
 
 /// The arguments of `experiment distinguisher`.
 #[derive(Clone, Debug, PartialEq, Eq, Args)]
@@ -53,11 +52,7 @@ pub fn run(args: &DistinguisherArgs, out: &mut CommandOutput<'_>) -> Result<Exit
         jobs: args.jobs.map_or(cores, usize::from),
         out: args.out.clone(),
     };
-    // Progress is only information; losing it loses no result.
-    let tell = |line: &str| {
-        let _ = writeln!(std::io::stderr().lock(), "{}", sanitize(line, WIDTH_MAX));
-    };
-    let report = distinguisher::run(&plan, &tell).map_err(|error| match error {
+    let report = distinguisher::run(&plan, &progress::tell).map_err(|error| match error {
         error @ ExperimentError::File { .. } => CliError::usage(error),
         error => CliError::fault(error),
     })?;
@@ -100,9 +95,7 @@ mod tests {
         let plan = DistinguisherPlan { sequences: 7, seed: 0, jobs: 1, out: PathBuf::from("here") };
         let mut printed = Vec::new();
         show(&report, &plan, &mut CommandOutput::to(&mut printed, false)).unwrap();
-        let printed = String::from_utf8(printed).unwrap();
-        let cells = |line: &str| line.split_whitespace().map(str::to_owned).collect::<Vec<_>>().join(" ");
-        let lines: Vec<String> = printed.lines().map(cells).collect();
+        let lines = progress::lines_of_cells(&printed);
         assert_eq!(
             lines[1..],
             [

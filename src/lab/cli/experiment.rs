@@ -2,7 +2,7 @@
 //!
 //! Prints the results of [`crate::pipeline_experiments`]; measures and judges nothing.
 
-use std::io::Write;
+use super::progress;
 use std::path::PathBuf;
 
 use clap::{Args, Subcommand};
@@ -22,7 +22,6 @@ use holdpoint::cli::result_cache::CacheKeyArgs;
 use holdpoint::cli::run::JOBS_MAX;
 use holdpoint::error::{CliError, Exit};
 use holdpoint_governance::metrics::Proportion;
-use holdpoint_text::{WIDTH_MAX, sanitize};
 
 /// The arguments of `experiment`.
 #[derive(Clone, Debug, PartialEq, Eq, Args)]
@@ -152,11 +151,7 @@ fn run_drift(args: &DriftArgs, out: &mut CommandOutput<'_>) -> Result<Exit, CliE
         horizon: args.horizon,
         pairs: args.pairs,
     };
-    let tell = |line: &str| {
-        // Progress that cannot be shown does not stop the measurement.
-        let _ = writeln!(std::io::stderr().lock(), "{}", sanitize(line, WIDTH_MAX));
-    };
-    let report = drift::run(&options, &tell).map_err(|error| match error {
+    let report = drift::run(&options, &progress::tell).map_err(|error| match error {
         error @ (ExperimentError::Option { .. } | ExperimentError::File { .. }) => CliError::usage(error),
         error => CliError::fault(error),
     })?;

@@ -2,7 +2,7 @@
 //!
 //! Prints the results of [`crate::paper_reproduction`]; measures and judges nothing.
 
-use std::io::Write as _;
+use super::progress;
 use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
@@ -15,7 +15,6 @@ use holdpoint::cli::output::CommandOutput;
 use holdpoint::cli::result_cache::CacheKeyArgs;
 use holdpoint::cli::run::JOBS_MAX;
 use holdpoint::error::{CliError, Exit};
-use holdpoint_text::{WIDTH_MAX, sanitize};
 
 /// The number of runs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
@@ -136,11 +135,7 @@ pub fn run(args: &PaperArgs, part: ExperimentPart, out: &mut CommandOutput<'_>) 
     size.ablated = args.ablated.unwrap_or(size.ablated).min(size.pools);
     size.drifts = args.drifts.unwrap_or(size.drifts).min(size.seeds);
     let plan = PaperPlan { part, preset, size, out: args.out.clone() };
-    // Progress is only information; losing it loses no result.
-    let tell = |line: &str| {
-        let _ = writeln!(std::io::stderr().lock(), "{}", sanitize(line, WIDTH_MAX));
-    };
-    print_outcome(&run::run(&setup, &plan, &tell).map_err(failed)?, out)
+    print_outcome(&run::run(&setup, &plan, &progress::tell).map_err(failed)?, out)
 }
 
 fn print_outcome(outcome: &PaperOutcome, out: &mut CommandOutput<'_>) -> Result<Exit, CliError> {

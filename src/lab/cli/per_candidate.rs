@@ -3,7 +3,7 @@
 //! Prints the results of [`crate::pipeline_experiments::per_candidate`]; measures nothing and leaves nothing out
 //! (JSON has every digit).
 
-use std::io::Write as _;
+use super::progress;
 use std::path::PathBuf;
 
 use clap::Args;
@@ -16,7 +16,6 @@ use holdpoint::cli::result_cache::CacheKeyArgs;
 use holdpoint::cli::run::{JOBS_MAX, ProfileArg};
 use holdpoint::error::{CliError, Exit};
 use holdpoint_governance::metrics::Proportion;
-use holdpoint_text::{WIDTH_MAX, sanitize};
 
 /// The arguments of `experiment per-candidate`.
 #[derive(Clone, Debug, PartialEq, Eq, Args)]
@@ -67,11 +66,7 @@ pub fn run(args: &PerCandidateArgs, out: &mut CommandOutput<'_>) -> Result<Exit,
             .cache_key
             .open_cache_if_named(args.out.as_deref().map(|out| out.join("kept")).as_deref(), "--out")?,
     };
-    // Progress is only information; losing it loses no result.
-    let tell = |line: &str| {
-        let _ = writeln!(std::io::stderr().lock(), "{}", sanitize(line, WIDTH_MAX));
-    };
-    let report = per_candidate::run(&plan, &tell).map_err(failed)?;
+    let report = per_candidate::run(&plan, &progress::tell).map_err(failed)?;
     if out.is_json() {
         for candidate in &report.candidates {
             out.json(candidate)?;

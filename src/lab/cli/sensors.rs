@@ -3,7 +3,7 @@
 //! Prints the results of [`crate::ground_truth::sensors`]; measures nothing and leaves nothing out (JSON has
 //! every digit).
 
-use std::io::Write as _;
+use super::progress;
 use std::path::PathBuf;
 
 use clap::Args;
@@ -16,7 +16,6 @@ use crate::pipeline_experiments::ExperimentError;
 use holdpoint::cli::output::{CommandOutput, TextTable};
 use holdpoint::cli::run::JOBS_MAX;
 use holdpoint::error::{CliError, Exit};
-use holdpoint_text::{WIDTH_MAX, sanitize};
 
 /// The arguments of `experiment sensors`.
 #[derive(Clone, Debug, PartialEq, Eq, Args)]
@@ -58,11 +57,7 @@ pub fn run(args: &SensorsArgs, out: &mut CommandOutput<'_>) -> Result<Exit, CliE
         out: args.out.clone(),
         pool: args.pool.clone(),
     };
-    // Progress is only information; losing it loses no result.
-    let tell = |line: &str| {
-        let _ = writeln!(std::io::stderr().lock(), "{}", sanitize(line, WIDTH_MAX));
-    };
-    let report = sensors::run(&plan, &tell).map_err(|error| match error {
+    let report = sensors::run(&plan, &progress::tell).map_err(|error| match error {
         error @ (ExperimentError::Pool(_) | ExperimentError::File { .. }) => CliError::usage(error),
         error => CliError::fault(error),
     })?;
@@ -194,9 +189,7 @@ mod tests {
             SensorsPlan { episodes: 3, seed: FRESH_FROM, jobs: 1, out: PathBuf::from("here"), pool: None };
         let mut printed = Vec::new();
         show(&report, &plan, &mut CommandOutput::to(&mut printed, false)).unwrap();
-        let printed = String::from_utf8(printed).unwrap();
-        let cells = |line: &str| line.split_whitespace().map(str::to_owned).collect::<Vec<_>>().join(" ");
-        let lines: Vec<String> = printed.lines().map(cells).collect();
+        let lines = progress::lines_of_cells(&printed);
         assert_eq!(
             lines[2..],
             [

@@ -3,8 +3,8 @@
 //! Prints the results of [`crate::pipeline_experiments::series`]; measures nothing and leaves nothing out (JSON has
 //! every digit).
 
+use super::progress;
 use std::collections::BTreeMap;
-use std::io::Write as _;
 use std::path::PathBuf;
 
 use clap::Args;
@@ -16,7 +16,6 @@ use holdpoint::cli::result_cache::CacheKeyArgs;
 use holdpoint::cli::run::JOBS_MAX;
 use holdpoint::error::{CliError, Exit};
 use holdpoint_engine::trial::seeds::CALIBRATION_FROM_RUN;
-use holdpoint_text::{WIDTH_MAX, sanitize};
 
 /// The arguments of `experiment series`.
 #[derive(Clone, Debug, PartialEq, Eq, Args)]
@@ -65,11 +64,7 @@ pub fn run(args: &SeriesArgs, out: &mut CommandOutput<'_>) -> Result<Exit, CliEr
             .cache_key
             .open_cache_if_named(args.out.as_deref().map(|out| out.join("kept")).as_deref(), "--out")?,
     };
-    // Progress is only information; losing it loses no result.
-    let tell = |line: &str| {
-        let _ = writeln!(std::io::stderr().lock(), "{}", sanitize(line, WIDTH_MAX));
-    };
-    let report = series::run(&plan, &tell).map_err(|error| match error {
+    let report = series::run(&plan, &progress::tell).map_err(|error| match error {
         error @ ExperimentError::File { .. } => CliError::usage(error),
         error => CliError::fault(error),
     })?;

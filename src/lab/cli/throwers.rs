@@ -2,7 +2,7 @@
 //!
 //! Prints the results of [`crate::throwers`]; measures and judges nothing.
 
-use std::io::Write as _;
+use super::progress;
 use std::path::PathBuf;
 
 use clap::Args;
@@ -16,7 +16,6 @@ use holdpoint::cli::result_cache::CacheKeyArgs;
 use holdpoint::cli::run::{JOBS_MAX, ProfileArg};
 use holdpoint::error::{CliError, Exit};
 use holdpoint_governance::lifecycle::State;
-use holdpoint_text::{WIDTH_MAX, sanitize};
 
 /// The arguments of `experiment throwers`.
 #[derive(Clone, Debug, PartialEq, Eq, Args)]
@@ -76,11 +75,7 @@ pub fn run(args: &ThrowersArgs, out: &mut CommandOutput<'_>) -> Result<Exit, Cli
         out: args.out.clone(),
         cache: args.cache_key.open_cache(&args.out.join("runs"))?,
     };
-    // Progress is only information; losing it loses no result.
-    let tell = |line: &str| {
-        let _ = writeln!(std::io::stderr().lock(), "{}", sanitize(line, WIDTH_MAX));
-    };
-    let report = throwers::run(&plan, &tell).map_err(|error| match error {
+    let report = throwers::run(&plan, &progress::tell).map_err(|error| match error {
         error @ ExperimentError::File { .. } => CliError::usage(error),
         error => CliError::fault(error),
     })?;
@@ -208,9 +203,7 @@ mod tests {
         };
         let mut printed = Vec::new();
         show(&report, &plan, &mut CommandOutput::to(&mut printed, false)).unwrap();
-        let printed = String::from_utf8(printed).unwrap();
-        let cells = |line: &str| line.split_whitespace().map(str::to_owned).collect::<Vec<_>>().join(" ");
-        let lines: Vec<String> = printed.lines().map(cells).collect();
+        let lines = progress::lines_of_cells(&printed);
         assert_eq!(
             lines[1..],
             [

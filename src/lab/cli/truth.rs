@@ -2,7 +2,7 @@
 //!
 //! Prints the results of [`crate::ground_truth`]; measures nothing and leaves nothing out (JSON has every digit).
 
-use std::io::Write as _;
+use super::progress;
 use std::path::PathBuf;
 
 use clap::Args;
@@ -14,7 +14,6 @@ use holdpoint::cli::output::{CommandOutput, TextTable};
 use holdpoint::cli::result_cache::CacheKeyArgs;
 use holdpoint::cli::run::{JOBS_MAX, ProfileArg};
 use holdpoint::error::{CliError, Exit};
-use holdpoint_text::{WIDTH_MAX, sanitize};
 
 /// The arguments of `experiment truth`.
 #[derive(Clone, Debug, PartialEq, Eq, Args)]
@@ -87,11 +86,7 @@ pub fn run(args: &TruthArgs, out: &mut CommandOutput<'_>) -> Result<Exit, CliErr
             .cache_key
             .open_cache_if_named(args.out.as_deref().map(|out| out.join("kept")).as_deref(), "--out")?,
     };
-    // Progress is only information; losing it loses no result.
-    let tell = |line: &str| {
-        let _ = writeln!(std::io::stderr().lock(), "{}", sanitize(line, WIDTH_MAX));
-    };
-    let report = ground_truth::run(&plan, &tell).map_err(|error| match error {
+    let report = ground_truth::run(&plan, &progress::tell).map_err(|error| match error {
         error @ (ExperimentError::Pool(_) | ExperimentError::File { .. }) => CliError::usage(error),
         error => CliError::fault(error),
     })?;

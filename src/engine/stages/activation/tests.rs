@@ -291,21 +291,7 @@ fn no_sequence_runs_a_blocked_version() {
     }
 }
 
-const BAD: EpisodeValues = EpisodeValues {
-    failure: None,
-    success: true,
-    violation: false,
-    anomaly: true,
-    recovery: false,
-    intervention: false,
-    timeout: false,
-    near_violation: false,
-    policy_warning: false,
-    harm: None,
-    retries: 0,
-    time_s: 2.0,
-    unsafe_continuation_ms: 0.0,
-};
+const BAD: EpisodeValues = EpisodeValues { anomaly: true, time_s: 2.0, ..EpisodeValues::CLEAN };
 
 /// The conditions of an activation set its monitor, also after a restart; they end at the confirmation.
 #[test]

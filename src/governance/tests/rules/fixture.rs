@@ -145,21 +145,7 @@ pub fn made_under() -> DecisionContext {
     }
 }
 
-pub const GOOD: EpisodeValues = EpisodeValues {
-    failure: None,
-    success: true,
-    violation: false,
-    anomaly: false,
-    recovery: false,
-    intervention: false,
-    timeout: false,
-    near_violation: false,
-    policy_warning: false,
-    harm: None,
-    retries: 0,
-    time_s: 4.0,
-    unsafe_continuation_ms: 0.0,
-};
+pub const GOOD: EpisodeValues = EpisodeValues { time_s: 4.0, ..EpisodeValues::CLEAN };
 
 /// As many equal pairs as the profile's budget.
 pub fn pairs(profile: &Profile) -> PairedEvidence {
