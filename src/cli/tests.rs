@@ -397,10 +397,9 @@ fn proofs_copies_and_witnesses_of_a_store_verify() {
     assert!(text.contains("heads elsewhere") && text.contains("recordings         0"), "{text}");
     let text = output_of(&["audit", "verify", "--against", &path("other/checkpoints")], Exit::Rejected);
     assert!(text.contains(&other_id), "{text}");
-    let (copy, lines) = (path("copy"), path("store.jsonl"));
+    let (copy, lines) = (path("copy"), exported);
     output_of(&["store", "backup", &copy], Exit::Confirmed);
     assert!(output_of(&["store", "backup", &copy], Exit::Usage).contains("already"));
-    output_of(&["store", "export", &lines], Exit::Confirmed);
     for against in [&copy, &lines, &witness] {
         output_of(&["audit", "verify", "--against", against], Exit::Confirmed);
     }
