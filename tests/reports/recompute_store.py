@@ -1,6 +1,6 @@
 """Computes again, with SciPy, every statistic that decided in the sandbox evidence of stores, from its raw values.
 
-    python recompute_store.py [--profile NAME] STORE_FOLDER...
+    python recompute_store.py [--profile NAME] [--prices PAGE] STORE_FOLDER...
 
 Behavior: the six components, every measure of harm, the live-like pairs by themselves, the comparison with the anchor,
 whole sequences, the level of the try, stress, and the search for the worst place. Recovery: rates, intervals and phases of
@@ -878,12 +878,24 @@ def check_store(folder, stand_in):
     return len(pieces), wrong
 
 
+def check_prices(page):
+    """The page's row of pairs for each try of an author under `sim`, against the rule's own search."""
+    profile = tomllib.loads((PROFILES / "sim.toml").read_text(encoding="utf-8"))
+    row = next(line for line in page.read_text(encoding="utf-8").splitlines() if line.startswith("| pairs |"))
+    printed = [int(cell) for cell in row.split("|")[2:-1]]
+    tries = range(1, profile["tries"]["per_author"] + 1)
+    found = [terms_of_try(profile, {"by_author": number, "in_family": number})["pairs"] for number in tries]
+    print(f"{page.name}: the pairs of {len(found)} tries computed again")
+    return [] if printed == found else [f"{page}: the pairs of the tries are {found}, not {printed}"]
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("stores", metavar="STORE_FOLDER", nargs="+", type=Path)
     parser.add_argument("--profile", metavar="NAME", default="sim", help="if a profile is not found [default: sim]")
+    parser.add_argument("--prices", metavar="PAGE", type=Path, help="compare the pairs of each try in this page, too")
     options = parser.parse_args()
-    pieces, wrong = 0, []
+    pieces, wrong = 0, check_prices(options.prices) if options.prices else []
     for folder in options.stores:
         found, differing = check_store(folder, options.profile)
         pieces, wrong = pieces + found, wrong + differing
