@@ -355,6 +355,7 @@ fn explained_rollback(record: &AuditRecord, rollback: &RollbackRecord) -> Explai
         kind: rollback.trigger.kind,
         tick: rollback.trigger.tick,
         notice: rollback.trigger.text.clone(),
+        measured: rollback.trigger.measured,
     };
     let times = DecisionRemark::RollbackTimes {
         safe_ms: rollback.time_to_safe_ms,

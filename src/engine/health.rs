@@ -17,13 +17,13 @@ use holdpoint_governance::sensor_health::{SensorBaseline, SensorFinding, SensorM
 use holdpoint_governance::stats::StatsError;
 use holdpoint_protocol::event::EventKind;
 use holdpoint_registry::AuditFilter;
-use holdpoint_runtime::task::TaskRecord;
 use serde::{Deserialize, Serialize};
 
 use self::domain_watch::DomainWatch;
 use crate::context::Context;
 use crate::fault::EngineFault;
 use crate::recorder::EngineRecorder;
+use crate::trial::past_limit::MeasuredTask;
 
 /// A commissioned baseline in the audit chain, with its version and cell.
 #[derive(Serialize, Deserialize)]
@@ -99,8 +99,9 @@ impl CellHealth {
         context: &Context,
         record: &mut EngineRecorder,
         id: &CapabilityId,
-        done: &TaskRecord,
+        task: MeasuredTask<'_>,
     ) -> Result<(), EngineFault> {
+        let done = task.record;
         self.sense(context, record, &done.sensed)?;
         self.follow_active_version(context, record, id)?;
         let Some(charted) = self.charted.get_mut(&id.family) else { return Ok(()) };
@@ -116,7 +117,8 @@ impl CellHealth {
             match finding {
                 HealthFinding::Violated => {
                     let hit = done.hits.first().map(|(_, hit)| *hit);
-                    let notice = Notice::LimitViolated { version: id.clone(), hit };
+                    let measured = Some(task.violation());
+                    let notice = Notice::LimitViolated { version: id.clone(), hit, measured };
                     record.raise(violation, priorities.violation, true, notice);
                 }
                 HealthFinding::Degraded(rate) => {

@@ -86,7 +86,7 @@ fn open_alarms_survive_a_restart_unchanged() {
     let mut first = pipeline(folder.path(), ProfileName::Sim);
     let record = &mut *first.live().record;
     let taken_off = AlarmKey::RolledBack(id.clone());
-    let notice = Notice::Restricted { version: id.clone() };
+    let notice = Notice::Restricted { version: id.clone(), reason: None };
     record.raise(taken_off.clone(), Priority::Critical, true, notice.clone());
     record.alarm_event(&AlarmEvent::Acknowledge { key: taken_off.clone(), by: "ana".to_owned() });
     record.alarm_event(&AlarmEvent::Clear { key: taken_off });

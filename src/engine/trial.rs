@@ -10,6 +10,7 @@ pub mod job_outcome;
 pub mod live_start;
 pub mod mode_metrics;
 pub mod pair_spot;
+pub mod past_limit;
 pub mod reuse;
 pub mod scene_stops;
 pub mod search;

@@ -26,6 +26,7 @@ use super::harm::HarmKind;
 use super::ids::CapabilityId;
 use super::lifecycle::State;
 use super::notice::NoticeOrText;
+use super::past_limit::MeasuredInTask;
 use super::permission::PeakQuantity;
 use super::phase::WorkPhase;
 use super::record::RecordKind;
@@ -279,6 +280,8 @@ pub enum DecisionRemark {
         tick: u64,
         /// What happened.
         notice: NoticeOrText,
+        /// The live task of a safety event, with the value and the limit.
+        measured: Option<MeasuredInTask>,
     },
     /// How fast a rollback was.
     RollbackTimes {

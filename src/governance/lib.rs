@@ -252,6 +252,7 @@ pub mod mode;
 pub mod monitor;
 pub mod notice;
 pub mod outcome;
+pub mod past_limit;
 pub mod permission;
 pub mod phase;
 pub mod policy;

@@ -11,6 +11,7 @@ use super::decision::{Reason, ReasonCode};
 use super::health::HealthRate;
 use super::ids::{CapabilityId, Family};
 use super::monitor::SafetyEvent;
+use super::past_limit::MeasuredInTask;
 use super::policy_hit::PolicyHit;
 use super::profile::{ProfileName, SiteName};
 use super::profile_downgrade::{AdmissionContext, DowngradeExtent};
@@ -265,8 +266,13 @@ pub enum Notice {
     /// The first tasks under the rollback target were without a safety event.
     SafeAfterRollback { tasks: u64 },
 
-    /// A version was rolled back.
-    RolledBack { version: CapabilityId, trigger: Box<NoticeOrText> },
+    /// A version was rolled back. `measured`: the safety event behind it; absent for other triggers, and in older records.
+    RolledBack {
+        version: CapabilityId,
+        trigger: Box<NoticeOrText>,
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        measured: Option<MeasuredInTask>,
+    },
     /// A family runs its rollback target and does not work safely.
     NotRecovered { family: Family },
     /// A family is safe-stopped.
@@ -277,21 +283,44 @@ pub enum Notice {
     WaitsForApproval { version: CapabilityId },
     /// One person activated a version, and it is not reviewed.
     Unreviewed { version: CapabilityId, by: String },
-    /// The monitor asks an operator about a version.
-    Escalated { version: CapabilityId },
-    /// A version is restricted.
-    Restricted { version: CapabilityId },
-    /// Behavior shifted.
-    Shifted { reasons: Vec<Reason> },
+    /// The monitor asks an operator about a version. Records of older builds have no reason.
+    Escalated {
+        version: CapabilityId,
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        reason: Option<Box<Reason>>,
+    },
+    /// A version is restricted. Records of older builds have no reason.
+    Restricted {
+        version: CapabilityId,
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        reason: Option<Box<Reason>>,
+    },
+    /// The behavior of a version shifted. Records of older builds name no version.
+    Shifted {
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        version: Option<CapabilityId>,
+        reasons: Vec<Reason>,
+    },
     /// A version has the same event as the one compared with it, in the same scene.
     SharedEvent { version: CapabilityId, with: CapabilityId, shared: SharedEvent },
     /// The evidence of the active version does not cover the start of its task. `run_by`: the version that ran the task;
     /// absent if it was refused.
     OutsideDomain { version: CapabilityId, missed: Vec<DomainMiss>, run_by: Option<CapabilityId> },
-    /// The active version recovers too seldom.
-    WeakRecovery { reasons: Vec<Reason> },
-    /// A version violated a limit.
-    LimitViolated { version: CapabilityId, hit: Option<PolicyHit> },
+    /// The active version recovers too seldom. Records of older builds name no version.
+    WeakRecovery {
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        version: Option<CapabilityId>,
+        reasons: Vec<Reason>,
+    },
+    /// An active version did harm: once as a danger to people, or more often than is normal.
+    Harmful { version: CapabilityId, reason: Box<Reason>, sequence: u64 },
+    /// A version violated a limit. `measured` is absent in records of older builds.
+    LimitViolated {
+        version: CapabilityId,
+        hit: Option<PolicyHit>,
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        measured: Option<MeasuredInTask>,
+    },
     /// A version performs worse than at commissioning.
     Degraded { version: CapabilityId, rate: HealthRate },
     /// The camera is worse than at commissioning: m for the jitter, a share for missing camera frames.
@@ -364,6 +393,20 @@ impl NoticeOrText {
             Self::Notice(notice) => Some(notice),
             Self::Text(_) => None,
         }
+    }
+
+    /// Whether an alarm that shows this stays as it is: a newer text is equal, or a violation of the same limit by no larger
+    /// value.
+    #[must_use]
+    pub fn covers(&self, newer: &Self) -> bool {
+        let is_covered = match (self.notice(), newer.notice()) {
+            (
+                Some(Notice::LimitViolated { version, hit, measured: Some(measured) }),
+                Some(Notice::LimitViolated { version: again, hit: newer_hit, measured: Some(newer) }),
+            ) => version == again && hit == newer_hit && !newer.exceeds(measured),
+            _ => false,
+        };
+        is_covered || self == newer
     }
 
     /// Whether a person, or the end of an approval request, caused what it is about.

@@ -1,6 +1,7 @@
 //! Why the guard denies or clamps a command, and which measured values exceed a limit.
 
 use super::evidence::HardStop;
+use super::past_limit::LimitedQuantity;
 
 crate::closed_set! {
     /// Why the guard denied or clamped a command, or which measured value exceeded a limit.
@@ -98,6 +99,31 @@ impl PolicyHit {
             | Self::ForceMeasured
             | Self::RetriesExceeded
             | Self::UnsafeContinuation
+            | Self::PermissionWithdrawn => None,
+        }
+    }
+
+    /// The quantity that was measured past its limit; absent if the hit is about no measured value.
+    #[must_use]
+    pub const fn quantity(self) -> Option<LimitedQuantity> {
+        match self {
+            Self::ForceMeasured => Some(LimitedQuantity::Force),
+            Self::SpeedMeasured => Some(LimitedQuantity::Speed),
+            Self::UnsafeContinuation => Some(LimitedQuantity::Motion),
+            Self::RetriesExceeded => Some(LimitedQuantity::Retries),
+            Self::ModeUncovered
+            | Self::ModeForbidden
+            | Self::ModeUnreviewed
+            | Self::NotFinite
+            | Self::OutsideWorkspace
+            | Self::KeepOut
+            | Self::KeepOutEntered
+            | Self::PredictedCollision
+            | Self::SpeedClamped
+            | Self::ForceClamped
+            | Self::CommandUndeclared
+            | Self::ZoneUndeclared
+            | Self::BudgetExceeded
             | Self::PermissionWithdrawn => None,
         }
     }

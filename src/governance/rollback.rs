@@ -12,6 +12,7 @@ use super::ids::CapabilityId;
 use super::lifecycle::DeactivationKind;
 use super::monitor::SafetyEvent;
 use super::notice::NoticeOrText;
+use super::past_limit::MeasuredInTask;
 use super::shared_event::SharedEvent;
 
 crate::closed_set! {
@@ -178,6 +179,9 @@ pub struct Trigger {
     pub text: NoticeOrText,
     /// When it was triggered, in virtual ticks of the live world; times of the rollback count from here.
     pub tick: u64,
+    /// The live task of a safety event, with the value and the limit; absent for other kinds, and in older records.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub measured: Option<MeasuredInTask>,
 }
 
 crate::closed_set! {

@@ -8,6 +8,7 @@ use serde::{Deserialize, Serialize};
 
 use super::evidence::HardStop;
 use super::monitor::SafetyEvent;
+use super::past_limit::PastLimit;
 
 crate::closed_set! {
     /// Where two versions work the same scene.
@@ -27,42 +28,6 @@ crate::closed_set! {
         /// A live task, and the rollback target in a fork of it.
         Live = "live",
     }
-}
-
-crate::closed_set! {
-    /// A quantity with a limit.
-    LimitedQuantity, "quantity with a limit", {
-        /// Force on wrist, pads or hand, N.
-        Force = "force",
-        /// Speed of the tool, m/s.
-        Speed = "speed",
-        /// Motion after a demanded stop, ms.
-        Motion = "motion",
-    }
-}
-
-impl LimitedQuantity {
-    /// The unit of its values.
-    #[must_use]
-    pub const fn unit(self) -> &'static str {
-        match self {
-            Self::Force => "N",
-            Self::Speed => "m/s",
-            Self::Motion => "ms",
-        }
-    }
-}
-
-/// A measured value and the limit that it is past.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, schemars::JsonSchema)]
-#[serde(deny_unknown_fields)]
-pub struct PastLimit {
-    /// What was measured.
-    pub quantity: LimitedQuantity,
-    /// The largest value.
-    pub value: f64,
-    /// The limit of the profile.
-    pub limit: f64,
 }
 
 /// An event that stops a version.

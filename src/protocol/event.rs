@@ -23,6 +23,7 @@ use holdpoint_governance::lifecycle::{Stage, State};
 use holdpoint_governance::monitor::MonitorOutcome;
 use holdpoint_governance::notice::NoticeOrText;
 use holdpoint_governance::outcome::{ActivationMode, DimensionOutcome, StageOutcome};
+use holdpoint_governance::past_limit::PastLimit;
 use holdpoint_governance::profile::{ProfileName, SiteName};
 use holdpoint_governance::record::UpgradeEnd;
 use holdpoint_governance::rollback::{RollbackRecord, Rung, RungFailure};
@@ -343,6 +344,9 @@ pub enum EventKind {
         version: CapabilityId,
         /// Which of its live tasks, counting from 1 over its whole life.
         task: u64,
+        /// Which sequence of the live world, counting from 0; absent in events of older builds.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        sequence: Option<u64>,
         /// The measures, each with value, limit and unit.
         past: Vec<HarmPast>,
         /// Whether a measure is past the value from which it is a danger to people.
@@ -529,6 +533,9 @@ pub struct TaskSummary {
     pub success: bool,
     /// A measured quantity exceeded its limit, or the guard denied a command.
     pub violation: bool,
+    /// The largest value of the first quantity past its limit; absent without one, and in events of older builds.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub past: Option<PastLimit>,
     /// The watcher raised a failure signal.
     pub anomaly: bool,
     /// The recovery manager took over during the task.

@@ -5,6 +5,7 @@
 use std::fmt::Write as _;
 
 use crate::harm::harm_past;
+use crate::past_limit::{after_event, past_limit};
 use crate::{failure_cause, notice};
 use holdpoint_governance::profile::titled;
 use holdpoint_protocol::event::{DimensionResult, Event, EventKind};
@@ -159,6 +160,9 @@ fn text(kind: &EventKind) -> String {
                 if task.violation {
                     line.push_str(" VIOLATION");
                 }
+                if let Some(past) = &task.past {
+                    let _ = write!(line, " ({})", past_limit(past));
+                }
                 if task.anomaly {
                     line.push_str(" anomaly");
                 }
@@ -186,14 +190,15 @@ fn text(kind: &EventKind) -> String {
             time_to_safe_ms,
             time_to_rollback_ms,
             recovered,
-            ..
+            record,
         } => {
             let after =
                 |ms: &Option<u64>| ms.map_or_else(|| "never".to_owned(), |ms| format!("after {ms} ms"));
             let restored = restored.as_ref().map_or_else(|| "no version".to_owned(), ToString::to_string);
             format!(
-                "rollback {version} -> {restored}: {}; safe {}, restored {}, {}",
+                "rollback {version} -> {restored}: {}{}; safe {}, restored {}, {}",
                 notice(trigger),
+                after_event(record.trigger.measured.as_ref()),
                 after(time_to_safe_ms),
                 after(time_to_rollback_ms),
                 if *recovered { "recovered" } else { "NOT recovered" }
@@ -220,11 +225,13 @@ fn text(kind: &EventKind) -> String {
              {peak_force_n:.1} N; stored as normal for {}",
             version.family
         ),
-        EventKind::HarmPastLimit { version, task, past, danger, tasks_past } => {
+        EventKind::HarmPastLimit { version, task, sequence, past, danger, tasks_past } => {
             let measures: Vec<String> = past.iter().map(harm_past).collect();
+            let of_sequence = sequence.map_or_else(String::new, |sequence| format!(", sequence {sequence}"));
             let danger = if *danger { "; DANGER to people" } else { "" };
             format!(
-                "harm     {version}: {} in live task {task}; {tasks_past} of {task} past a limit{danger}",
+                "harm     {version}: {} in live task {task}{of_sequence}; {tasks_past} of {task} past a \
+                 limit{danger}",
                 measures.join(", ")
             )
         }

@@ -11,6 +11,7 @@ use holdpoint_governance::rollback::RungFailure;
 use holdpoint_governance::stats::spot_check::EDITED_ONE_IN;
 
 use crate::check::number;
+use crate::past_limit::after_event;
 use crate::{finding, notice, reason};
 
 /// What a reason found, as one sentence without a full stop. A record of an older build has its sentence, which stays as it is.
@@ -292,8 +293,9 @@ pub fn decision_remark(of: &DecisionRemark) -> String {
             format!("{person} ({role}) says {answer}: {reason}")
         }
         DecisionRemark::StateChange(cause) => notice(cause),
-        DecisionRemark::RollbackTrigger { kind, tick, notice: cause } => {
-            format!("trigger {kind} at tick {tick}: {}", notice(cause))
+        DecisionRemark::RollbackTrigger { kind, tick, notice: cause, measured } => {
+            let measured = after_event(measured.as_ref());
+            format!("trigger {kind} at tick {tick}: {}{measured}", notice(cause))
         }
         DecisionRemark::RollbackTimes { safe_ms, restored_ms, unsafe_continuation_ms } => {
             let time = |ms: Option<u64>| ms.map_or_else(|| "never".to_owned(), |ms| format!("after {ms} ms"));

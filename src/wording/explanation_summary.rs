@@ -91,14 +91,15 @@ fn head(of: &ExplanationSummary) -> String {
         VersionPosition::RejectedByPeople(remark) => {
             format!("{version} was REJECTED: {} ({recorded})", decision_remark(remark))
         }
-        VersionPosition::RolledBack { status, target, cause } => {
+        VersionPosition::RolledBack { status, target, cause, measured } => {
             let target = target.as_ref().map_or_else(String::new, |target| format!(" to {target}"));
             let rest = match status {
                 PostStatus::RolledBack => "",
                 PostStatus::Demoted => " and returned to evaluation",
                 PostStatus::SafeStopped => ", and its family is safe-stopped",
             };
-            format!("{version} was ROLLED BACK{target}{rest} ({recorded}): {}", notice(cause))
+            let measured = after_event(measured.as_ref());
+            format!("{version} was ROLLED BACK{target}{rest} ({recorded}): {}{measured}", notice(cause))
         }
         VersionPosition::Returned { stage, cause } => {
             let place = stage.map_or_else(String::new, |stage| format!(" {}", stage_place(stage)));

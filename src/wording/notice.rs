@@ -2,17 +2,19 @@
 
 use holdpoint_governance::cached_result::CacheLocation;
 use holdpoint_governance::decision::Reason;
+use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::notice::{
     AdmissionRefusal, BoundPart, Notice, NoticeOrText, OperatorAct, RequestVoidCause, RetreatObstacle,
 };
+use holdpoint_governance::past_limit::MeasuredInTask;
+use holdpoint_governance::policy_hit::PolicyHit;
 use holdpoint_governance::profile::{ProfileName, titled};
 use holdpoint_governance::profile_downgrade::AdmissionContext;
 use holdpoint_governance::rollback::RungFailure;
 use holdpoint_governance::sensor_health::SensorSignal;
-use holdpoint_governance::shared_event::PastLimit;
 use holdpoint_governance::startup_stop::StartStoppedReason;
 
-use crate::check::number;
+use crate::past_limit::{after_event, measured, past_limit};
 
 /// What is stated, as one sentence without a full stop. A record of an older build has its sentence, which stays as it is.
 #[must_use]
@@ -180,7 +182,9 @@ pub fn notice_sentence(of: &Notice) -> String {
             format!("the first {tasks} tasks under it were without a safety event")
         }
 
-        N::RolledBack { version, trigger } => format!("{version} was rolled back: {}", notice(trigger)),
+        N::RolledBack { version, trigger, measured } => {
+            format!("{version} was rolled back: {}{}", notice(trigger), after_event(measured.as_ref()))
+        }
         N::NotRecovered { family } => {
             format!("{family} runs its rollback target and does not work safely")
         }
@@ -190,15 +194,15 @@ pub fn notice_sentence(of: &Notice) -> String {
         N::Rejected { version } => format!("{version} was rejected"),
         N::WaitsForApproval { version } => format!("{version} waits for approval"),
         N::Unreviewed { version, by } => format!("{version} was activated by {by} alone and is not reviewed"),
-        N::Escalated { version } => format!("{version}: people are needed"),
-        N::Restricted { version } => format!("{version} is restricted"),
-        N::Shifted { reasons } => format!("behavior shifted: {}", joined(reasons, crate::reason)),
+        N::Escalated { version, reason } => {
+            format!("{version}: people are needed{}", because(reason.as_deref()))
+        }
+        N::Restricted { version, reason } => format!("{version} is restricted{}", because(reason.as_deref())),
+        N::Shifted { version, reasons } => {
+            format!("{}behavior shifted: {}", about(version.as_ref()), joined(reasons, crate::reason))
+        }
         N::SharedEvent { version, with, shared } => {
-            let past = shared.past.map_or_else(String::new, |past| {
-                let PastLimit { quantity, value, limit } = past;
-                let unit = quantity.unit();
-                format!(", {quantity} {} {unit} against a limit of {limit} {unit}", number(value))
-            });
+            let past = shared.past.map_or_else(String::new, |past| format!(", {}", past_limit(&past)));
             format!(
                 "{version} has the same event as {with} in the same scene ({}, seed {}): {}{past}",
                 shared.scene,
@@ -216,13 +220,13 @@ pub fn notice_sentence(of: &Notice) -> String {
             let missed = missed.join("; ");
             format!("the evidence of {version} does not cover the start of its task: {missed}; {effect}")
         }
-        N::WeakRecovery { reasons } => joined(reasons, weakness),
-        N::LimitViolated { version, hit } => {
-            format!(
-                "{version} violated a limit{}",
-                hit.map_or_else(String::new, |hit| format!(": {}", hit.label()))
-            )
+        N::WeakRecovery { version, reasons } => {
+            format!("{}{}", about(version.as_ref()), joined(reasons, weakness))
         }
+        N::Harmful { version, reason, sequence } => {
+            format!("{version}: {}, sequence {sequence}", crate::reason(reason))
+        }
+        N::LimitViolated { version, hit, measured: found } => limit_violated(version, *hit, found.as_ref()),
         N::Degraded { version, rate } => {
             format!("{version} performs worse than when the cell was commissioned: its {rate} rate")
         }
@@ -366,6 +370,24 @@ fn weakness(reason: &Reason) -> String {
         (Some(found), Some(limit)) => format!("{text} ({found:.2}, at least {limit:.2})"),
         _ => text,
     }
+}
+
+/// The version that a sentence is about, if the record names one.
+fn about(version: Option<&CapabilityId>) -> String {
+    version.map_or_else(String::new, |version| format!("{version}: "))
+}
+
+fn because(reason: Option<&Reason>) -> String {
+    reason.map_or_else(String::new, |reason| format!(": {}", crate::reason(reason)))
+}
+
+/// The value with its limit says more than the kind of violation; the kind is told where no value was measured.
+fn limit_violated(version: &CapabilityId, hit: Option<PolicyHit>, found: Option<&MeasuredInTask>) -> String {
+    let is_measured = found.is_some_and(|found| found.past.is_some());
+    let kind = hit.filter(|_| !is_measured).map(|hit| hit.label().to_owned());
+    let parts: Vec<String> = kind.into_iter().chain(found.map(measured)).collect();
+    let colon = if parts.is_empty() { "" } else { ": " };
+    format!("{version} violated a limit{colon}{}", parts.join(", "))
 }
 
 /// The signal, its value, its limit, and the part to inspect.

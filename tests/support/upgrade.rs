@@ -92,6 +92,7 @@ fn sequence(index: u64, at_ms: u64) -> (u64, EventKind) {
         version: id(if index > 2 { NEW } else { OLD }),
         success,
         violation: false,
+        past: None,
         anomaly: !success,
         recovery: !success,
         retries: 0,
@@ -107,7 +108,7 @@ fn rolled_back(at_ms: u64) -> (u64, EventKind) {
     let record = RollbackRecord {
         candidate: id(NEW),
         predecessor: Some(id(OLD)),
-        trigger: Trigger { kind: TriggerKind::SafetyEvent, event: None, text, tick: 204_240 },
+        trigger: Trigger { kind: TriggerKind::SafetyEvent, event: None, text, tick: 204_240, measured: None },
         in_flight: true,
         time_to_safe_ticks: Some(29),
         time_to_safe_ms: Some(120),

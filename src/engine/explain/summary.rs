@@ -180,7 +180,8 @@ impl<'a> SummaryReader<'a> {
         let Some(decision) = self.decision_to(state) else {
             let cause = self.state_cause();
             return self.unexplained(if state == State::RolledBack {
-                VersionPosition::RolledBack { status: PostStatus::RolledBack, target: None, cause }
+                let status = PostStatus::RolledBack;
+                VersionPosition::RolledBack { status, target: None, cause, measured: None }
             } else {
                 VersionPosition::Returned { stage: None, cause: Some(cause) }
             });
@@ -192,6 +193,7 @@ impl<'a> SummaryReader<'a> {
                 status: rollback.post_status,
                 target: rollback.predecessor,
                 cause: rollback.trigger.text,
+                measured: rollback.trigger.measured,
             };
             let failures = rollback.rungs.iter().filter_map(|rung| rung.failure);
             let remedies = failures.map(Remedy::RepairRung).collect();

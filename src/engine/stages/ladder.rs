@@ -65,7 +65,8 @@ pub(crate) fn raise_rolled_back(context: &Context, record: &mut EngineRecorder, 
     let id = &rollback.candidate;
     let priority = context.profile.alarms.rolled_back;
     let trigger = Box::new(rollback.trigger.text.clone());
-    let notice = Notice::RolledBack { version: id.clone(), trigger };
+    let measured = rollback.trigger.measured;
+    let notice = Notice::RolledBack { version: id.clone(), trigger, measured };
     record.raise(AlarmKey::RolledBack(id.clone()), priority, true, notice);
 }
 

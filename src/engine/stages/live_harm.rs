@@ -14,7 +14,6 @@ use holdpoint_governance::stats::StatsError;
 use holdpoint_protocol::event::EventKind;
 use holdpoint_registry::{AuditFilter, StoredBatch, TelemetryViews, Views};
 use holdpoint_runtime::capability::Capability;
-use holdpoint_runtime::task::TaskRecord;
 use serde::{Deserialize, Serialize};
 
 use crate::context::Context;
@@ -22,6 +21,7 @@ use crate::evidence_file::EvidenceFiles;
 use crate::fault::EngineFault;
 use crate::live_task_record::{LIVE, UNWATCHED};
 use crate::recorder::EngineRecorder;
+use crate::trial::past_limit::MeasuredTask;
 use crate::version_table::VersionTable;
 
 /// Tasks without harm after which a count is recorded: a start reads the telemetry since then.
@@ -160,9 +160,10 @@ impl LiveHarmWatch {
         &mut self,
         (context, evidence_files): (&Context, &EvidenceFiles),
         record: &mut EngineRecorder,
-        (id, done, batch): (&CapabilityId, &TaskRecord, u64),
+        (id, measured, batch): (&CapabilityId, MeasuredTask<'_>, u64),
         tightened: bool,
     ) -> Result<TaskHarm, EngineFault> {
+        let done = measured.record;
         let Some(harm) = done.harm.filter(|_| !done.invalid && !done.refused) else {
             return Ok(TaskHarm::default());
         };
@@ -187,6 +188,7 @@ impl LiveHarmWatch {
             record.tell(EventKind::HarmPastLimit {
                 version: id.clone(),
                 task: tasks,
+                sequence: Some(measured.sequence),
                 past: task.past.clone(),
                 danger: !task.danger.is_empty(),
                 tasks_past: any,

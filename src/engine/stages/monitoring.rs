@@ -27,6 +27,7 @@ use crate::health::CellHealth;
 use crate::live_task_record::{LIVE, LiveTaskMarks, LiveTaskRecord, UNWATCHED};
 use crate::monitors::Monitors;
 use crate::recorder::EngineRecorder;
+use crate::trial::past_limit::MeasuredTask;
 use crate::version_concern::VersionConcern;
 use crate::version_table::TransitionNote;
 use crate::world::LiveWorld;
@@ -100,7 +101,8 @@ impl LiveMonitoring<'_> {
     /// # Errors
     /// If it cannot be written.
     pub(crate) fn end_sequence(&mut self, worked: FinishedSequence) -> Result<SequenceReport, EngineFault> {
-        let FinishedSequence { index, mut running, report, supervisor, link_up, stopped, shadow: _ } = worked;
+        let FinishedSequence { index, mut running, report, supervisor, envelopes, .. } = worked;
+        let (link_up, stopped) = (worked.link_up, worked.stopped);
         let starts = running.take_starts();
         self.world.cell.take_back(running);
         let (monitors, mut raised) = supervisor.stand_down();
@@ -110,8 +112,12 @@ impl LiveMonitoring<'_> {
         let stopped = stopped.is_some();
         let is_cut_short = |place: usize| stopped && place + 1 == report.tasks.len();
         let summaries = report.tasks.iter().enumerate();
-        let tasks: Vec<TaskSummary> =
-            summaries.map(|(place, dispatched)| summary(dispatched, is_cut_short(place))).collect();
+        let tasks: Vec<TaskSummary> = summaries
+            .map(|(place, dispatched)| {
+                let past = MeasuredTask::new(index, dispatched, &envelopes).violation().past;
+                TaskSummary { past, ..summary(dispatched, is_cut_short(place)) }
+            })
+            .collect();
         self.world.note((!stopped).then(|| report.succeeded()), &tasks);
         self.record.tell(EventKind::Sequence {
             index,
@@ -126,6 +132,7 @@ impl LiveMonitoring<'_> {
         self.health.domain.observe(self.context, self.record, &report);
         for (place, dispatched) in report.tasks.iter().enumerate() {
             let id = &dispatched.id;
+            let measured = MeasuredTask::new(index, dispatched, &envelopes);
             let cut_short = is_cut_short(place);
             // While the link is down, no telemetry of a task reaches the monitors. Of a task that a person cut short
             // a monitor learns only that. An operation that stops the arm counts for the version it is about.
@@ -138,7 +145,7 @@ impl LiveMonitoring<'_> {
                 let batch = keep_telemetry(self.record, self.monitors, id, &task_record, report.duration_ms)?;
                 if !cut_short {
                     let judged = (self.context, &*self.evidence_files);
-                    let task = (id, &dispatched.record, batch);
+                    let task = (id, measured, batch);
                     harm = self.live_harm.observe(judged, self.record, task, tightened)?;
                 }
             }
@@ -147,19 +154,19 @@ impl LiveMonitoring<'_> {
             let tripped = ours.iter().any(|raised| raised.decision.action == MonitorAction::Rollback);
             let of_task = |start: &&TaskStart| start.id == *id && start.task == dispatched.record.task;
             let start = starts.iter().find(of_task);
-            let scene = start.map(|start| LiveScene { start: &start.world, record: &dispatched.record });
+            let scene = start.map(|start| LiveScene { start: &start.world, task: measured });
             for raised in ours {
                 self.act_on(id, &raised.decision, raised.trip.as_ref(), scene)?;
             }
             // The charts follow the active version; a task that another one ran in its place is none of its own.
             let in_place = report.outside.iter().any(|outside| outside.run_by.as_ref() == Some(id));
             if link_up && !cut_short && !in_place {
-                self.health.observe(self.context, self.record, id, &dispatched.record)?;
+                self.health.observe(self.context, self.record, id, measured)?;
             }
             if tripped {
                 continue;
             }
-            let rolled_back = self.act_on_harm(id, &harm, scene)?;
+            let rolled_back = self.act_on_harm(id, (&harm, index), scene)?;
             if link_up && !rolled_back && (!cut_short || stepped_in) {
                 self.watch(id, &dispatched.record, tightened, scene)?;
             }
@@ -177,7 +184,7 @@ impl LiveMonitoring<'_> {
     fn act_on_harm(
         &mut self,
         id: &CapabilityId,
-        harm: &TaskHarm,
+        (harm, sequence): (&TaskHarm, u64),
         scene: Option<LiveScene<'_>>,
     ) -> Result<bool, EngineFault> {
         let reasons = harm.reasons();
@@ -188,14 +195,10 @@ impl LiveMonitoring<'_> {
             let decision = roll_back(reasons, self.record.now_tick());
             return self.act_on(id, &decision, None, scene).map(|()| true);
         }
-        if !harm.past.is_empty() {
-            let notice = Notice::decided(reasons.first());
-            self.record.raise(
-                AlarmKey::Harm(id.clone()),
-                self.context.profile.alarms.violation,
-                true,
-                notice,
-            );
+        if let Some(reason) = reasons.into_iter().next().filter(|_| !harm.past.is_empty()) {
+            let notice = Notice::Harmful { version: id.clone(), reason: Box::new(reason), sequence };
+            let priority = self.context.profile.alarms.violation;
+            self.record.raise(AlarmKey::Harm(id.clone()), priority, true, notice);
         }
         Ok(false)
     }
@@ -339,11 +342,15 @@ impl LiveMonitoring<'_> {
             MonitorAction::Rollback => {
                 tell_monitor(self.record, id, decision.action, &decision.reasons)?;
                 self.evidence_files.edit(id).reasons.clone_from(&decision.reasons);
+                let kind = TriggerKind::of(&decision.reasons, silent);
+                let event = trip.and_then(|trip| trip.event);
+                let scene_of_event = scene.filter(|_| kind == TriggerKind::SafetyEvent);
                 let trigger = Trigger {
-                    kind: TriggerKind::of(&decision.reasons, silent),
-                    event: trip.and_then(|trip| trip.event),
+                    kind,
+                    event,
                     text: Notice::decided(decision.reasons.first()).into(),
                     tick: decision.tick,
+                    measured: scene_of_event.map(|scene| scene.task.safety_event(event)),
                 };
                 self.deactivate_after(id, trigger, trip, DeactivationKind::RolledBack, scene)
             }
@@ -445,7 +452,8 @@ fn escalated(
     let cause = decision.reasons.first().map(|reason| reason.code);
     let silent = cause == Some(ReasonCode::MonitorTelemetryMissing);
     let priority = if silent { alarms.telemetry_silent } else { alarms.escalated };
-    let notice = Notice::Escalated { version: id.clone() };
+    let reason = decision.reasons.first().cloned().map(Box::new);
+    let notice = Notice::Escalated { version: id.clone(), reason };
     record.raise(AlarmKey::Escalated(id.clone()), priority, true, notice);
     Ok(())
 }
@@ -475,7 +483,7 @@ fn raise_concern(
     id: &CapabilityId,
     reasons: Vec<Reason>,
 ) -> Result<(), EngineFault> {
-    let notice = Notice::Shifted { reasons: reasons.clone() };
+    let notice = Notice::Shifted { version: Some(id.clone()), reasons: reasons.clone() };
     record.raise(AlarmKey::Shifted(id.clone()), context.profile.alarms.degraded, true, notice);
     let evidence_file = evidence_files.edit(id);
     if evidence_file.suspicion.is_some() {
@@ -526,7 +534,8 @@ pub fn restrict_on_demand(
     }
     tell_monitor(record, id, MonitorAction::Restrict, reasons)?;
     let priority = context.profile.alarms.restricted;
-    let notice = Notice::Restricted { version: id.clone() };
+    let reason = reasons.first().cloned().map(Box::new);
+    let notice = Notice::Restricted { version: id.clone(), reason };
     record.raise(AlarmKey::Restricted(id.clone()), priority, true, notice);
     Ok(())
 }
@@ -571,6 +580,7 @@ fn summary(dispatched: &DispatchedTask, cut_short: bool) -> TaskSummary {
         version: dispatched.id.clone(),
         success: record.success,
         violation: record.violation,
+        past: None,
         anomaly: record.anomaly,
         recovery: record.recovery,
         retries: record.retries,

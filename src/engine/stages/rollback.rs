@@ -16,7 +16,6 @@ use holdpoint_governance::shared_event::{SceneKind, SharedEvent, StoppingEvent};
 use holdpoint_registry::ActiveCause;
 use holdpoint_runtime::agent::AbandonedGoal;
 use holdpoint_runtime::capability::Capability;
-use holdpoint_runtime::task::TaskRecord;
 use holdpoint_runtime::terms::SkillTerms;
 use holdpoint_text::Hint;
 
@@ -30,7 +29,7 @@ use crate::fault::EngineFault;
 use crate::monitors::ActivationMonitor;
 use crate::monitors::Monitors;
 use crate::recorder::EngineRecorder;
-use crate::trial::scene_stops::past_limit;
+use crate::trial::past_limit::{MeasuredTask, past_limit};
 use crate::version_table::{TransitionNote, VersionTableError};
 use crate::world::LiveWorld;
 use crate::world::cell_frame;
@@ -42,14 +41,14 @@ use crate::world::supervisor::{Trip, stopping_events};
 
 /// The trigger of a rollback that begins now.
 pub(crate) fn trigger(record: &EngineRecorder, kind: TriggerKind, text: Notice) -> Trigger {
-    Trigger { kind, event: None, text: text.into(), tick: record.now_tick() }
+    Trigger { kind, event: None, text: text.into(), tick: record.now_tick(), measured: None }
 }
 
 /// A live task and the world where it began.
 #[derive(Clone, Copy)]
 pub(crate) struct LiveScene<'a> {
     pub(crate) start: &'a CellCopy,
-    pub(crate) record: &'a TaskRecord,
+    pub(crate) task: MeasuredTask<'a>,
 }
 
 /// Rolls versions back: moves the arm, activates the rollback target and ends the drift monitor.
@@ -182,11 +181,11 @@ impl Rollback<'_> {
         if trigger.kind != TriggerKind::SafetyEvent {
             return None;
         }
-        let events = stopping_events(scene.record, &self.context.profile);
+        let events = stopping_events(scene.task.record, &self.context.profile);
         let event = trigger.event.or_else(|| events.first().copied())?;
         let mut fork = self.context.cell.trial().ok()?;
         fork.go_on_from(scene.start).ok()?;
-        let (task, seed) = (scene.record.task, scene.record.seed);
+        let (task, seed) = (scene.task.record.task, scene.task.record.seed);
         let forked = ForkedTask::new(fork, target, &self.terms(target), task, seed);
         let (_, worked) = forked.run(&mut |_, _| {})?;
         let of_target = stopping_events(&worked, &self.context.profile);

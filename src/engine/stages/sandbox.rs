@@ -526,7 +526,7 @@ fn report_weakness(record: &mut EngineRecorder, active: &CapabilityId, kappas: &
     };
     let reasons: Vec<Reason> = kappas.recovery.reasons.iter().filter(is_weakness).cloned().collect();
     if !reasons.is_empty() {
-        let notice = Notice::WeakRecovery { reasons };
+        let notice = Notice::WeakRecovery { version: Some(active.clone()), reasons };
         record.raise(AlarmKey::WeakRecovery(active.clone()), priority, true, notice);
     }
 }

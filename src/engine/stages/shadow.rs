@@ -239,7 +239,7 @@ fn decide(
     let is_shift = |reason: &&Reason| reason.code == ReasonCode::ShadowShifted;
     let reasons: Vec<Reason> = result.reasons.iter().filter(is_shift).cloned().collect();
     if !reasons.is_empty() {
-        let notice = Notice::Shifted { reasons };
+        let notice = Notice::Shifted { version: Some(id.clone()), reasons };
         record.raise(AlarmKey::Shifted(id.clone()), profile.alarms.degraded, true, notice);
     }
     let store = record.version_table().store();

@@ -78,6 +78,7 @@ mod tests {
             version: version.clone(),
             success,
             violation: !success,
+            past: None,
             anomaly: false,
             recovery: false,
             retries: 0,
@@ -92,7 +93,7 @@ mod tests {
         let record = RollbackRecord {
             candidate: version.clone(),
             predecessor: None,
-            trigger: Trigger { kind, event: None, text: NoticeOrText::default(), tick: 0 },
+            trigger: Trigger { kind, event: None, text: NoticeOrText::default(), tick: 0, measured: None },
             in_flight: false,
             time_to_safe_ticks: None,
             time_to_safe_ms: None,

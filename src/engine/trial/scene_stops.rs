@@ -1,12 +1,11 @@
 //! Hard stops of scenes that two versions worked: whose each of them is.
 
 use holdpoint_governance::evidence::HardStop;
-use holdpoint_governance::monitor::SafetyEvent;
 use holdpoint_governance::profile::Profile;
-use holdpoint_governance::shared_event::{
-    LimitedQuantity, PastLimit, SceneKind, SharedEvent, StoppingEvent, one_sided,
-};
+use holdpoint_governance::shared_event::{SceneKind, SharedEvent, StoppingEvent, one_sided};
 use holdpoint_runtime::task::TaskRecord;
+
+use crate::trial::past_limit::past_limit;
 
 /// Hard stops so far.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -31,38 +30,6 @@ impl SceneStops {
             }),
         }
     }
-}
-
-/// The value of a record that an event is about, with the profile's limit, where it is past it.
-#[must_use]
-#[allow(clippy::cast_precision_loss, reason = "ticks and milliseconds of one task")]
-pub fn past_limit(event: StoppingEvent, record: &TaskRecord, profile: &Profile) -> Option<PastLimit> {
-    let limits = &profile.runtime;
-    let (quantity, value, limit) = match event {
-        StoppingEvent::HardStop(HardStop::MotionAfterStop)
-        | StoppingEvent::Safety(SafetyEvent::UnsafeContinuation) => {
-            (LimitedQuantity::Motion, record.unsafe_continuation_ms as f64, limits.unsafe_continuation_max_ms)
-        }
-        StoppingEvent::Safety(SafetyEvent::ForceLimit | SafetyEvent::Collision) => {
-            (LimitedQuantity::Force, record.peak_force_n, limits.contact_force_max_n)
-        }
-        StoppingEvent::Safety(SafetyEvent::SpeedLimit) => {
-            (LimitedQuantity::Speed, record.peak_speed_m_s, limits.tool_speed_max_m_s)
-        }
-        StoppingEvent::HardStop(
-            HardStop::UndeclaredImport
-            | HardStop::CommandPastGuard
-            | HardStop::NonFiniteOutput
-            | HardStop::BudgetBreach,
-        )
-        | StoppingEvent::Safety(
-            SafetyEvent::KeepOut
-            | SafetyEvent::NotANumber
-            | SafetyEvent::PermissionBreach
-            | SafetyEvent::Danger,
-        ) => return None,
-    };
-    (value > limit).then_some(PastLimit { quantity, value, limit })
 }
 
 #[cfg(test)]

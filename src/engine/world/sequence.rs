@@ -20,6 +20,7 @@ use holdpoint_governance::start_domain::{OutsideResponse, StartDomain, StartObse
 use holdpoint_protocol::video_frame::EnvelopeView;
 use holdpoint_runtime::agent::ActiveView;
 use holdpoint_runtime::capability::Capability;
+use holdpoint_runtime::limits::Envelope;
 use holdpoint_runtime::recovery::RecoveryReport;
 use holdpoint_runtime::start_check::StartCheck;
 use holdpoint_runtime::terms::SkillTerms;
@@ -116,6 +117,8 @@ pub(crate) struct FinishedSequence {
     pub(crate) report: SequenceReport,
     pub(crate) supervisor: SequenceSupervisor,
     pub(crate) link_up: bool,
+    /// What the guard held each version to.
+    pub(crate) envelopes: BTreeMap<CapabilityId, Envelope>,
     /// The arm was stopped from outside.
     pub(crate) stopped: Option<StoppedTask>,
     /// What shadow came to, if a candidate was in shadow.
@@ -182,7 +185,9 @@ impl StartedSequence {
             known.map_or_else(|| spare.clone(), |(_, terms)| terms.clone())
         };
         let report = running.run(&actives, &choose, seed, listener, Some(&mut supervisor));
-        FinishedSequence { index, running, report, supervisor, link_up, stopped: None, shadow: None }
+        let envelopes = terms.iter().map(|(id, terms)| (id.clone(), *terms.envelope())).collect();
+        let (stopped, shadow) = (None, None);
+        FinishedSequence { index, running, report, supervisor, link_up, envelopes, stopped, shadow }
     }
 }
 

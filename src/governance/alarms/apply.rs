@@ -89,8 +89,7 @@ fn raise(
     // While it is there it may become more urgent, never less; the operator is then called again.
     let urgent = alarm.condition && priority < alarm.priority;
     let appears = !alarm.condition;
-    let same_text = alarm.text == *text;
-    if !appears && !urgent && same_text && (alarm.latching || !latching) {
+    if !appears && !urgent && alarm.text.covers(text) && (alarm.latching || !latching) {
         return Ok(Vec::new());
     }
     if appears {

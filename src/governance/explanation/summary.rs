@@ -77,6 +77,8 @@ pub enum VersionPosition {
         target: Option<CapabilityId>,
         /// Why.
         cause: NoticeOrText,
+        /// The live task of a safety event, with the value and the limit.
+        measured: Option<MeasuredInTask>,
     },
     /// It was returned to evaluation before it was in control.
     Returned {

@@ -68,6 +68,7 @@ impl SceneScript {
             version: id("place@1.0.0"),
             success,
             violation: false,
+            past: None,
             anomaly: false,
             recovery: !success,
             retries: 0,

@@ -1,7 +1,7 @@
 //! Samples of what explanations, checks and lookups state, for the table of texts.
 
-use holdpoint_body::CodeFault;
 use holdpoint_body::disturbance::{Drift, DriftKind, Magnitude};
+use holdpoint_body::{CodeFault, TaskKind};
 use holdpoint_governance::approval::{ApprovalDecision, Role};
 use holdpoint_governance::behavior::{
     BehaviorComponent, ComponentName, ExceedanceRates, HarmComparison, SequenceComparison, SequenceMeasure,
@@ -22,6 +22,7 @@ use holdpoint_governance::harm::HarmKind;
 use holdpoint_governance::ids::Digest;
 use holdpoint_governance::lifecycle::State;
 use holdpoint_governance::notice::{Notice, NoticeOrText, OperatorAct};
+use holdpoint_governance::past_limit::MeasuredInTask;
 use holdpoint_governance::permission::{PeakQuantity, PermissionUse};
 use holdpoint_governance::phase::WorkPhase;
 use holdpoint_governance::record::RecordKind;
@@ -172,7 +173,13 @@ fn remarks() -> Vec<DecisionRemark> {
             reason: "too fast".to_owned(),
         },
         DecisionRemark::StateChange(notice.clone()),
-        DecisionRemark::RollbackTrigger { kind, tick: 4_800, notice: notice.clone() },
+        DecisionRemark::RollbackTrigger { kind, tick: 4_800, notice: notice.clone(), measured: None },
+        DecisionRemark::RollbackTrigger {
+            kind: TriggerKind::SafetyEvent,
+            tick: 4_800,
+            notice: notice.clone(),
+            measured: Some(MeasuredInTask { sequence: 153, task: TaskKind::Grasp, past: None }),
+        },
         DecisionRemark::RollbackTimes { safe_ms: Some(180), restored_ms: None, unsafe_continuation_ms: 12 },
         DecisionRemark::RungEnd { rung, failure: None, ms: 100, notice: notice.clone() },
         DecisionRemark::RungEnd { rung, failure: Some(RungFailure::HookFailed), ms: 100, notice },

@@ -37,7 +37,7 @@ fn shift_alarm(twin: EpisodeValues) -> (Bench, Option<NoticeOrText>) {
 }
 
 fn is_live_shift(text: &NoticeOrText) -> bool {
-    let Some(Notice::Shifted { reasons }) = text.notice() else { return false };
+    let Some(Notice::Shifted { reasons, .. }) = text.notice() else { return false };
     reasons.iter().any(|reason| matches!(reason.finding, Some(Finding::ShiftedLive { .. })))
 }
 

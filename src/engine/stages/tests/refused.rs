@@ -14,6 +14,7 @@ use holdpoint_runtime::task::TaskRecord;
 use crate::cell::Conditions;
 use crate::stages::rollback::tests::Bench;
 use crate::trial::episodes::{alone, pair};
+use crate::trial::past_limit::MeasuredTask;
 use crate::trial::undisturbed_run::{TrialCase, UndisturbedRun};
 use crate::trial::worker::Worker;
 use crate::world::listener::Listener as _;
@@ -68,7 +69,8 @@ fn refusals_and_simulator_failures_degrade_the_family() {
         let live = bench.pipeline.live();
         for seed in 0..FEW as u64 {
             let done = lost(holdpoint_body::TaskKind::Align, seed);
-            live.health.observe(live.context, live.record, &id, &done).unwrap();
+            let task = MeasuredTask { sequence: seed, record: &done, envelope: None };
+            live.health.observe(live.context, live.record, &id, task).unwrap();
         }
         let alarm = live.record.alarms().get(&AlarmKey::Degraded(id));
         assert!(alarm.is_some_and(|alarm| alarm.condition), "{alarm:?}");
