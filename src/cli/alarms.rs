@@ -12,11 +12,14 @@ use crate::cli::context::CliContext;
 use crate::cli::output::CommandOutput;
 use crate::error::{CliError, Exit};
 use holdpoint_engine::health_series::{HealthError, HealthReader};
-use holdpoint_governance::alarms::{Alarm, AlarmState, Priority};
+use holdpoint_governance::alarms::{Alarm, AlarmState, Priority, Shelving};
+use holdpoint_governance::calendar;
 use holdpoint_governance::notice::{Notice, NoticeOrText};
-use holdpoint_governance::record::RecordKind;
+use holdpoint_governance::record::{AuditRecord, RecordKind};
 use holdpoint_protocol::health::{AlarmEpisode, BUCKET_MS_MAX, BUCKETS_MAX, HealthClock, HealthQuery};
 use holdpoint_registry::{AuditFilter, Layout, Views};
+use holdpoint_text::Untrusted;
+use holdpoint_wording::alarm as wording;
 
 /// The arguments of `alarms`.
 #[derive(Clone, Debug, PartialEq, Eq, Args)]
@@ -52,6 +55,9 @@ pub struct AlarmsArgs {
 struct AlarmLine {
     /// Virtual time, ms.
     at_ms: u64,
+    /// The machine's time, ms since 1970; absent in scripts.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    wall_ms: Option<i64>,
     alarm: String,
     priority: Priority,
     state: AlarmState,
@@ -60,6 +66,35 @@ struct AlarmLine {
     /// The same with its values; absent for the text of an older build.
     #[serde(skip_serializing_if = "Option::is_none")]
     notice: Option<Notice>,
+    #[serde(flatten)]
+    open: Option<OpenAlarm>,
+}
+
+/// What an operator has to know of an open alarm beside its text.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+struct OpenAlarm {
+    /// What follows without an action.
+    consequence: &'static str,
+    /// What to look at first.
+    look_at: &'static str,
+    /// The person who shelved it, until when, and why.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    shelf: Option<Shelving>,
+}
+
+impl OpenAlarm {
+    fn new(alarm: Alarm) -> Self {
+        let kind = alarm.key.kind();
+        Self { consequence: wording::consequence(kind), look_at: wording::look_at(kind), shelf: alarm.shelf }
+    }
+
+    fn line(&self) -> String {
+        let shelf = self.shelf.as_ref().map_or_else(String::new, |shelf| {
+            let by = Untrusted::new(shelf.by.as_str());
+            format!("shelved by {} until {}: {}; ", by.line(), shelf.until.label(), shelf.reason.line())
+        });
+        format!("{shelf}without action: {}; look at: {}", self.consequence, self.look_at)
+    }
 }
 
 /// The course of an alarm, with its text as a sentence and with its values.
@@ -82,18 +117,21 @@ impl<'a> AlarmCourse<'a> {
 
 impl AlarmLine {
     fn new(
-        at_ms: u64,
+        (at_ms, wall_ms): (u64, Option<i64>),
         (alarm, priority, state): (String, Priority, AlarmState),
         text: Option<NoticeOrText>,
     ) -> Self {
         let notice = text.as_ref().and_then(NoticeOrText::notice).cloned();
         let text = text.as_ref().map(holdpoint_wording::notice);
-        Self { at_ms, alarm, priority, state, text, notice }
+        Self { at_ms, wall_ms, alarm, priority, state, text, notice, open: None }
     }
 
     fn line(&self) -> String {
-        let secs = self.at_ms / 1000;
-        let line = format!("{secs:>8} s  {} {}, {}", self.priority, self.alarm, self.state);
+        let time = match self.wall_ms {
+            Some(wall_ms) => calendar::day_and_time(wall_ms - wall_ms.rem_euclid(1_000)),
+            None => format!("{:>8} s", self.at_ms / 1000),
+        };
+        let line = format!("{time}  {} {}, {}", self.priority, self.alarm, self.state);
         match &self.text {
             Some(text) => format!("{line}: {text}"),
             None => line,
@@ -116,33 +154,43 @@ pub(super) fn run(
         return courses(views, context, (args, from_ms), out);
     }
     let alarms = views.alarms().map_err(CliError::usage)?;
-    let text_of = |name: &str| {
+    let stored = |name: &str| {
         let entry = alarms.iter().find(|entry| entry.alarm == name)?;
-        serde_json::from_str::<Alarm>(&entry.json).ok().map(|alarm| alarm.text)
+        serde_json::from_str::<Alarm>(&entry.json).ok()
+    };
+    let text_of = |name: &str| stored(name).map(|alarm| alarm.text);
+    let changes = |from_seq: u64| {
+        let kind = Some(RecordKind::AlarmChanged);
+        let filter = AuditFilter { from_seq, kind, newest_first: true, ..AuditFilter::default() };
+        views.audit(&filter).map_err(CliError::usage)
     };
     let wanted = |name: &str| args.alarm.as_ref().is_none_or(|alarm| alarm == name);
     let mut lines: Vec<AlarmLine> = if args.history {
-        let filter = AuditFilter {
-            from_seq: first,
-            kind: Some(RecordKind::AlarmChanged),
-            newest_first: true,
-            ..AuditFilter::default()
-        };
-        let records = views.audit(&filter).map_err(CliError::usage)?;
-        records.iter().filter_map(|record| changed(record.at_ms, &record.body, &text_of)).collect()
+        changes(first)?.iter().filter_map(|record| changed(record, &text_of)).collect()
     } else {
         let open =
             alarms.iter().filter(|entry| entry.state != AlarmState::Normal && entry.changed_ms >= from_ms);
+        let newest: Vec<AlarmLine> =
+            changes(0)?.iter().filter_map(|record| changed(record, &|_| None)).collect();
         open.map(|entry| {
-            let (at_ms, alarm) = (entry.changed_ms, entry.alarm.clone());
-            AlarmLine::new(at_ms, (alarm, entry.priority, entry.state), text_of(&entry.alarm))
+            let at_ms = entry.changed_ms;
+            let change = newest.iter().find(|change| change.alarm == entry.alarm && change.at_ms == at_ms);
+            let times = (at_ms, change.and_then(|change| change.wall_ms));
+            let shown = (entry.alarm.clone(), entry.priority, entry.state);
+            AlarmLine {
+                open: stored(&entry.alarm).map(OpenAlarm::new),
+                ..AlarmLine::new(times, shown, text_of(&entry.alarm))
+            }
         })
         .collect()
     };
     lines.retain(|line| wanted(&line.alarm));
     lines.truncate(usize::from(args.limit));
     for line in &lines {
-        out.answer(line, |out| out.line(&line.line()))?;
+        out.answer(line, |out| {
+            out.line(&line.line())?;
+            line.open.iter().try_for_each(|open| out.paragraph("  ", &open.line()))
+        })?;
     }
     if lines.is_empty() && !out.is_json() {
         out.line(match (args.since.is_some(), args.history) {
@@ -209,11 +257,12 @@ fn courses(
 }
 
 /// A change of an alarm, from its record in the chain.
-fn changed(at_ms: u64, body: &str, text_of: &dyn Fn(&str) -> Option<NoticeOrText>) -> Option<AlarmLine> {
-    let body: serde_json::Value = serde_json::from_str(body).ok()?;
+fn changed(record: &AuditRecord, text_of: &dyn Fn(&str) -> Option<NoticeOrText>) -> Option<AlarmLine> {
+    let body: serde_json::Value = serde_json::from_str(&record.body).ok()?;
     let field = |name: &str| body.get("change")?.get(name)?.as_str();
     let alarm = field("alarm")?.to_owned();
     let (priority, state) = (field("priority")?.parse().ok()?, field("state")?.parse().ok()?);
     let text = text_of(&alarm);
-    Some(AlarmLine::new(at_ms, (alarm, priority, state), text))
+    let times = (record.at_ms, (record.wall_ms > 0).then_some(record.wall_ms));
+    Some(AlarmLine::new(times, (alarm, priority, state), text))
 }

@@ -167,14 +167,15 @@ pub(super) fn start(
     let reason = signature.reason.raw().to_owned();
     let mut executor = VerbExecutor::open(context)?;
     let snapshot = executor.snapshot()?;
-    let stopped = snapshot.stopped;
+    let stopped = snapshot.stopped.clone();
     // A stop accepts any name, so under `human` the start must state the number of known stops.
     let is_own = stopped.as_ref().is_some_and(|stopped| stopped.stops == 1 && stopped.by == by)
         && snapshot.profile == ProfileName::Sim;
     let stops = args.stops.unwrap_or(u64::from(is_own));
     if !out.is_json() {
         if let Some(stopped) = &stopped {
-            out.line(&stopped_line(stopped, Some((by.as_str(), reason.as_str()))))?;
+            let start = Some((by.as_str(), reason.as_str()));
+            out.line(&stopped_line(stopped, start, &|at_ms| snapshot.moment(at_ms)))?;
         }
         for prompt in snapshot.prompts.iter().filter(|prompt| prompt.granted) {
             out.line(&format!("{} is approved and takes control once the cell runs", prompt.version))?;

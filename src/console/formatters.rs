@@ -9,17 +9,12 @@ use holdpoint_protocol::event::DimensionResult;
 use holdpoint_protocol::snapshot::{ApprovalRequestView, Snapshot};
 use holdpoint_text::Untrusted;
 
+pub use holdpoint_protocol::clock::time_of_day;
+
 /// Virtual time as hours, minutes and seconds since the store began.
 #[must_use]
 pub fn seconds(at_ms: u64) -> String {
     clock_time(at_ms)
-}
-
-/// A wall time as hours, minutes and seconds of its day, UTC.
-#[must_use]
-pub fn time_of_day(wall_ms: i64) -> String {
-    let secs = wall_ms.div_euclid(1_000).rem_euclid(86_400);
-    format!("{:02}:{:02}:{:02}", secs / 3_600, secs / 60 % 60, secs % 60)
 }
 
 /// The operator of an attached console: the chosen name, or the console's number.

@@ -186,19 +186,11 @@ impl ConsoleModel {
         is_old.then(|| snapshot.wall_ms.map_or_else(|| seconds(snapshot.at_ms), time_of_day))
     }
 
-    /// A moment of virtual time as a time of day, `18:31:56`. Virtual time stands while no engine runs: a moment before this
-    /// engine came up is only known to be before that, `before 18:00:02`. Virtual time where the engine reports no other.
+    /// A moment of virtual time as [`Snapshot::moment`] has it; virtual time before the first snapshot.
     #[must_use]
     pub fn moment(&self, at_ms: u64) -> String {
         let snapshot = self.engine_data.snapshot.as_deref();
-        let clocks = snapshot.and_then(|now| Some((now.at_ms, now.wall_ms?, now.up_since_ms?)));
-        let Some((now_ms, wall_ms, up_since_ms)) = clocks else { return seconds(at_ms) };
-        let known_ms = at_ms.max(up_since_ms);
-        // An event may be newer than the snapshot.
-        let [ago_ms, ahead_ms] = [now_ms.saturating_sub(known_ms), known_ms.saturating_sub(now_ms)]
-            .map(|ms| i64::try_from(ms).unwrap_or(i64::MAX));
-        let time = time_of_day(wall_ms.saturating_sub(ago_ms).saturating_add(ahead_ms));
-        if at_ms < up_since_ms { format!("before {time}") } else { time }
+        snapshot.map_or_else(|| seconds(at_ms), |snapshot| snapshot.moment(at_ms))
     }
 
     /// A verb as a shell command, with the store of this console.

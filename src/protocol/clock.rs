@@ -7,6 +7,8 @@ use std::time::Instant;
 
 use holdpoint_body::RATE_HZ;
 
+use super::snapshot::Snapshot;
+
 /// Ticks of the cell in a second.
 pub const TICKS_PER_SECOND: u64 = RATE_HZ as u64;
 
@@ -95,6 +97,30 @@ impl Clock {
 pub fn clock_time(at_ms: u64) -> String {
     let secs = at_ms / 1000;
     format!("{:02}:{:02}:{:02}", secs / 3600, secs / 60 % 60, secs % 60)
+}
+
+/// A wall time as hours, minutes and seconds of its day, UTC.
+#[must_use]
+pub fn time_of_day(wall_ms: i64) -> String {
+    let secs = wall_ms.div_euclid(1_000).rem_euclid(86_400);
+    format!("{:02}:{:02}:{:02}", secs / 3_600, secs / 60 % 60, secs % 60)
+}
+
+impl Snapshot {
+    /// A moment of virtual time as a time of day, `18:31:56`. Virtual time stands while no engine runs: a moment before this
+    /// engine came up is only known to be before that, `before 18:00:02`. Virtual time where the engine reports no other.
+    #[must_use]
+    pub fn moment(&self, at_ms: u64) -> String {
+        let (Some(wall_ms), Some(up_since_ms)) = (self.wall_ms, self.up_since_ms) else {
+            return clock_time(at_ms);
+        };
+        let known_ms = at_ms.max(up_since_ms);
+        // An event may be newer than the snapshot.
+        let [ago_ms, ahead_ms] = [self.at_ms.saturating_sub(known_ms), known_ms.saturating_sub(self.at_ms)]
+            .map(|ms| i64::try_from(ms).unwrap_or(i64::MAX));
+        let time = time_of_day(wall_ms.saturating_sub(ago_ms).saturating_add(ahead_ms));
+        if at_ms < up_since_ms { format!("before {time}") } else { time }
+    }
 }
 
 #[cfg(test)]

@@ -56,6 +56,9 @@ pub(super) struct StatusReport {
     pub(super) holding: Option<String>,
     /// The person who stopped the cell, while it is stopped.
     pub(super) stopped: Option<StoppedView>,
+    /// The same as a line for people, in time of day if an engine tells it.
+    #[serde(skip)]
+    pub(super) stopped_line: Option<String>,
     /// Why nothing is activated and the arm stays at standstill until an administrator authorizes the profile, if
     /// so.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -240,6 +243,7 @@ impl StatusReport {
             Some(engine) => engine.stopped.clone(),
             None => halt::recall(views).map_err(CliError::usage)?,
         };
+        let moment = |at_ms| engine.map_or_else(|| clock_time(at_ms), |engine| engine.moment(at_ms));
         let context = views.context().map_err(CliError::usage)?;
         let record = |json: &str| serde_json::from_str::<ContextRecord>(json).ok();
         Ok(Self {
@@ -254,6 +258,7 @@ impl StatusReport {
             reading: engine.and_then(|engine| engine.reading),
             holding: engine.and_then(|engine| engine.holding.clone()),
             people: person_acts(views, stopped.is_some()).map_err(CliError::usage)?,
+            stopped_line: stopped.as_ref().map(|stopped| stopped_line(stopped, None, &moment)),
             stopped,
             unauthorized: match engine {
                 Some(engine) => engine.unauthorized.clone(),
@@ -308,7 +313,7 @@ impl StatusReport {
         });
         lines.extend(self.unverified.as_ref().map(|doubt| format!("WARNING  {}", doubt.text)));
         lines.extend(self.last_record.as_ref().map(last_record_line));
-        lines.extend(self.stopped.as_ref().map(|stopped| stopped_line(stopped, None)));
+        lines.extend(self.stopped_line.clone());
         lines.extend(self.unauthorized.as_ref().map(|why| format!("profile  NOT AUTHORIZED: {why}")));
         lines.extend(self.people.iter().map(PersonActRow::line));
         lines.extend(self.families.iter().map(FamilyStatusRow::line));
@@ -342,9 +347,14 @@ fn last_record_line(record: &AuditRecord) -> String {
 }
 
 /// All persons who stopped the cell, and how to start it: as the person of this name with this reason, if they are known.
-pub(in crate::cli) fn stopped_line(stopped: &StoppedView, start: Option<(&str, &str)>) -> String {
+/// `moment` has the times as the reader knows them.
+pub(in crate::cli) fn stopped_line(
+    stopped: &StoppedView,
+    start: Option<(&str, &str)>,
+    moment: &dyn Fn(u64) -> String,
+) -> String {
     let by = if stopped.by.is_empty() { "an unnamed person" } else { &stopped.by };
-    let since = clock_time(stopped.since_ms);
+    let since = moment(stopped.since_ms);
     let mut line = format!("STOPPED  by {by}, {}, since {since}", stopped.caller);
     if !stopped.reason.is_empty() {
         line.push_str(&format!(": {}", stopped.reason));
@@ -354,7 +364,7 @@ pub(in crate::cli) fn stopped_line(stopped: &StoppedView, start: Option<(&str, &
     }
     for stop in &stopped.again {
         let by = if stop.by.is_empty() { "an unnamed person" } else { &stop.by };
-        line.push_str(&format!(", and by {by}, {}, {}", stop.caller, clock_time(stop.at_ms)));
+        line.push_str(&format!(", and by {by}, {}, {}", stop.caller, moment(stop.at_ms)));
         if !stop.reason.is_empty() {
             line.push_str(&format!(": {}", stop.reason));
         }

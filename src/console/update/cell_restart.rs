@@ -4,7 +4,6 @@ use super::operations::{dismiss_form, open};
 use super::{refuse, show_message};
 use crate::effect::Effect;
 use crate::form::Intent;
-use crate::formatters::seconds;
 use crate::model::{ConsoleModel, Overlay};
 use holdpoint_protocol::snapshot::StoppedView;
 
@@ -37,22 +36,22 @@ fn go_lines(model: &ConsoleModel, stopped: &StoppedView) -> Vec<String> {
     let prompts = model.engine_data.snapshot.iter().flat_map(|now| &now.prompts);
     let granted = prompts.filter(|prompt| prompt.granted);
     lines.extend(granted.map(|prompt| format!("{} is approved and takes control at once", prompt.version)));
-    lines.extend(stop_lines(stopped));
+    lines.extend(stop_lines(model, stopped));
     lines
 }
 
 /// All stops of the cell, with their authors.
-fn stop_lines(stopped: &StoppedView) -> Vec<String> {
+fn stop_lines(model: &ConsoleModel, stopped: &StoppedView) -> Vec<String> {
     let name = |by: &str| if by.is_empty() { "somebody".to_owned() } else { by.to_owned() };
     let why = |reason: &str| if reason.is_empty() { String::new() } else { format!(": {reason}") };
-    let (by, since) = (name(&stopped.by), seconds(stopped.since_ms));
+    let (by, since) = (name(&stopped.by), model.moment(stopped.since_ms));
     let mut lines =
         vec![format!("Stopped by {by}, {}, since {since}{}", stopped.caller, why(&stopped.reason))];
     if stopped.unnamed > 0 {
         lines.push(format!("and {} more times, by whom the record says", stopped.unnamed));
     }
     lines.extend(stopped.again.iter().map(|stop| {
-        let (by, at) = (name(&stop.by), seconds(stop.at_ms));
+        let (by, at) = (name(&stop.by), model.moment(stop.at_ms));
         format!("and by {by}, {}, at {at}{}", stop.caller, why(&stop.reason))
     }));
     lines
@@ -64,7 +63,7 @@ pub(super) fn still_stopped(model: &ConsoleModel, read: (u64, u64)) -> Result<Ve
         None => Err("the cell has already been started".to_owned()),
         Some(stopped) if (stopped.since_ms, stopped.stops) != read => {
             let by = stopped.again.last().map_or(&stopped.by, |stop| &stop.by);
-            Err(restop_message(by, stopped.last_ms()))
+            Err(restop_message(model, by, stopped.last_ms()))
         }
         Some(stopped) => Ok(go_lines(model, stopped)),
     }
@@ -78,18 +77,17 @@ pub(super) fn stopped_again(model: &mut ConsoleModel, by: &str, at_ms: u64) {
         return;
     }
     let is_sent = form.signing.as_ref().is_some_and(|signing| signing.request_id.is_some());
+    let is_void = form.void.is_some();
+    let message = restop_message(model, by, at_ms);
     if is_sent {
-        show_message(
-            model,
-            format!("{}; your request does not include it and will be refused", restop_message(by, at_ms)),
-            true,
-        );
-    } else if form.void.is_none() {
-        dismiss_form(model, restop_message(by, at_ms));
+        let refused = format!("{message}; your request does not include it and will be refused");
+        show_message(model, refused, true);
+    } else if !is_void {
+        dismiss_form(model, message);
     }
 }
 
-fn restop_message(by: &str, at_ms: u64) -> String {
+fn restop_message(model: &ConsoleModel, by: &str, at_ms: u64) -> String {
     let by = if by.is_empty() { "somebody" } else { by };
-    format!("{by} has stopped it again at {}: read why first", seconds(at_ms))
+    format!("{by} has stopped it again at {}: read why first", model.moment(at_ms))
 }

@@ -11,7 +11,9 @@
 use ratatui::layout::Rect;
 
 use super::candidate_rows::item;
+use super::status::priority_label;
 use super::{pipeline, tabs};
+use crate::action::Action;
 use crate::formatters::seconds;
 use crate::look::{Glyph, Look, ThemeRole};
 use crate::model::{ConsoleModel, View};
@@ -19,10 +21,11 @@ use crate::rows::CandidateItem;
 use crate::widgets::list::place;
 use crate::widgets::pen::{Fit, Hit, Pen, below, cut};
 use crate::widgets::row::{Row, wrap};
+use holdpoint_governance::alarms::AlarmKey;
 use holdpoint_governance::lifecycle::State;
 use holdpoint_protocol::detail::Detail;
 use holdpoint_protocol::snapshot::CandidateView;
-use holdpoint_wording::{counted_try, version_status};
+use holdpoint_wording::{alarm as wording, counted_try, notice, version_status};
 
 const DIFFERENCE: usize = 1;
 
@@ -65,12 +68,12 @@ pub fn draw(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
     let area = below(area, 1);
     if pane == 0 && area.width >= BESIDE_WIDTH {
         let (left, right) = pen.split(area, area.width * 3 / 5);
-        items(&rows, cursor, &nothing(model, detail, pane), pen, left);
+        items(&rows, cursor, &without_rows(model, detail, pane, pen.look), pen, left);
         let inside = pen.pane(right, "Timeline", false, "");
         let decisions = model.candidate_rows(TIMELINE);
         timeline(&decisions, pen, inside);
     } else {
-        items(&rows, cursor, &nothing(model, detail, pane), pen, area);
+        items(&rows, cursor, &without_rows(model, detail, pane, pen.look), pen, area);
     }
 }
 
@@ -133,10 +136,35 @@ fn heading(model: &ConsoleModel, detail: &Detail, look: &Look, width: usize, fit
     rows
 }
 
+/// What stands in a pane without rows: why it has none and, of a commissioned version, its open alarms. `enter` on an alarm
+/// leads here.
+fn without_rows(model: &ConsoleModel, detail: &Detail, pane: usize, look: &Look) -> Vec<String> {
+    let mut lines = vec![nothing(model, detail, pane)];
+    if !is_commissioned(model, detail) || matches!(pane, DIFFERENCE | TIMELINE | AUDIT) {
+        return lines;
+    }
+    for alarm in model.engine_data.snapshot.iter().flat_map(|now| &now.alarms) {
+        let Ok(key) = alarm.alarm.parse::<AlarmKey>() else { continue };
+        if key.version() != Some(&detail.version) {
+            continue;
+        }
+        let (priority, since) = (priority_label(look, alarm.priority), model.moment(alarm.since_ms));
+        lines.push(format!("{priority} since {since}: {}", notice(&alarm.text)));
+        lines.push(format!("  without action: {}", wording::consequence(key.kind())));
+        lines.push(format!("  look at: {}", wording::look_at(key.kind())));
+    }
+    lines.push(format!("{} shows how its live tasks go", model.keymap.key(Action::ShowHealth)));
+    lines
+}
+
+/// Whether a version came with the cell: no evaluation is on record.
+fn is_commissioned(model: &ConsoleModel, detail: &Detail) -> bool {
+    model.candidate(&detail.version).is_none() && detail.dimensions.is_empty()
+}
+
 /// Why a pane has no rows.
 fn nothing(model: &ConsoleModel, detail: &Detail, pane: usize) -> String {
     let current = model.version_state(&detail.version);
-    let commissioned = model.candidate(&detail.version).is_none() && detail.dimensions.is_empty();
     match (pane, &detail.against) {
         (DIFFERENCE, Some(against)) => format!("No field of manifest or parameters differs from {against}"),
         (DIFFERENCE, None) => match current.map(|(state, _)| state) {
@@ -147,7 +175,9 @@ fn nothing(model: &ConsoleModel, detail: &Detail, pane: usize) -> String {
         },
         (TIMELINE, _) => "No decision has been made about it yet".to_owned(),
         (AUDIT, _) => "No record about it has been read".to_owned(),
-        _ if commissioned => "It was commissioned with the cell, and judged by nothing".to_owned(),
+        _ if is_commissioned(model, detail) => {
+            "It was commissioned with the cell: no evaluation compared it with another version".to_owned()
+        }
         (place, _) => {
             let what = match place {
                 SANDBOX => "No sandbox episode",
@@ -165,9 +195,12 @@ fn nothing(model: &ConsoleModel, detail: &Detail, pane: usize) -> String {
 }
 
 /// Rows of differing height, scrolled so that the one under the cursor is in sight.
-fn items(rows: &[CandidateItem<'_>], cursor: usize, nothing: &str, pen: &mut Pen<'_>, area: Rect) {
+fn items(rows: &[CandidateItem<'_>], cursor: usize, nothing: &[String], pen: &mut Pen<'_>, area: Rect) {
     if rows.is_empty() {
-        pen.text(area, 0, ThemeRole::Muted, nothing);
+        let mut at = 0_u16;
+        for line in nothing {
+            at = at.saturating_add(pen.text(area, at, ThemeRole::Muted, line));
+        }
         return;
     }
     let look = pen.look;

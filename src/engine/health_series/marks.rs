@@ -204,29 +204,8 @@ pub(super) fn bounded(
 
 fn family_of(key: &AlarmKey) -> Option<Family> {
     match key {
-        AlarmKey::RolledBack(version)
-        | AlarmKey::Escalated(version)
-        | AlarmKey::Restricted(version)
-        | AlarmKey::Violation(version)
-        | AlarmKey::Degraded(version)
-        | AlarmKey::Harm(version)
-        | AlarmKey::WeakRecovery(version)
-        | AlarmKey::Shifted(version)
-        | AlarmKey::SharedEvent(version)
-        | AlarmKey::OutsideDomain(version)
-        | AlarmKey::Rejected(version)
-        | AlarmKey::Approval(version)
-        | AlarmKey::Unreviewed(version) => Some(version.family.clone()),
         AlarmKey::SafeStopped(family) | AlarmKey::NotRecovered(family) => Some(family.clone()),
-        AlarmKey::CellDegraded
-        | AlarmKey::KeptFalse
-        | AlarmKey::TelemetryMissed
-        | AlarmKey::CheckpointFailed
-        | AlarmKey::NameTaken
-        | AlarmKey::CameUpStopped
-        | AlarmKey::ProfileUnauthorized
-        | AlarmKey::ClockDoubted
-        | AlarmKey::EngineFault => None,
+        _ => key.version().map(|version| version.family.clone()),
     }
 }
 

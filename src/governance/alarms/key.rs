@@ -199,6 +199,37 @@ impl AlarmKey {
             Self::EngineFault => AlarmKind::EngineFault,
         }
     }
+
+    /// The version that it is about; absent for an alarm about a family or the cell.
+    #[must_use]
+    pub const fn version(&self) -> Option<&CapabilityId> {
+        match self {
+            Self::RolledBack(version)
+            | Self::Escalated(version)
+            | Self::Restricted(version)
+            | Self::Violation(version)
+            | Self::Degraded(version)
+            | Self::Harm(version)
+            | Self::WeakRecovery(version)
+            | Self::Shifted(version)
+            | Self::SharedEvent(version)
+            | Self::OutsideDomain(version)
+            | Self::Rejected(version)
+            | Self::Approval(version)
+            | Self::Unreviewed(version) => Some(version),
+            Self::SafeStopped(_)
+            | Self::NotRecovered(_)
+            | Self::CellDegraded
+            | Self::KeptFalse
+            | Self::TelemetryMissed
+            | Self::CheckpointFailed
+            | Self::NameTaken
+            | Self::CameUpStopped
+            | Self::ProfileUnauthorized
+            | Self::ClockDoubted
+            | Self::EngineFault => None,
+        }
+    }
 }
 
 impl fmt::Display for AlarmKey {

@@ -48,6 +48,40 @@ fn step(book: &mut AlarmBook, event: &AlarmEvent, now_ms: u64) -> Result<Vec<Ala
     Ok(changes)
 }
 
+/// A version that violates a limit in every task writes no record for each of them.
+#[test]
+fn a_present_violation_changes_its_text_for_a_larger_value_alone() {
+    use crate::past_limit::{LimitedQuantity, MeasuredInTask, PastLimit};
+    use crate::policy_hit::PolicyHit;
+    let version: crate::ids::CapabilityId = "grasp@1.0.0".parse().unwrap();
+    let raise = |sequence: u64, value: f64, hit: PolicyHit| {
+        let past = PastLimit { quantity: LimitedQuantity::Force, value, limit: 35.0, place: None };
+        let task = holdpoint_body::TaskKind::Grasp;
+        let measured = Some(MeasuredInTask { sequence, task, past: Some(past) });
+        let text = crate::notice::Notice::LimitViolated { version: version.clone(), hit: Some(hit), measured };
+        let (key, priority) = (AlarmKey::Violation(version.clone()), Priority::High);
+        AlarmEvent::Raise { key, priority, latching: true, text: text.into() }
+    };
+    let mut book = AlarmBook::new();
+    let force = PolicyHit::ForceMeasured;
+    for (sequence, value, hit, changes) in [
+        (1, 50.0, force, 1),
+        (2, 50.0, force, 0),
+        (3, 49.0, force, 0),
+        (4, 71.0, force, 1),
+        (5, 40.0, PolicyHit::SpeedMeasured, 1),
+    ] {
+        let found = step(&mut book, &raise(sequence, value, hit), sequence).unwrap();
+        assert_eq!(found.len(), changes, "{sequence}: {found:?}");
+    }
+    // A later episode has its own value.
+    let key = AlarmKey::Violation(version.clone());
+    step(&mut book, &AlarmEvent::Clear { key: key.clone() }, 6).unwrap();
+    step(&mut book, &raise(7, 36.0, force), 7).unwrap();
+    let AlarmEvent::Raise { text, .. } = raise(7, 36.0, force) else { panic!("it raises") };
+    assert_eq!(book.get(&key).unwrap().text, text);
+}
+
 #[test]
 fn alarm_states_follow_the_events() {
     use AlarmState::{Acknowledged, Latched, Normal, ReturnedUnacknowledged, Shelved, Unacknowledged};

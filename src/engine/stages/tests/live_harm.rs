@@ -1,11 +1,13 @@
 //! Harm of live tasks: what counts for life, and what a danger does to a new version and to a commissioned one.
 
+use holdpoint_body::TaskKind;
 use holdpoint_governance::alarms::AlarmKey;
 use holdpoint_governance::harm::HarmKind;
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::lifecycle::{LifecycleEvent, State};
 use holdpoint_governance::monitor::SafetyEvent;
 use holdpoint_governance::notice::Notice;
+use holdpoint_governance::past_limit::LimitedQuantity;
 use holdpoint_governance::profile::{Profile, ProfileName};
 use holdpoint_governance::record::RecordKind;
 use holdpoint_governance::rollback::{PostStatus, RollbackRecord, RungFailure, TriggerKind};
@@ -107,6 +109,30 @@ fn counts_continue_after_a_restart() {
     assert!(after[0].tasks == 5 && after[0].any < 5, "{after:?}");
 }
 
+/// Closing the hand passes the limit of this profile.
+#[test]
+fn a_violated_limit_is_told_by_value_limit_and_sequence() {
+    let mut profile = sim();
+    profile.runtime.contact_force_max_n = 1.0;
+    let mut bench = Bench::under(profile);
+    let grasp = id("grasp@1.0.0");
+    let (sequence, past) = until(&mut bench, |event| match event {
+        EventKind::Sequence { index, tasks, .. } => {
+            let violated = tasks.iter().find(|task| task.version == grasp && task.violation)?;
+            Some((*index, violated.past))
+        }
+        _ => None,
+    });
+    let past = past.expect("a force was measured");
+    assert_eq!((past.quantity, past.limit), (LimitedQuantity::Force, 1.0));
+    assert!(past.value > 1.0, "{past:?}");
+    let alarm = bench.pipeline.record().alarms().get(&AlarmKey::Violation(grasp.clone())).unwrap();
+    let Some(Notice::LimitViolated { version, measured: Some(measured), .. }) = alarm.text.notice() else {
+        panic!("{alarm:?}")
+    };
+    assert_eq!((version, measured.sequence, measured.past), (&grasp, sequence, Some(past)));
+}
+
 /// No monitor watches a version whose window had passed before the start.
 #[test]
 fn confirmed_version_is_rolled_back_for_a_safety_event_after_a_restart() {
@@ -121,6 +147,7 @@ fn confirmed_version_is_rolled_back_for_a_safety_event_after_a_restart() {
     assert!(bench.pipeline.live().monitors.of(&version).is_none());
     let rollback = until(&mut bench, rollback_of(&version));
     assert_eq!((rollback.trigger.kind, rollback.in_flight), (TriggerKind::SafetyEvent, false));
+    assert_eq!(rollback.trigger.measured.map(|measured| measured.task), Some(TaskKind::Align));
     let state = bench.pipeline.record().version_table().version(&version).unwrap().1.state;
     assert_eq!(state, State::RolledBack);
 }
