@@ -266,3 +266,38 @@ fn changed(record: &AuditRecord, text_of: &dyn Fn(&str) -> Option<NoticeOrText>)
     let times = (record.at_ms, (record.wall_ms > 0).then_some(record.wall_ms));
     Some(AlarmLine::new(times, (alarm, priority, state), text))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use holdpoint_governance::alarms::AlarmKind;
+    use holdpoint_governance::wall_time::WallTime;
+
+    #[test]
+    fn an_alarm_has_its_time_of_day_and_in_a_script_the_time_of_the_engine() {
+        let line = |wall_ms| {
+            let shown = ("violation:grasp@1.0.0".to_owned(), Priority::High, AlarmState::Unacknowledged);
+            AlarmLine::new((123_456, wall_ms), shown, None).line()
+        };
+        let wall_ms = calendar::read("2026-11-27T18:12:29").unwrap() + 500;
+        let rest = "high violation:grasp@1.0.0, unacknowledged";
+        assert_eq!(line(Some(wall_ms)), format!("Fri 27 Nov 18:12:29  {rest}"));
+        assert_eq!(line(None), format!("     123 s  {rest}"));
+    }
+
+    #[test]
+    fn an_open_alarm_names_the_person_who_shelved_it_the_end_and_the_reason() {
+        let until = WallTime::from_ms(calendar::read("2026-11-27T18:30:00").unwrap());
+        let (by, reason) = ("ana".to_owned(), "a sensor is replaced".into());
+        let kind = AlarmKind::Degraded;
+        let open = OpenAlarm {
+            consequence: wording::consequence(kind),
+            look_at: wording::look_at(kind),
+            shelf: Some(Shelving { until, by, reason }),
+        };
+        let line = open.line();
+        assert!(line.starts_with("shelved by ana until "), "{line}");
+        assert!(line.contains(": a sensor is replaced; without action: "), "{line}");
+        assert!(OpenAlarm { shelf: None, ..open }.line().starts_with("without action: "));
+    }
+}

@@ -31,7 +31,6 @@ pub use counted_try::counted_try;
 pub use finding::{finding, hard_stop};
 pub use harm::{harm_comparison, harm_decider, sequence_measure};
 pub use notice::{admission_refusal, came_up_stopped, coded, notice, notice_sentence, operator_act};
-pub use past_limit::{measured, past_limit};
 pub use reason::{line, reason};
 pub use task_failure::failure_cause;
 pub use version_status::{status_cause, status_end, version_status};

@@ -381,7 +381,7 @@ fn because(reason: Option<&Reason>) -> String {
     reason.map_or_else(String::new, |reason| format!(": {}", crate::reason(reason)))
 }
 
-/// The value with its limit says more than the kind of violation; the kind is told where no value was measured.
+/// The value with its limit says more than the kind of violation. The kind stands where no value was measured.
 fn limit_violated(version: &CapabilityId, hit: Option<PolicyHit>, found: Option<&MeasuredInTask>) -> String {
     let is_measured = found.is_some_and(|found| found.past.is_some());
     let kind = hit.filter(|_| !is_measured).map(|hit| hit.label().to_owned());

@@ -5,8 +5,7 @@ use holdpoint_governance::past_limit::{ForcePlace, LimitedQuantity, MeasuredInTa
 use crate::check::number;
 
 /// Value and limit: `force 71 N at the pads, limit 35 N`.
-#[must_use]
-pub fn past_limit(of: &PastLimit) -> String {
+pub(crate) fn past_limit(of: &PastLimit) -> String {
     let PastLimit { quantity, value, limit, place } = *of;
     let place = match place {
         Some(ForcePlace::Pads) => " at the pads",
@@ -17,8 +16,7 @@ pub fn past_limit(of: &PastLimit) -> String {
 }
 
 /// Value and limit, if one was measured, and the sequence: `force 71 N at the pads, limit 35 N, sequence 153`.
-#[must_use]
-pub fn measured(of: &MeasuredInTask) -> String {
+pub(crate) fn measured(of: &MeasuredInTask) -> String {
     let past = of.past.as_ref().map_or_else(String::new, |past| format!("{}, ", past_limit(past)));
     format!("{past}sequence {}", of.sequence)
 }

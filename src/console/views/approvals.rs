@@ -76,7 +76,8 @@ fn monitor_question_rows(model: &ConsoleModel, question: &EscalationView) -> Vec
     )];
     lines.extend(question.reasons.iter().map(|reason| (ThemeRole::Text, reason_line(reason))));
     let left = time_left(question.deadline_ms, model.engine_ms());
-    lines.push((ThemeRole::Warning, format!("No answer within {left}: it is rolled back")));
+    let by = model.moment(question.deadline_ms);
+    lines.push((ThemeRole::Warning, format!("No answer by {by}, in {left}: it is rolled back")));
     lines.push((
         ThemeRole::Text,
         format!(

@@ -51,6 +51,7 @@ fn step(book: &mut AlarmBook, event: &AlarmEvent, now_ms: u64) -> Result<Vec<Ala
 /// A version that violates a limit in every task writes no record for each of them.
 #[test]
 fn a_present_violation_changes_its_text_for_a_larger_value_alone() {
+    use crate::notice::Notice;
     use crate::past_limit::{LimitedQuantity, MeasuredInTask, PastLimit};
     use crate::policy_hit::PolicyHit;
     let version: crate::ids::CapabilityId = "grasp@1.0.0".parse().unwrap();
@@ -58,7 +59,7 @@ fn a_present_violation_changes_its_text_for_a_larger_value_alone() {
         let past = PastLimit { quantity: LimitedQuantity::Force, value, limit: 35.0, place: None };
         let task = holdpoint_body::TaskKind::Grasp;
         let measured = Some(MeasuredInTask { sequence, task, past: Some(past) });
-        let text = crate::notice::Notice::LimitViolated { version: version.clone(), hit: Some(hit), measured };
+        let text = Notice::LimitViolated { version: version.clone(), hit: Some(hit), measured };
         let (key, priority) = (AlarmKey::Violation(version.clone()), Priority::High);
         AlarmEvent::Raise { key, priority, latching: true, text: text.into() }
     };
