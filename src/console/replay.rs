@@ -6,6 +6,7 @@
 
 pub mod action;
 pub mod charts;
+pub mod failures;
 pub mod frame;
 pub mod jump;
 pub mod message;

@@ -7,7 +7,7 @@ use holdpoint_protocol::clock::TICKS_PER_SECOND;
 use holdpoint_protocol::film::{Film, FilmFrame};
 use holdpoint_protocol::video_frame::{Twin, VideoFrame};
 
-use crate::recording::{Recording, RecordingSubject, Series};
+use crate::recording::{FailureMoment, FilmSpan, Recording, RecordingSubject, Series};
 
 /// Time of a tick, ms.
 #[must_use]
@@ -46,6 +46,30 @@ pub fn video_frames(film: &Film) -> Vec<VideoFrame> {
     ticks.into_iter().filter_map(video_frame).collect()
 }
 
+/// The most failures of one part that a recording names.
+const FAILURES_MAX: usize = 8;
+
+/// The place of a film in a recording, from a virtual time on, ms, with the candidate's failures.
+#[must_use]
+pub fn span(film: &Film, from_ms: u64) -> FilmSpan {
+    let in_recording = |tick: u64| from_ms.saturating_add(at_ms(tick));
+    let bad = film.candidate.marks.iter().filter(|mark| mark.bad).take(FAILURES_MAX);
+    FilmSpan {
+        from_ms,
+        until_ms: in_recording(film.end()),
+        title: film.title(),
+        why: film.why.clone(),
+        ended: film.candidate.ended.clone(),
+        failures: bad
+            .map(|mark| {
+                // The end of a task may lie between the last frame and the next.
+                let tick = mark.tick.min(film.end());
+                FailureMoment { at_ms: in_recording(tick), text: mark.text.clone() }
+            })
+            .collect(),
+    }
+}
+
 /// A film as a recording, for replay.
 #[must_use]
 pub fn recording(film: &Film, about: RecordingSubject) -> Recording {
@@ -73,7 +97,7 @@ pub fn recording(film: &Film, about: RecordingSubject) -> Recording {
             series("tool/contact", &|frame| frame.contact_n),
             limit("tool/contact", envelope.contact_n),
         ],
-        films: Vec::new(),
+        films: vec![span(film, 0)],
         dropped: (0, 0),
     }
 }
@@ -82,7 +106,7 @@ pub fn recording(film: &Film, about: RecordingSubject) -> Recording {
 mod tests {
     use super::*;
 
-    use holdpoint_protocol::film::{FilmSubject, FilmedRun};
+    use holdpoint_protocol::film::{FilmMark, FilmSubject, FilmedRun};
     use holdpoint_protocol::video_frame::{ArmView, EnvelopeView, NO_TURN, Scenery};
 
     fn run(version: &str, ticks: &[u64]) -> FilmedRun {
@@ -117,9 +141,8 @@ mod tests {
         }
     }
 
-    #[test]
-    fn version_keeps_its_final_state() {
-        let film = Film {
+    fn film(candidate: FilmedRun, active: FilmedRun) -> Film {
+        Film {
             of: FilmSubject::Episode,
             number: 3,
             count: 9,
@@ -131,13 +154,54 @@ mod tests {
             why: String::new(),
             doubts: Vec::new(),
             scenery: Scenery::default(),
-            candidate: run("grasp@1.1.0", &[0, 8, 16, 24]),
-            active: run("grasp@1.0.0", &[0, 8]),
-        };
+            candidate,
+            active,
+        }
+    }
+
+    #[test]
+    fn version_keeps_its_final_state() {
+        let film = film(run("grasp@1.1.0", &[0, 8, 16, 24]), run("grasp@1.0.0", &[0, 8]));
         let frames = video_frames(&film);
         let times: Vec<u64> = frames.iter().map(|frame| frame.at_ms).collect();
         assert_eq!(times, [0, 33, 66, 100]);
         assert!(frames.iter().all(|frame| frame.twin.is_some() && frame.sequence == 3));
         assert!((frames[3].speed_m_s - 24.0).abs() < 1e-6);
+    }
+
+    #[test]
+    fn only_what_speaks_against_the_candidate_is_a_failure() {
+        let mark = |tick, bad| FilmMark { tick, text: format!("at {tick}"), bad };
+        let mut candidate = run("grasp@1.1.0", &[0, 240, 480]);
+        candidate.marks = vec![mark(120, false), mark(240, true)];
+        candidate.marks.extend((0..9).map(|more| mark(300 + more, true)));
+        candidate.ended = "does not do the task".to_owned();
+        let mut active = run("grasp@1.0.0", &[0, 240]);
+        active.marks = vec![mark(60, true)];
+        let film = film(candidate, active);
+        let span = span(&film, 5_000);
+        assert_eq!((span.from_ms, span.until_ms), (5_000, 7_000));
+        assert_eq!(span.failures[0], FailureMoment { at_ms: 6_000, text: "at 240".to_owned() });
+        assert_eq!((span.failures.len(), span.ended.as_str()), (FAILURES_MAX, "does not do the task"));
+        let subject = RecordingSubject {
+            version: film.candidate.version.clone(),
+            digest: holdpoint_governance::ids::Digest::from_bytes([1; 32]),
+            predecessor: None,
+            profile: holdpoint_governance::profile::ProfileName::Sim.into(),
+            robot: String::new(),
+            seed: None,
+            engine_build: String::new(),
+        };
+        let recording = recording(&film, subject);
+        assert_eq!(recording.rerun().map(|film| film.failures[0].at_ms), Some(1_000));
+    }
+
+    /// Files of older builds have neither a result nor failures.
+    #[test]
+    fn span_of_an_older_build_is_read() {
+        let old = r#"{"from_ms":1,"until_ms":2,"title":"episode 3 of 9","why":""}"#;
+        let span: FilmSpan = serde_json::from_str(old).unwrap();
+        assert!(span.ended.is_empty() && span.failures.is_empty());
+        assert_eq!(serde_json::to_string(&span).unwrap(), old);
     }
 }

@@ -46,6 +46,21 @@ pub struct FilmSpan {
     pub title: String,
     /// Why this part was chosen; may be empty.
     pub why: String,
+    /// The candidate's result, in words; empty in recordings of older builds.
+    #[serde(default, skip_serializing_if = "String::is_empty")]
+    pub ended: String,
+    /// The candidate's failures, in order: it went wrong at the first.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub failures: Vec<FailureMoment>,
+}
+
+/// A moment that speaks against the candidate in a re-run part of an evaluation.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct FailureMoment {
+    /// Virtual time in the recording, ms.
+    pub at_ms: u64,
+    /// What happened, a few words.
+    pub text: String,
 }
 
 impl FilmSpan {
@@ -79,6 +94,15 @@ pub struct Recording {
 }
 
 impl Recording {
+    /// The re-run part, if the recording is of that part alone and not of an upgrade.
+    #[must_use]
+    pub fn rerun(&self) -> Option<&FilmSpan> {
+        match self.films.as_slice() {
+            [film] if self.events.is_empty() => Some(film),
+            _ => None,
+        }
+    }
+
     /// Virtual time of its first and last moment, ms; `None` if it holds none.
     #[must_use]
     pub fn span_ms(&self) -> Option<(u64, u64)> {

@@ -73,6 +73,10 @@ mod tests {
         let times: Vec<u64> = recording.pictures.iter().map(|frame| frame.at_ms).collect();
         assert_eq!(times, [0, 33, 66, 100, 133]);
         assert!(recording.pictures.iter().all(|frame| frame.twin.is_some()));
+        // The moment at which it went wrong is read back.
+        let rerun = recording.rerun().unwrap();
+        assert_eq!((rerun.failures.len(), rerun.failures[0].at_ms), (1, 66));
+        assert_eq!(rerun.failures[0].text, "a force is larger than allowed");
         let chunks = contents(&path).unwrap().chunks;
         let rows = |entity: &str| -> usize {
             let of = chunks.iter().filter(|chunk| chunk.entity_path().to_string() == entity);

@@ -105,7 +105,7 @@ fn decode_recording(path: &Path) -> Result<Recording, ReadError> {
 /// The parts of an evaluation in it. No engine writes more of them than an evaluation has, or longer texts.
 fn films(chunks: &[Chunk]) -> Vec<FilmSpan> {
     let texts = texts(chunks, paths::FILM);
-    let within_limit = texts.iter().filter(|text| text.len() <= 4 * TEXT_WIDTH_MAX);
+    let within_limit = texts.iter().filter(|text| text.len() <= 8 * TEXT_WIDTH_MAX);
     within_limit.filter_map(|text| serde_json::from_str(text).ok()).take(FILMS_MAX).collect()
 }
 

@@ -24,7 +24,6 @@ use holdpoint_protocol::film::Film;
 use holdpoint_protocol::sink::ClosedRecording;
 use holdpoint_protocol::snapshot::Snapshot;
 use holdpoint_protocol::video_frame::VideoFrame;
-use holdpoint_recordings::recording::FilmSpan;
 use holdpoint_text::Untrusted;
 
 /// How a file is made; tests make some that cannot be written.
@@ -140,8 +139,7 @@ impl RecordingWriter {
         let from_ms = self.filmed_ms;
         let at_ms = |tick: u64| from_ms.saturating_add(holdpoint_recordings::episode_recording::at_ms(tick));
         self.films += 1;
-        let span =
-            FilmSpan { from_ms, until_ms: at_ms(film.end()), title: film.title(), why: film.why.clone() };
+        let span = holdpoint_recordings::episode_recording::span(film, from_ms);
         self.drawing.film(&span, self.films);
         for mut frame in holdpoint_recordings::episode_recording::video_frames(film) {
             frame.at_ms = from_ms.saturating_add(frame.at_ms);

@@ -184,7 +184,14 @@ fn a_rejection_in_the_sandbox_shows_its_reason() {
             let frames = recording.pictures.iter().filter(|frame| within(frame.at_ms));
             assert!(frames.clone().count() > 30, "{name}: {film:?}");
             assert!(frames.clone().all(|frame| frame.twin.is_some()), "{name}: {film:?}");
+            assert!(!film.ended.is_empty(), "{name}: {film:?}");
+            assert!(film.failures.iter().all(|failure| within(failure.at_ms)), "{name}: {film:?}");
         }
+        assert!(
+            recording.films.iter().any(|film| !film.failures.is_empty()),
+            "{name}: {:?}",
+            recording.films
+        );
         assert_eq!(recording.films.iter().any(|film| film.title.contains("drill")), drills, "{name}");
         let again = tempfile::tempdir().unwrap();
         script(name, again.path(), cache.path()).output().unwrap();

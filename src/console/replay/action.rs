@@ -58,6 +58,8 @@ actions! {
     NextTurn = "decision", "d";
     /// before
     PreviousTurn = "decision back", "D";
+    /// Where it went wrong; again: the next
+    Failure = "went wrong", "m";
     /// To the beginning
     First = "begin", "g home";
     /// to the end
@@ -100,6 +102,7 @@ pub const fn of(key: KeyEvent) -> Option<ReplayAction> {
         KeyCode::Char('N' | '[') => ReplayAction::PreviousEvent,
         KeyCode::Char('d') => ReplayAction::NextTurn,
         KeyCode::Char('D') => ReplayAction::PreviousTurn,
+        KeyCode::Char('m') => ReplayAction::Failure,
         KeyCode::Home | KeyCode::Char('g') => ReplayAction::First,
         KeyCode::End | KeyCode::Char('G') => ReplayAction::Last,
         KeyCode::Char(':') => ReplayAction::Jump,

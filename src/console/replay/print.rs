@@ -28,6 +28,10 @@ pub fn print(recording: &Recording, to_ms: Option<u64>, out: &mut dyn Write) -> 
     let is_shown = |at_ms: u64| to_ms.is_none_or(|to_ms| at_ms <= to_ms);
     for film in recording.films.iter().filter(|film| is_shown(film.from_ms)) {
         writeln!(out, "{:>8} {}", tick_of(film.from_ms), Untrusted::new(film.sentence()).line())?;
+        for failure in film.failures.iter().filter(|failure| is_shown(failure.at_ms)) {
+            let text = Untrusted::new(format!("went wrong: {}", failure.text)).line();
+            writeln!(out, "{:>8} {text}", tick_of(failure.at_ms))?;
+        }
     }
     for event in recording.events.iter().filter(|event| is_shown(event.at_ms)) {
         writeln!(out, "{:>8} {}", tick_of(event.at_ms), event_text::line(event))?;

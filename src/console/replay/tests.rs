@@ -22,7 +22,7 @@ use holdpoint_governance::record::UpgradeEnd;
 use holdpoint_protocol::event::{Event, EventKind};
 use holdpoint_protocol::video_frame::{ArmView, NO_TURN, Scenery, VideoFrame};
 use holdpoint_protocol::work_unit::WorkUnit;
-use holdpoint_recordings::recording::{FilmSpan, Recording, RecordingSubject};
+use holdpoint_recordings::recording::{FailureMoment, FilmSpan, Recording, RecordingSubject, Series};
 
 /// Frames every 100 ms from 20 to 21 s and from 40 to 41 s; two of them share a time.
 fn video_frames() -> Vec<VideoFrame> {
@@ -163,6 +163,9 @@ fn keys_move_the_cursor() {
         (10_000, "dd", 41_500, Some(22), Some(6)),
         (50_000, "D", 41_500, Some(22), Some(6)),
         (50_000, "DD", 19_500, None, Some(4)),
+        // The rejection in shadow decided; after it, the first such moment comes again.
+        (10_000, "m", 41_500, Some(22), Some(6)),
+        (41_500, "m", 41_500, Some(22), Some(6)),
         (30_000, "g", 10_000, None, Some(1)),
         (30_000, "G", 50_000, Some(22), Some(7)),
         (30_000, "20\n", 20_000, Some(0), Some(5)),
@@ -375,6 +378,8 @@ fn a_frame_of_a_re_run_is_labeled_while_it_is_shown() {
         until_ms: last_ms,
         title: "episode 3 of 9".to_owned(),
         why: "drops".to_owned(),
+        ended: String::new(),
+        failures: Vec::new(),
     }];
     let mut model = ReplayModel::new(Timeline::new(recording), Speed::default());
     let look = Look::new(Theme::builtin("mono").unwrap(), ColorDepth::Mono, Glyphs::Ascii);
@@ -386,5 +391,86 @@ fn a_frame_of_a_re_run_is_labeled_while_it_is_shown() {
         let screen: String = buf.content().iter().map(ratatui::buffer::Cell::symbol).collect();
         assert!(screen.contains("re-run, ") && screen.contains("drops"), "{at_ms}: {screen}");
         assert!(!screen.contains("sequence "), "{at_ms}: {screen}");
+    }
+}
+
+/// A re-run whose force passes its limit, with failures at these times, ms.
+fn rerun(failures: &[(u64, &str)]) -> ReplayModel {
+    let series = |name: &str, value| Series { name: name.to_owned(), points: vec![(20_000, value)] };
+    let failures =
+        failures.iter().map(|(at_ms, text)| FailureMoment { at_ms: *at_ms, text: (*text).to_owned() });
+    let film = FilmSpan {
+        from_ms: 20_000,
+        until_ms: 41_000,
+        title: "episode 3 of 9, seed 7".to_owned(),
+        why: String::new(),
+        ended: "4.1 s".to_owned(),
+        failures: failures.collect(),
+    };
+    ReplayModel::new(
+        Timeline::new(Recording {
+            outcome: None,
+            events: Vec::new(),
+            series: vec![series("tool/force", 31.0), series("tool/force/limit", 30.0)],
+            films: vec![film],
+            ..recording()
+        }),
+        Speed::default(),
+    )
+}
+
+fn screen(model: &ReplayModel, width: u16, height: u16) -> String {
+    let look = Look::new(Theme::builtin("mono").unwrap(), ColorDepth::Mono, Glyphs::Ascii);
+    let area = Rect::new(0, 0, width, height);
+    let mut buf = Buffer::empty(area);
+    super::super::frame::draw(model, &look, area, &mut buf);
+    crate::frame::plain(&buf)
+}
+
+#[test]
+fn a_re_run_names_the_moment_where_it_went_wrong_at_every_size() {
+    let mut model = rerun(&[(20_500, "the object slips"), (40_300, "the task is not done")]);
+    let wide = screen(&model, 120, 36);
+    assert!(wide.contains("x 4.1 s") && wide.contains("episode 3 of 9, seed 7"), "{wide}");
+    assert!(
+        !wide.contains("not closed") && wide.contains("x went wrong at 20.5 s: the object slips"),
+        "{wide}"
+    );
+    assert!(wide.contains("! 31.000, at most 30.00"), "{wide}");
+    keys(&mut model, "m");
+    assert_eq!(model.cursor.at_ms, 20_500);
+    for (width, height) in [(120, 36), (80, 24), (60, 16), (40, 12)] {
+        let screen = screen(&model, width, height);
+        assert!(screen.contains("x 20.5 s  the object slips"), "{screen}");
+        assert!(!screen.contains("x 40.3 s  the task") || height > 16, "{screen}");
+    }
+    keys(&mut model, "m");
+    assert_eq!(model.cursor.at_ms, 40_300);
+    keys(&mut model, "m");
+    assert_eq!(model.cursor.at_ms, 20_500);
+}
+
+/// The replay warned of values that the guard had tolerated.
+#[test]
+fn a_re_run_without_a_failure_warns_of_nothing() {
+    let mut model = rerun(&[]);
+    let screen = screen(&model, 120, 36);
+    assert!(screen.contains("+ nothing went wrong") && screen.contains("+ 4.1 s"), "{screen}");
+    assert!(screen.contains("31.000, tolerated above 30.00") && !screen.contains("! 31.000"), "{screen}");
+    keys(&mut model, "m");
+    assert_eq!(message(&model), Some(&ReplayMessage::NoFailure));
+}
+
+#[test]
+fn charts_have_one_labeled_time_axis_with_the_cursor_and_the_failure() {
+    let mut model = rerun(&[(20_500, "the object slips")]);
+    model.cursor = model.timeline.at(21_000);
+    for (width, height) in [(120, 36), (80, 24), (60, 16)] {
+        let screen = screen(&model, width, height);
+        let axes: Vec<&str> =
+            screen.lines().filter(|line| line.contains(" s ") && line.contains('^')).collect();
+        let [axis] = axes[..] else { panic!("one axis: {screen}") };
+        let place = |sign: &str| axis.rfind(sign).unwrap();
+        assert!(place("x") < place("^") && place("^") < place("30"), "{axis}");
     }
 }

@@ -21,7 +21,7 @@ pub struct TimeMark {
 /// The meanings of the signs, for the help.
 pub const LEGEND: [(Glyph, &str); 7] = [
     (Glyph::Good, "decided: passed, approved or confirmed"),
-    (Glyph::Bad, "rejected; a rung failed; a fault"),
+    (Glyph::Bad, "rejected, failed, fault; on the bar: went wrong"),
     (Glyph::Warning, "decided: held or restricted; the monitor acted"),
     (Glyph::Waiting, "people were asked"),
     (Glyph::Up, "took over"),

@@ -1,14 +1,15 @@
-//! A recording prepared for lookup: its span, the version's state after each event, its gaps and its charts.
+//! A recording prepared for lookup: its span, the version's state after each event, its gaps, charts and failures.
 //!
 //! Owns the order: times never go back here, whatever order the file had. Must not interpolate between frames or
 //! values.
 
 use super::charts::{self, ChartSection};
+use super::failures::Failures;
 use super::time_mark::{self, TimeMark};
 use super::version_status::{self, VersionStatus};
 use holdpoint_protocol::event::{Event, EventKind};
 use holdpoint_protocol::video_frame::VideoFrame;
-use holdpoint_recordings::recording::Recording;
+use holdpoint_recordings::recording::{FilmSpan, Recording};
 
 /// The shortest gap, ms of virtual time without a frame or event.
 pub const GAP_MS: u64 = 2_000;
@@ -23,6 +24,7 @@ pub struct Timeline {
     times_ms: Vec<u64>,
     stretches_ms: Vec<(u64, u64)>,
     groups: Vec<ChartSection>,
+    failures: Failures,
 }
 
 /// A moment of a recording. Several frames and events may share one millisecond, so each has its own place.
@@ -52,10 +54,13 @@ impl Timeline {
             .collect();
         times_ms.sort_unstable();
         times_ms.dedup();
+        let marks: Vec<Option<TimeMark>> =
+            recording.events.iter().map(|event| time_mark::of(&event.kind)).collect();
         Self {
             span_ms: recording.span_ms().unwrap_or_default(),
             statuses: version_status::after_each(&recording.about.version, &recording.events),
-            marks: recording.events.iter().map(|event| time_mark::of(&event.kind)).collect(),
+            failures: Failures::of(&recording, &marks),
+            marks,
             stretches_ms: stretches_ms(&recording.pictures),
             groups: charts::groups(&recording),
             times_ms,
@@ -85,6 +90,40 @@ impl Timeline {
     #[must_use]
     pub fn stretches_ms(&self) -> &[(u64, u64)] {
         &self.stretches_ms
+    }
+
+    /// The moments at which the version went wrong.
+    #[must_use]
+    pub const fn failures(&self) -> &Failures {
+        &self.failures
+    }
+
+    /// The re-run part at a time; absent in the live cell's time.
+    #[must_use]
+    pub fn film_at(&self, at_ms: u64) -> Option<&FilmSpan> {
+        let films = &self.recording.films;
+        films.iter().find(|film| (film.from_ms..=film.until_ms).contains(&at_ms))
+    }
+
+    /// Where it went wrong, as far as that concerns a time: the first failure of the re-run there with its text, else
+    /// the decision against the version. Virtual ms.
+    #[must_use]
+    pub fn went_wrong(&self, at_ms: u64) -> Option<(u64, &str)> {
+        match self.film_at(at_ms) {
+            Some(film) => film.failures.first().map(|failure| (failure.at_ms, failure.text.as_str())),
+            None => self.failures.decided_ms().map(|at_ms| (at_ms, "")),
+        }
+    }
+
+    /// Whether a value past its limit at a time counts against the version: its re-run fails there, or the decision
+    /// that follows is against it.
+    #[must_use]
+    pub fn ends_badly(&self, at_ms: u64) -> bool {
+        match self.film_at(at_ms) {
+            // A recording of an older build does not tell.
+            Some(film) => film.ended.is_empty() || !film.failures.is_empty(),
+            None => self.failures.ends_badly(at_ms),
+        }
     }
 
     /// The marks of events on the time bar: virtual time, ms, and mark, in order.

@@ -128,6 +128,7 @@ fn act(model: &mut ReplayModel, action: ReplayAction) {
         ReplayAction::PreviousEvent => previous_event(model, false),
         ReplayAction::NextTurn => next_event(model, true),
         ReplayAction::PreviousTurn => previous_event(model, true),
+        ReplayAction::Failure => next_failure(model),
         ReplayAction::First => seek(model, model.timeline.span_ms().0),
         ReplayAction::Last => seek(model, model.timeline.span_ms().1),
         ReplayAction::Jump => model.typing = Some(EditLine::default()),
@@ -198,6 +199,17 @@ fn next_event(model: &mut ReplayModel, turns: bool) {
         Some(cursor) => go_to_event(model, cursor),
         None if turns => model.show_notice(ReplayMessage::NoDecisionAfter),
         None => model.show_notice(ReplayMessage::NoEventAfter),
+    }
+}
+
+/// Pauses at the next moment where it went wrong; after the last one, at the first.
+fn next_failure(model: &mut ReplayModel) {
+    match model.timeline.failures().next_ms(model.cursor.at_ms) {
+        Some(at_ms) => {
+            model.playing = false;
+            seek(model, at_ms);
+        }
+        None => model.show_notice(ReplayMessage::NoFailure),
     }
 }
 

@@ -1,8 +1,9 @@
-//! The time bar: marks of decisions and failures, the stretches with frames, and the cursor.
+//! The time bar: marks of decisions and failures, the stretches with frames, the moments at which it went wrong, and
+//! the cursor.
 //!
 //! ```text
-//!            ✔      ◷✔ ↑           ⚠↩
-//! 700.0 s ···━━━━━━━━━━┃━━━━━━━━━━━━━━━····· 890.0 s
+//!            ✔      ◷✔ ↑           ✖↩
+//! 700.0 s ···━━━━━━━━━━┃━━━━━━━━━━━✖━━━····· 890.0 s
 //! ```
 
 use ratatui::layout::Rect;
@@ -34,6 +35,9 @@ pub fn draw(model: &ReplayModel, pen: &mut Pen<'_>, area: Rect) {
     );
     let column = |at_ms| column(at_ms, (from_ms, to_ms), width);
     draw_stretches(model, pen, Rect { y: area.y + line, height: 1, ..bar }, &column);
+    for at_ms in model.timeline.failures().times_ms() {
+        pen.cell(bar.x + column(*at_ms), area.y + line, pen.look.glyph(Glyph::Bad), ThemeRole::Bad);
+    }
     if line > 0 {
         marks(model, pen, Rect { height: 1, ..bar }, &column);
     }

@@ -1,10 +1,12 @@
-//! The charts of one kind, with their values and limits at the cursor. A chart without room becomes a line.
+//! The charts of one kind over one time axis, with their values and limits at the cursor. A chart without room becomes
+//! a line.
 //!
 //! ```text
 //! ─ Shadow ──────────────────────────── 2 of 3, by stage ─
 //! output divergence                    0.112, at most 0.30
 //!  0.46           ⡄   │
 //!  0.30 ╌╌╌╌╌╌╌╌╌⡜⠸⡀╌╌│╌╌╌
+//!     s  760       765↑     770
 //! ```
 
 use ratatui::layout::Rect;
@@ -40,7 +42,8 @@ pub fn draw(model: &ReplayModel, pen: &mut Pen<'_>, area: Rect) {
     let inside = pen.pane(area, heading, false, if fits { &right } else { "" });
     let drawn = visible_charts(inside.height, group.charts.len());
     let lines = u16::try_from(group.charts.len() - drawn).unwrap_or(u16::MAX).min(inside.height);
-    let mut rest = above(inside, inside.height - lines);
+    let axis = u16::from(drawn > 0);
+    let mut rest = above(inside, inside.height.saturating_sub(lines + axis));
     for (index, chart) in group.charts.iter().take(drawn).enumerate() {
         let left = u16::try_from(drawn - index).unwrap_or(1).max(1);
         let (part, below_it) = cut(rest, (rest.height / left).min(HEIGHT_MAX));
@@ -48,16 +51,21 @@ pub fn draw(model: &ReplayModel, pen: &mut Pen<'_>, area: Rect) {
         pen.row(part, 0, &value_line(chart, model, pen, part.width));
         plot::draw(chart, model, pen, below(part, 1));
     }
-    let foot = below(inside, inside.height - rest.height - lines);
+    // The charts of a group share one span of time, so one axis serves all.
+    let foot = below(inside, inside.height.saturating_sub(rest.height + lines + axis));
+    if let Some(chart) = group.charts.first().filter(|_| drawn > 0) {
+        plot::axis(chart, model, pen, above(foot, axis));
+    }
+    let foot = below(foot, axis);
     for (chart, at) in group.charts.iter().skip(drawn).zip(0..lines) {
         pen.row(foot, at, &value_line(chart, model, pen, inside.width));
     }
 }
 
-/// How many charts are drawn; the others get a line each.
+/// How many charts are drawn; the others and the time axis get a line each.
 fn visible_charts(height: u16, charts: usize) -> usize {
     let fits = |drawn: &usize| {
-        let lines = charts - drawn;
+        let lines = charts - drawn + usize::from(*drawn > 0);
         usize::from(height) >= drawn * usize::from(HEIGHT_MIN) + lines
     };
     (0..=charts).rev().find(fits).unwrap_or(0)
@@ -68,14 +76,22 @@ fn value_line(chart: &LimitedSeries, model: &ReplayModel, pen: &Pen<'_>, width: 
     let (value, limit) = chart.at(model.cursor.at_ms);
     let judged = if chart.limits_mean { chart.mean(model.cursor.at_ms) } else { value };
     let what = if chart.limits_mean { "mean " } else { "" };
+    let is_past = judged.zip(limit).is_some_and(|(judged, limit)| chart.is_past(judged, limit));
+    let counts = is_past && model.timeline.ends_badly(model.cursor.at_ms);
     let (role, text) = match judged {
         None => (ThemeRole::Unknown, format!("{} no value yet", pen.look.glyph(Glyph::Unknown))),
-        Some(judged) if limit.is_some_and(|limit| chart.is_past(judged, limit)) => {
+        Some(judged) if counts => {
             (ThemeRole::Past, format!("{} {what}{judged:.3}", pen.look.glyph(Glyph::Warning)))
         }
         Some(judged) => (ThemeRole::Value, format!("{what}{judged:.3}")),
     };
-    let (long, short) = if chart.at_least { ("at least", "min") } else { ("at most", "max") };
+    // A value past its limit that was tolerated is no warning, and its line does not say "at most".
+    let (long, short) = match (is_past && !counts, chart.at_least) {
+        (true, true) => ("tolerated below", "below"),
+        (true, false) => ("tolerated above", "above"),
+        (false, true) => ("at least", "min"),
+        (false, false) => ("at most", "max"),
+    };
     let limited = |lead: &str| limit.map_or_else(String::new, |limit| format!(", {lead} {limit:.2}"));
     let width = usize::from(width);
     let wordings = [limited(long), limited(short), String::new()];
@@ -95,7 +111,8 @@ mod tests {
 
     #[test]
     fn every_chart_has_a_line_at_least() {
-        for (height, charts, expected) in [(12, 3, 3), (11, 3, 2), (9, 3, 2), (4, 3, 0), (7, 4, 1), (0, 4, 0)]
+        for (height, charts, expected) in
+            [(13, 3, 3), (12, 3, 2), (10, 3, 2), (9, 3, 1), (4, 3, 0), (7, 4, 0), (8, 4, 1), (0, 4, 0)]
         {
             assert_eq!(visible_charts(height, charts), expected, "{height} {charts}");
         }

@@ -1,5 +1,5 @@
 //! The events, with the one at the cursor marked and later ones muted. A line too long for the pane is shown in full
-//! below the list.
+//! below the list. A re-run has no events, and its failures stand here.
 //!
 //! ```text
 //! ─ Events ─────────────────────────────────── 14 of 96 ─
@@ -10,11 +10,13 @@
 use ratatui::layout::Rect;
 use unicode_width::UnicodeWidthStr as _;
 
-use crate::look::{Look, ThemeRole};
+use super::secs;
+use crate::look::{Glyph, Look, ThemeRole};
 use crate::replay::model::ReplayModel;
 use crate::widgets::list::{GUTTER, place};
 use crate::widgets::pen::{Pen, cut};
 use crate::widgets::row::{Row, wrap};
+use holdpoint_recordings::recording::FilmSpan;
 use holdpoint_wording::event as event_text;
 
 /// The height from which there is a list.
@@ -29,10 +31,11 @@ const WHOLE_ROWS_MAX: usize = 3;
 pub fn draw(model: &ReplayModel, pen: &mut Pen<'_>, area: Rect) {
     let count = model.timeline.recording().events.len();
     if area.height < PANE_HEIGHT_MIN {
-        // Shows only the event at the cursor.
-        let here = model.cursor.event.map_or_else(Row::new, |event| row(model, pen.look, event));
-        pen.row(area, 0, &here);
+        pen.row(area, 0, &here(model, pen.look));
         return;
+    }
+    if let Some(film) = model.timeline.recording().rerun() {
+        return failures(film, model, pen, area);
     }
     let right = match model.cursor.event {
         Some(event) => place(count, event),
@@ -53,6 +56,44 @@ pub fn draw(model: &ReplayModel, pen: &mut Pen<'_>, area: Rect) {
         pen.lay(list, ThemeRole::Muted);
     }
     pen.rows(foot, 0, &whole);
+}
+
+/// The event at the cursor, or the last failure of a re-run.
+#[must_use]
+pub fn here(model: &ReplayModel, look: &Look) -> Row {
+    if let Some(film) = model.timeline.recording().rerun() {
+        let last = last_failure(film, model);
+        return last.map_or_else(Row::new, |last| failure_row(film, last, Some(last), look));
+    }
+    model.cursor.event.map_or_else(Row::new, |event| row(model, look, event))
+}
+
+/// The moments at which a re-run went wrong.
+fn failures(film: &FilmSpan, model: &ReplayModel, pen: &mut Pen<'_>, area: Rect) {
+    let (count, last, look) = (film.failures.len(), last_failure(film, model), pen.look);
+    let right = last.map_or_else(String::new, |last| place(count, last));
+    let inside = pen.pane(area, "Failures", false, &right);
+    if count == 0 {
+        let text = if film.ended.is_empty() { "No failure was recorded" } else { "Nothing went wrong" };
+        pen.text(inside, 0, ThemeRole::Muted, text);
+        return;
+    }
+    pen.list(inside, count, last, |at, _| failure_row(film, at, last, look));
+}
+
+/// The last failure that the cursor has reached.
+fn last_failure(film: &FilmSpan, model: &ReplayModel) -> Option<usize> {
+    film.failures.partition_point(|failure| failure.at_ms <= model.cursor.at_ms).checked_sub(1)
+}
+
+/// A failure with its time; muted as long as the cursor is before it.
+fn failure_row(film: &FilmSpan, at: usize, last: Option<usize>, look: &Look) -> Row {
+    let Some(failure) = film.failures.get(at) else { return Row::new() };
+    let is_past = last.is_some_and(|last| at <= last);
+    Row::of(ThemeRole::Bad, look.glyph(Glyph::Bad)).with(
+        if is_past { ThemeRole::Text } else { ThemeRole::Muted },
+        &format!(" {}  {}", secs(failure.at_ms), failure.text),
+    )
 }
 
 /// One event: its mark on the time bar, and its line of the plain stream.

@@ -2,7 +2,7 @@
 //!
 //! ```text
 //!  REPLAY   ◇ SIM  arm-1  place@1.1.0 against place@1.0.0  seed 42                    ended: ✖ rejected
-//! ◌ running  sandboxed, in shadow                                  ‖ paused  1x  761.0 s  tick 182640
+//! ✖ rolled back  ✖ went wrong at 851.0 s                           ‖ paused  1x  761.0 s  tick 182640
 //! ```
 
 use ratatui::layout::Rect;
@@ -18,18 +18,47 @@ use crate::widgets::pen::Pen;
 use crate::widgets::row::Row;
 use holdpoint_protocol::clock::tick_of;
 
+/// Columns that the note about the failure needs at least.
+const NOTE_WIDTH_MIN: usize = 28;
+
+/// The widest result of a re-run, columns.
+const RESULT_WIDTH_MAX: usize = 36;
+
 pub fn draw(model: &ReplayModel, pen: &mut Pen<'_>, area: Rect) {
     let width = usize::from(area.width);
     let top = justify(vec![badge(), subject(model)], asides(model, pen), outcome(model, pen), width);
     pen.row(area, 0, &top);
     let when = playing(model, pen).and(time(model, true));
-    let status = version_status(model, pen);
+    let status =
+        if model.timeline.recording().rerun().is_some() { Row::new() } else { version_status(model, pen) };
     let when = if status.width() + when.width() < width {
         when
     } else {
         playing(model, pen).and(time(model, false))
     };
-    pen.row(area, 1, &justify(vec![status], Vec::new(), when, width));
+    let room = width.saturating_sub(status.width() + when.width() + 1);
+    let failure = went_wrong(model, pen, room);
+    pen.row(area, 1, &justify(vec![status, failure], Vec::new(), when, width));
+}
+
+/// Where it went wrong, in at most `room` columns; empty if it did not, or without room for the time.
+fn went_wrong(model: &ReplayModel, pen: &Pen<'_>, room: usize) -> Row {
+    let (lead, rerun) = match model.timeline.recording().rerun() {
+        Some(film) => ("", Some(film)),
+        None => ("  ", None),
+    };
+    let (role, glyph, text) = match (model.timeline.went_wrong(model.cursor.at_ms), rerun) {
+        (Some((at_ms, "")), _) => (ThemeRole::Bad, Glyph::Bad, format!("went wrong at {}", secs(at_ms))),
+        (Some((at_ms, text)), _) => {
+            (ThemeRole::Bad, Glyph::Bad, format!("went wrong at {}: {text}", secs(at_ms)))
+        }
+        (None, Some(film)) if !film.ended.is_empty() => {
+            (ThemeRole::Good, Glyph::Good, "nothing went wrong".to_owned())
+        }
+        (None, _) => return Row::new(),
+    };
+    let text = format!("{lead}{} {text}", pen.look.glyph(glyph));
+    if room < NOTE_WIDTH_MIN { Row::new() } else { Row::of(role, &short(&text, room)) }
 }
 
 /// Joins what must appear at the left, what appears if there is room, and the right end.
@@ -64,6 +93,9 @@ fn asides(model: &ReplayModel, pen: &Pen<'_>) -> Vec<Row> {
     if let Some(predecessor) = &about.predecessor {
         rows.push(Row::of(ThemeRole::Text, &format!(" against {predecessor}")));
     }
+    if let Some(film) = recording.rerun() {
+        rows.push(Row::of(ThemeRole::Text, &format!("  {}", short(&film.title, 60))));
+    }
     let (frames, events) = recording.dropped;
     let lost = dropped_summary(frames, events);
     if !lost.is_empty() {
@@ -88,6 +120,14 @@ fn dropped_summary(frames: u64, events: u64) -> String {
 }
 
 fn outcome(model: &ReplayModel, pen: &Pen<'_>) -> Row {
+    if let Some(film) = model.timeline.recording().rerun() {
+        let (glyph, role, ended) = match (film.ended.as_str(), film.failures.as_slice()) {
+            ("", _) => (Glyph::Unknown, ThemeRole::Unknown, "re-run"),
+            (ended, []) => (Glyph::Good, ThemeRole::Good, ended),
+            (ended, _) => (Glyph::Bad, ThemeRole::Bad, ended),
+        };
+        return Row::of(role, &format!("{} {}", pen.look.glyph(glyph), short(ended, RESULT_WIDTH_MAX)));
+    }
     match &model.timeline.recording().outcome {
         Some(outcome) => {
             let (glyph, role) =

@@ -27,13 +27,14 @@ pub fn draw(first: u16, pen: &mut Pen<'_>, area: Rect) {
 }
 
 /// Actions in two directions share a line.
-const LINES: [(ReplayAction, Option<ReplayAction>); 12] = [
+const LINES: [(ReplayAction, Option<ReplayAction>); 13] = [
     (ReplayAction::Play, None),
     (ReplayAction::NextFrame, Some(ReplayAction::PreviousFrame)),
     (ReplayAction::SecondOn, Some(ReplayAction::SecondBack)),
     (ReplayAction::Faster, Some(ReplayAction::Slower)),
     (ReplayAction::NextEvent, Some(ReplayAction::PreviousEvent)),
     (ReplayAction::NextTurn, Some(ReplayAction::PreviousTurn)),
+    (ReplayAction::Failure, None),
     (ReplayAction::First, Some(ReplayAction::Last)),
     (ReplayAction::Jump, None),
     (ReplayAction::NextCharts, Some(ReplayAction::PreviousCharts)),

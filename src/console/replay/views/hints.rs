@@ -37,6 +37,7 @@ fn keys(model: &ReplayModel, width: usize) -> Row {
     use ReplayAction as A;
     let here = [
         A::Play,
+        A::Failure,
         A::NextTurn,
         A::NextEvent,
         A::NextFrame,
@@ -54,7 +55,8 @@ fn keys(model: &ReplayModel, width: usize) -> Row {
         hint(model, A::Help).and(hint(model, A::Leave))
     };
     let mut row = Row::new();
-    for action in here.into_iter().filter(|_| model.help.is_none()) {
+    let applies = |action: &A| *action != A::Failure || !model.timeline.failures().times_ms().is_empty();
+    for action in here.into_iter().filter(|_| model.help.is_none()).filter(applies) {
         let next = hint(model, action);
         if row.width() + next.width() + tail.width() <= width {
             row = row.and(next);

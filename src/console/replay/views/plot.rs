@@ -1,4 +1,5 @@
-//! One chart over time, with its limit as it was then and the cursor in it.
+//! One chart over time, with its limit as it was then, the cursor and the moments at which it went wrong; and the time
+//! axis of the charts.
 //!
 //! Many values share a dot column as their smallest and largest: a spike of one value survives any width. Moving
 //! values are joined only if they follow each other closely; a gap stays a gap. Values that hold until the next
@@ -6,7 +7,7 @@
 
 use ratatui::layout::Rect;
 
-use crate::look::ThemeRole;
+use crate::look::{Glyph, ThemeRole};
 use crate::replay::charts::LimitedSeries;
 use crate::replay::model::ReplayModel;
 use crate::widgets::dots::{ACROSS, DOWN, Dots, Ink};
@@ -33,6 +34,21 @@ struct PlotArea {
 }
 
 impl PlotArea {
+    /// The scales of a chart in its plot.
+    fn new(chart: &LimitedSeries, model: &ReplayModel, plot: Rect) -> Self {
+        let (from_ms, to_ms) = window_ms(chart, model);
+        let (low, high) = range(chart);
+        let (across, down) = (usize::from(plot.width) * ACROSS, usize::from(plot.height) * DOWN);
+        Self { from_ms, to_ms, low, high, across, down }
+    }
+
+    /// The column of a time, from the plot's left end.
+    fn column(&self, at_ms: u64) -> u16 {
+        let column = usize::try_from(self.x(at_ms)).map_or(0, |dot| dot / ACROSS);
+        let last = (self.across / ACROSS).saturating_sub(1);
+        u16::try_from(column.min(last)).unwrap_or(0)
+    }
+
     #[allow(clippy::cast_possible_truncation, reason = "a share of the dots across")]
     fn x(&self, at_ms: u64) -> i64 {
         let span_ms = (self.to_ms - self.from_ms).max(1) as f64;
@@ -54,12 +70,10 @@ pub fn draw(chart: &LimitedSeries, model: &ReplayModel, pen: &mut Pen<'_>, area:
         return;
     }
     let plot = Rect { x: area.x + SCALE, width: area.width - SCALE, ..area };
-    let (from_ms, to_ms) = window_ms(chart, model);
-    let (low, high) = range(chart);
-    let (across, down) = (usize::from(plot.width) * ACROSS, usize::from(plot.height) * DOWN);
-    let frame = PlotArea { from_ms, to_ms, low, high, across, down };
+    let frame = PlotArea::new(chart, model, plot);
     scale(&frame, pen, area);
     limit(chart, &frame, pen, plot);
+    failures(model, &frame, pen, plot);
     cursor(model, &frame, pen, plot);
     let mut dots = Dots::new(plot);
     values(chart, &frame, model.cursor.at_ms, &mut dots);
@@ -115,9 +129,78 @@ fn limit(chart: &LimitedSeries, frame: &PlotArea, pen: &mut Pen<'_>, plot: Rect)
     }
 }
 
+/// A line at each visible moment at which it went wrong.
+fn failures(model: &ReplayModel, frame: &PlotArea, pen: &mut Pen<'_>, plot: Rect) {
+    let sign = if pen.look.ascii() { ":" } else { "╎" };
+    for at_ms in visible_failures(model, frame) {
+        for y in plot.top()..plot.bottom() {
+            pen.cell(plot.x + frame.column(at_ms), y, sign, ThemeRole::Bad);
+        }
+    }
+}
+
+fn visible_failures(model: &ReplayModel, frame: &PlotArea) -> impl Iterator<Item = u64> {
+    let times_ms = model.timeline.failures().times_ms().iter().copied();
+    let (from_ms, to_ms) = (frame.from_ms, frame.to_ms);
+    times_ms.filter(move |at_ms| (from_ms..=to_ms).contains(at_ms))
+}
+
+/// Draws the times below a chart, in the first line of the area: seconds, the cursor and the moments at which it went
+/// wrong.
+pub fn axis(chart: &LimitedSeries, model: &ReplayModel, pen: &mut Pen<'_>, area: Rect) {
+    let area = area.intersection(pen.buf.area);
+    if area.width <= SCALE + 2 || area.height == 0 {
+        return;
+    }
+    let plot = Rect { x: area.x + SCALE, width: area.width - SCALE, ..area };
+    let frame = PlotArea::new(chart, model, plot);
+    pen.row(area, 0, &Row::new().cell_right(ThemeRole::Muted, "s", usize::from(SCALE - 1)));
+    let mut row = Row::new();
+    for (at_ms, label) in labels(frame.from_ms, frame.to_ms, plot.width) {
+        let column = usize::from(frame.column(at_ms));
+        let is_free = row.width() == 0 || column > row.width();
+        if is_free && column + label.len() <= usize::from(plot.width) {
+            row = row.to_column(column).with(ThemeRole::Muted, &label);
+        }
+    }
+    pen.row(plot, 0, &row);
+    for at_ms in visible_failures(model, &frame) {
+        pen.cell(plot.x + frame.column(at_ms), plot.y, pen.look.glyph(Glyph::Bad), ThemeRole::Bad);
+    }
+    // Not every screen has a color for the cursor.
+    let here = plot.x + frame.column(model.cursor.at_ms);
+    pen.cell(here, plot.y, pen.look.glyph(Glyph::Up), ThemeRole::Focus);
+}
+
+/// Steps of the time axis, ms.
+const STEPS_MS: [u64; 15] = [
+    100, 200, 500, 1_000, 2_000, 5_000, 10_000, 20_000, 60_000, 120_000, 300_000, 600_000, 1_800_000,
+    3_600_000, 14_400_000,
+];
+
+/// Columns between two times of the axis at least.
+const BETWEEN: usize = 3;
+
+/// The times of an axis, ms, and their labels in seconds: at round steps that leave room between them.
+fn labels(from_ms: u64, to_ms: u64, width: u16) -> impl Iterator<Item = (u64, String)> {
+    let label = |at_ms: u64, step_ms: u64| {
+        let tenths = if step_ms < 1_000 { format!(".{}", at_ms / 100 % 10) } else { String::new() };
+        format!("{}{tenths}", at_ms / 1_000)
+    };
+    let span_ms = to_ms.saturating_sub(from_ms).max(1);
+    let fits = |step_ms: &u64| {
+        let each = label(to_ms, *step_ms).len() + BETWEEN;
+        u128::from(*step_ms) * u128::from(width) >= u128::from(span_ms) * each as u128
+    };
+    let step_ms = STEPS_MS.into_iter().find(fits).unwrap_or(span_ms);
+    let first_ms = from_ms.div_ceil(step_ms).checked_mul(step_ms);
+    std::iter::successors(first_ms, move |at_ms| at_ms.checked_add(step_ms))
+        .take_while(move |at_ms| *at_ms <= to_ms)
+        .map(move |at_ms| (at_ms, label(at_ms, step_ms)))
+}
+
 fn cursor(model: &ReplayModel, frame: &PlotArea, pen: &mut Pen<'_>, plot: Rect) {
-    let column = usize::try_from(frame.x(model.cursor.at_ms)).map_or(0, |dot| dot / ACROSS);
-    let column = u16::try_from(column).unwrap_or(0).min(plot.width - 1);
+    let column = frame.column(model.cursor.at_ms);
     pen.divider(Rect { x: plot.x + column, width: 1, ..plot });
     pen.lay(Rect { x: plot.x + column, width: 1, ..plot }, ThemeRole::Focus);
 }
@@ -183,6 +266,26 @@ impl PlotPoint {
         dots.line((turns_x, self.y), (until_x, self.y), Ink { role: ThemeRole::Muted, ..self.ink(here_ms) });
         if self.at_ms <= here_ms {
             dots.line((self.x, self.y), (turns_x, self.y), self.ink(here_ms));
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn times_of_the_axis_are_round_and_apart() {
+        let shown =
+            |from_ms, to_ms, width| labels(from_ms, to_ms, width).map(|(_, label)| label).collect::<Vec<_>>();
+        assert_eq!(shown(836_300, 856_300, 40), ["840", "845", "850", "855"]);
+        assert_eq!(shown(0, 2_000, 40), ["0.0", "0.5", "1.0", "1.5", "2.0"]);
+        assert_eq!(shown(0, 7_033, 20), ["0", "2", "4", "6"]);
+        assert_eq!(shown(700_000, 880_000, 29), ["720", "780", "840"]);
+        assert_eq!(shown(5, 5, 20), Vec::<String>::new());
+        // A broken file has senseless times: the axis stays short.
+        for (from_ms, to_ms) in [(0, u64::MAX), (u64::MAX - 1, u64::MAX), (u64::MAX, 0)] {
+            assert!(shown(from_ms, to_ms, 60).len() <= 20, "{from_ms} {to_ms}");
         }
     }
 }

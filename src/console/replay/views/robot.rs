@@ -30,11 +30,11 @@ pub fn draw(model: &ReplayModel, pen: &mut Pen<'_>, area: Rect) {
 
 /// Draws the pane's inside, which may have any size.
 pub fn draw_inside(model: &ReplayModel, pen: &mut Pen<'_>, area: Rect) {
-    let warnings = warnings(model);
     let mut rows = 0;
-    for (role, text) in &warnings {
-        let text = format!("{} {text}", pen.look.glyph(Glyph::Waiting));
-        rows += pen.text(area, rows, *role, &text);
+    for (role, text) in warnings(model) {
+        let glyph = if role == ThemeRole::Bad { Glyph::Bad } else { Glyph::Waiting };
+        let text = format!("{} {text}", pen.look.glyph(glyph));
+        rows += pen.text(area, rows, role, &text);
     }
     let Some(frame) = model.cursor.frame.and_then(|frame| model.timeline.frame(frame)) else {
         return;
@@ -53,16 +53,22 @@ pub fn draw_inside(model: &ReplayModel, pen: &mut Pen<'_>, area: Rect) {
 /// The re-run that the shown frame belongs to; `None` for one of the live cell. The frame's own time decides: the
 /// last one stays until another follows, and must not be taken for the live arm.
 fn film(model: &ReplayModel) -> Option<&FilmSpan> {
-    let at_ms = model.timeline.frame(model.cursor.frame?)?.at_ms;
-    let films = &model.timeline.recording().films;
-    films.iter().find(|film| (film.from_ms..=film.until_ms).contains(&at_ms))
+    model.timeline.film_at(model.timeline.frame(model.cursor.frame?)?.at_ms)
 }
 
 /// What the user must know about the frame first.
 fn warnings(model: &ReplayModel) -> Vec<(ThemeRole, String)> {
     let mut lines = Vec::new();
-    if let Some(film) = film(model) {
-        lines.push((ThemeRole::Unknown, film.sentence()));
+    // The header names the only part of a recording, and its failures have a pane.
+    let only = model.timeline.recording().rerun();
+    match (film(model), only) {
+        (_, Some(film)) if !film.why.is_empty() => lines.push((ThemeRole::Unknown, film.why.clone())),
+        (Some(film), None) => {
+            lines.push((ThemeRole::Unknown, film.sentence()));
+            let passed = film.failures.iter().rfind(|failure| failure.at_ms <= model.cursor.at_ms);
+            lines.extend(passed.map(|failure| (ThemeRole::Bad, failure.text.clone())));
+        }
+        (_, Some(_)) | (None, None) => {}
     }
     if let Some((from_ms, to_ms)) = model.timeline.gap_ms(model.cursor) {
         let stretch = format!("from {} to {}", secs(from_ms), secs(to_ms));

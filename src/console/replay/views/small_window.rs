@@ -23,7 +23,7 @@ pub fn draw(model: &ReplayModel, pen: &mut Pen<'_>, area: Rect) {
     let time = Row::of(ThemeRole::Title, &format!(" {}", secs(model.cursor.at_ms)));
     let head = header::badge().with(ThemeRole::Title, &version);
     let state = header::playing(model, pen).and(time.clone());
-    let event = model.cursor.event.map_or_else(Row::new, |event| events::row(model, pen.look, event));
+    let event = events::here(model, pen.look);
     match area.height {
         0 => {}
         1 => pen.row(area, 0, &header::badge().and(time)),
