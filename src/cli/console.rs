@@ -3,7 +3,7 @@
 //! Draws nothing and reads no keys. Errors in files are reported before the terminal changes.
 
 use std::io::IsTerminal as _;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use super::console_engine::ConsoleEngine;
@@ -94,6 +94,9 @@ pub(super) fn run(
             read_candidate: Box::new(CandidateSource::default().reader()),
             read_own_files: own_files(),
             make_identity: make_identity(context.clone()),
+            read_recording: Arc::new(|files: &[PathBuf]| {
+                super::replay::read(files).map_err(CliError::into_problem)
+            }),
         },
     };
     let left = holdpoint_console::run::run(console).map_err(|error| match &error {

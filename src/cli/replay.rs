@@ -251,6 +251,19 @@ fn lines(files: &[PathBuf], to: Option<u64>, out: &mut CommandOutput<'_>) -> Res
     recording.events.iter().filter(|event| is_wanted(event.at_ms)).try_for_each(|event| out.json(event))
 }
 
+/// Reads a recording that matches the audit log, for the console.
+///
+/// # Errors
+/// If it does not match, cannot be read, or this program was built without scenes.
+pub(super) fn read(files: &[PathBuf]) -> Result<Recording, CliError> {
+    match problems(files)?.into_iter().next() {
+        Some(problem) => {
+            Err(CliError::usage(problem).with_hint("`holdpoint audit verify` checks the audit log"))
+        }
+        None => segments::read(files),
+    }
+}
+
 fn in_terminal(files: &[PathBuf], args: &ReplayArgs) -> Result<(), CliError> {
     play(segments::read(files)?, args)
 }

@@ -161,7 +161,7 @@ actions! {
     FindNext = "find-next", Lists, ["n"];
     /// Open what is under the cursor; never a side effect
     Open = "open", Lists, ["enter"];
-    /// Open the 3D recording of this upgrade
+    /// Open the recording of this upgrade; without a viewer, in this terminal
     OpenRecording = "open-recording", Version, ["o"];
     /// Open the live scene in 3D
     OpenLive = "open-live", Lists, ["O"];

@@ -30,6 +30,7 @@ use holdpoint_approvals::Passphrase;
 use holdpoint_engine::engine_handle::{EngineEndError, EngineHandle, RequestRejected};
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_protocol::command::{AuthorityEffect, Command, Refusal, Reply, Request};
+use holdpoint_recordings::recording::Recording;
 use holdpoint_text::{Hint, Problem, Untrusted, WIDTH_MAX};
 
 /// The pause between two bells at least, ms: an alarm flood must not become a continuous tone.
@@ -51,11 +52,15 @@ pub type ReadOperatorFiles = Box<dyn FnMut() -> Option<Result<OperatorFiles, Pro
 /// Makes and enrolls an identity without a passphrase, on a separate thread: it may wait for the engine.
 pub type MakeIdentity = Arc<dyn Fn(&str) -> Result<(), Problem> + Send + Sync>;
 
+/// Reads the recording of an upgrade from its files; slow, so on a separate thread.
+pub type ReadRecording = Arc<dyn Fn(&[PathBuf]) -> Result<Recording, Problem> + Send + Sync>;
+
 /// Services of the program besides the engine.
 pub struct Services {
     pub read_candidate: ReadCandidate,
     pub read_own_files: ReadOperatorFiles,
     pub make_identity: MakeIdentity,
+    pub read_recording: ReadRecording,
 }
 
 /// The objects that an effect works on.
@@ -352,7 +357,8 @@ impl EffectRunner {
     }
 
     fn show(&self, shown: ViewerScene) -> EffectOutcome {
-        viewer::open(shown, self.host.logs(), self.job_results.clone())
+        let read = Arc::clone(&self.services.read_recording);
+        viewer::open(shown, self.host.logs(), read, self.job_results.clone())
     }
 }
 

@@ -134,7 +134,13 @@ impl ConsoleModel {
     /// Whether something on the screen moves by itself.
     #[must_use]
     pub fn plays(&self) -> bool {
-        matches!(&self.input.overlay, Some(Overlay::Film(watched)) if watched.player.runs())
+        match &self.input.overlay {
+            Some(Overlay::Film(watched)) => watched.player.runs(),
+            Some(Overlay::Replay(replay)) => replay.playing,
+            Some(Overlay::Palette(_) | Overlay::Approval(_) | Overlay::Form(_) | Overlay::Why(_)) | None => {
+                false
+            }
+        }
     }
 
     /// The snapshot for the charts: the frozen one if there is one.

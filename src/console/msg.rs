@@ -14,6 +14,7 @@ use holdpoint_protocol::command::Reply;
 use holdpoint_protocol::event::Event;
 use holdpoint_protocol::snapshot::Snapshot;
 use holdpoint_protocol::video_frame::VideoFrame;
+use holdpoint_recordings::recording::Recording;
 
 /// Something happened, at a moment of the console's own clock.
 #[derive(Clone, Debug, PartialEq)]
@@ -87,6 +88,11 @@ pub enum MsgKind {
     Done {
         text: String,
         bad: bool,
+    },
+    /// A recording was read to be replayed here, and why no viewer shows it.
+    RecordingRead {
+        recording: Box<Recording>,
+        why: String,
     },
     /// The operator's own files changed: the current keys, and the names of the current themes.
     OperatorFiles {

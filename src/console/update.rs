@@ -14,6 +14,7 @@ mod mouse;
 mod navigation;
 mod operations;
 mod overlays;
+mod recording;
 mod selection;
 mod text_entry;
 mod why;
@@ -51,6 +52,7 @@ pub fn update(model: &mut ConsoleModel, msg: Msg) -> Vec<Effect> {
         | MsgKind::Theme(_)
         | MsgKind::OperatorFiles { .. }
         | MsgKind::Completions { .. }
+        | MsgKind::RecordingRead { .. }
         | MsgKind::DecisionShown(_) => None,
         MsgKind::Key(_) | MsgKind::Paste(_) | MsgKind::Wheel(_) | MsgKind::Click(..) => Some(false),
         MsgKind::EngineStarted
@@ -143,6 +145,10 @@ fn take_in(model: &mut ConsoleModel, msg: Msg) -> Vec<Effect> {
             text_entry::offer(model, typed, lines);
             Vec::new()
         }
+        MsgKind::RecordingRead { recording, why } => {
+            recording::open(model, *recording, &why);
+            Vec::new()
+        }
         MsgKind::Theme(name) => {
             model.settings.theme = name;
             Vec::new()
@@ -155,7 +161,8 @@ fn take_in(model: &mut ConsoleModel, msg: Msg) -> Vec<Effect> {
             match &mut model.input.overlay {
                 Some(Overlay::Approval(prompt)) => prompt.mark_read(&visible),
                 Some(Overlay::Form(form)) => form.mark_read(&visible),
-                Some(Overlay::Palette(_) | Overlay::Why(_) | Overlay::Film(_)) | None => {}
+                Some(Overlay::Palette(_) | Overlay::Why(_) | Overlay::Film(_) | Overlay::Replay(_))
+                | None => {}
             }
             Vec::new()
         }
@@ -167,6 +174,7 @@ fn take_in(model: &mut ConsoleModel, msg: Msg) -> Vec<Effect> {
         }
         MsgKind::Tick => {
             why::pass(model);
+            recording::pass(model);
             let mut effects = engine_requests::refresh(model);
             if model.now_ms.saturating_sub(model.requests.own_files_ms) >= OWN_FILES_MS {
                 model.requests.own_files_ms = model.now_ms;
@@ -205,6 +213,7 @@ fn on_key(model: &mut ConsoleModel, key: KeyEvent) -> Vec<Effect> {
         Some(Overlay::Form(_)) => overlays::form_key(model, key, action),
         Some(Overlay::Why(_)) => why::why_key(model, key, action),
         Some(Overlay::Film(_)) => why::film_key(model, key, action),
+        Some(Overlay::Replay(_)) => recording::key(model, key, action),
         None => {
             if belongs_to_refused_form(model, key, action) {
                 return Vec::new();

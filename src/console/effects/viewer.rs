@@ -1,4 +1,5 @@
-//! Shows a recording or the live scene in an installed viewer, beside this program.
+//! Shows a recording or the live scene in an installed viewer, beside this program; without one, has the console
+//! replay the recording.
 //!
 //! Finding and starting one may take seconds, so a separate thread does it and reports the result. The viewer writes
 //! to a log, never to this terminal; its end changes nothing here.
@@ -10,7 +11,7 @@ use std::time::{Duration, Instant};
 
 use tokio::sync::mpsc;
 
-use super::{BackgroundResult, bad, good};
+use super::{BackgroundResult, ReadRecording, bad, good};
 use crate::effects::EffectOutcome;
 use crate::msg::MsgKind;
 use holdpoint_governance::ids::CapabilityId;
@@ -48,12 +49,13 @@ pub(super) fn files(recordings: &Path, version: &CapabilityId) -> Result<Vec<Pat
 pub(super) fn open(
     scene: ViewerScene,
     logs: PathBuf,
+    read: ReadRecording,
     sender: mpsc::Sender<BackgroundResult>,
 ) -> EffectOutcome {
     let work = move || {
         let what = match start(&scene, &logs) {
             Ok(text) => MsgKind::Done { text, bad: false },
-            Err(text) => MsgKind::Done { text: Untrusted::new(text).line().into_string(), bad: true },
+            Err(why) => without_viewer(&scene, &why, &read),
         };
         // The console may have ended meanwhile.
         drop(sender.blocking_send(BackgroundResult::Message(what)));
@@ -64,10 +66,23 @@ pub(super) fn open(
     }
 }
 
+/// What there is without a viewer: the replay in this terminal; for the live scene, the console's own view of the arm.
+fn without_viewer(scene: &ViewerScene, why: &str, read: &ReadRecording) -> MsgKind {
+    let why = Untrusted::new(why).line().into_string();
+    let failed = |text: String| MsgKind::Done { text: Untrusted::new(text).line().into_string(), bad: true };
+    match scene {
+        ViewerScene::Files(files) => match read(files) {
+            Ok(recording) => MsgKind::RecordingRead { recording: Box::new(recording), why },
+            Err(problem) => failed(format!("{why}; {}", problem.sentence())),
+        },
+        ViewerScene::Live(_) => failed(format!("{why}; the Overview draws the arm")),
+    }
+}
+
 fn start(scene: &ViewerScene, logs: &Path) -> Result<String, String> {
-    let found = viewer::find(viewer::path().as_deref()).map_err(|error| error.sentence())?;
+    let found = viewer::find(viewer::path().as_deref()).map_err(|error| error.to_string())?;
     if !viewer::has_screen() {
-        return Err(viewer::ViewerError::NoScreen.sentence());
+        return Err(viewer::ViewerError::NoScreen.to_string());
     }
     let (arguments, what): (Vec<OsString>, String) = match scene {
         ViewerScene::Files(files) => {
@@ -80,7 +95,7 @@ fn start(scene: &ViewerScene, logs: &Path) -> Result<String, String> {
             (vec![format!("rerun+http://{address}/proxy").into()], format!("the live scene at {address}"))
         }
     };
-    let opened = found.open(&arguments, logs).map_err(|error| error.sentence())?;
+    let opened = found.open(&arguments, logs).map_err(|error| error.to_string())?;
     if opened.ended_within(FAILS_WITHIN) == Some(false) {
         let log = Untrusted::new(opened.log.display().to_string()).line().into_string();
         return Err(format!("the scene viewer ended at once; {log} says why"));
@@ -99,5 +114,61 @@ fn served(address: SocketAddr) -> Result<(), String> {
             }
             Err(_) => std::thread::sleep(LOOK_EVERY),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::sync::Arc;
+
+    use holdpoint_recordings::recording::{Recording, RecordingSubject};
+    use holdpoint_text::Problem;
+
+    fn recording() -> Recording {
+        Recording {
+            about: RecordingSubject {
+                version: "grasp@1.1.0".parse().unwrap(),
+                digest: holdpoint_governance::ids::Digest::from_bytes([1; 32]),
+                predecessor: None,
+                profile: holdpoint_governance::profile::ProfileName::Sim.into(),
+                robot: String::new(),
+                seed: None,
+                engine_build: String::new(),
+            },
+            outcome: None,
+            scenery: holdpoint_protocol::video_frame::Scenery::default(),
+            pictures: Vec::new(),
+            events: Vec::new(),
+            series: Vec::new(),
+            films: Vec::new(),
+            dropped: (0, 0),
+        }
+    }
+
+    #[test]
+    fn without_a_viewer_the_recording_is_read_for_this_terminal() {
+        let why = viewer::ViewerError::NotFound.to_string();
+        let files = || ViewerScene::Files(vec![PathBuf::from("a.rrd"), PathBuf::from("a.2.rrd")]);
+        let read: ReadRecording = Arc::new(|files: &[PathBuf]| {
+            assert_eq!(files.len(), 2);
+            Ok(recording())
+        });
+        let MsgKind::RecordingRead { recording, why: told } = without_viewer(&files(), &why, &read) else {
+            panic!("the recording is read")
+        };
+        assert_eq!(
+            (recording.about.version.to_string().as_str(), told.as_str()),
+            ("grasp@1.1.0", why.as_str())
+        );
+        let fails: ReadRecording = Arc::new(|_: &[PathBuf]| Err(Problem::new("the file is torn")));
+        let MsgKind::Done { text, bad: true } = without_viewer(&files(), &why, &fails) else {
+            panic!("it is reported")
+        };
+        assert!(text.contains("no `rerun`") && text.contains("torn"), "{text}");
+        let MsgKind::Done { text, bad: true } = without_viewer(&ViewerScene::Live(LIVE), &why, &fails) else {
+            panic!("it is reported")
+        };
+        assert!(text.contains("Overview") && !text.contains("pip"), "{text}");
     }
 }

@@ -5,6 +5,7 @@ use crate::form::{DismissedForm, Form};
 use crate::line::EditLine;
 use crate::palette::Palette;
 use crate::player::Player;
+use crate::replay::model::ReplayModel;
 use holdpoint_governance::ids::CapabilityId;
 
 /// A dialog over the view, which takes the keys. At most one at a time.
@@ -19,6 +20,8 @@ pub enum Overlay {
     Why(WhyScreen),
     /// The re-run of a part of an evaluation.
     Film(Box<FilmScreen>),
+    /// The replay of a recording.
+    Replay(Box<ReplayModel>),
 }
 
 /// The explanation on the screen, and how far it is scrolled.

@@ -243,6 +243,7 @@ impl ReplaySession {
             | msg::MsgKind::OperatorFiles { .. }
             | msg::MsgKind::Completions { .. }
             | msg::MsgKind::Unsigned { .. }
+            | msg::MsgKind::RecordingRead { .. }
             | msg::MsgKind::Theme(_)
             | msg::MsgKind::DecisionShown(_)
             | msg::MsgKind::EndRequested

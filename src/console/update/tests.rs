@@ -36,6 +36,7 @@ mod marks;
 mod no_engine;
 mod offers;
 mod reading;
+mod recording;
 mod records;
 mod signing;
 mod stopping;

@@ -279,7 +279,12 @@ pub(super) fn paste(model: &mut ConsoleModel, text: &str) -> Vec<Effect> {
         (None, Some(Overlay::Approval(_))) => {
             show_message(model, "a prompt takes no pasted text: type it", true);
         }
-        (None, Some(Overlay::Why(_) | Overlay::Film(_)) | None) => {
+        (None, Some(Overlay::Replay(replay))) if replay.typing.is_some() => {
+            if let Some(line) = &mut replay.typing {
+                line.paste(text);
+            }
+        }
+        (None, Some(Overlay::Why(_) | Overlay::Film(_) | Overlay::Replay(_)) | None) => {
             show_message(model, "pasted text is ignored here", false);
         }
     }

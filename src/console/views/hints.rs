@@ -122,6 +122,7 @@ pub fn stop(model: &ConsoleModel) -> Row {
             Some(Overlay::Form(form)) => {
                 (form.void.is_some() && !form.is_one_key()) || form.types() || form.signing.is_some()
             }
+            Some(Overlay::Replay(replay)) => replay.typing.is_some(),
             Some(Overlay::Why(_) | Overlay::Film(_)) | None => false,
         };
     let keys = model.keymap.keys(Action::Stop);
@@ -180,6 +181,8 @@ fn own_keys(model: &ConsoleModel) -> Option<Vec<(&'static str, &'static str)>> {
                 ("n b", "next, before"),
             ])
         }
+        // The replay names its keys in its own last line.
+        Some(Overlay::Replay(_)) => Some(Vec::new()),
         Some(Overlay::Palette(_) | Overlay::Approval(_) | Overlay::Form(_)) | None => None,
     }
 }
@@ -196,7 +199,7 @@ pub fn actions(model: &ConsoleModel) -> Vec<Action> {
         (Some(Overlay::Form(form)), _) if form.is_one_key() || form.void.is_some() => &[A::Back],
         (Some(Overlay::Form(form)), _) if form.types() => &[A::NextPane, A::Back],
         (Some(Overlay::Form(_)), _) => &[A::NextPane, A::Open, A::Back],
-        (Some(Overlay::Why(_) | Overlay::Film(_)), _) => &[A::Back],
+        (Some(Overlay::Why(_) | Overlay::Film(_) | Overlay::Replay(_)), _) => &[A::Back],
         (None, View::Overview) => &[
             A::Go,
             A::Open,

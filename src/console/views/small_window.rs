@@ -114,6 +114,7 @@ fn body(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
         Some(Overlay::Form(open)) => return super::form::draw(model, open, pen, area),
         Some(Overlay::Why(open)) => return super::why::draw(model, open, pen, area),
         Some(Overlay::Film(open)) => return super::film::draw(open, pen, area),
+        Some(Overlay::Replay(open)) => return crate::replay::frame::draw(open, pen.look, area, pen.buf),
         None => {}
     }
     let rest = attention(model, pen, area);

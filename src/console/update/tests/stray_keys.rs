@@ -36,6 +36,7 @@ impl TestConsole {
                 Some(Overlay::Palette(_)) => true,
                 Some(Overlay::Form(form)) => form.line_mut().is_some() || form.signing.is_some(),
                 Some(Overlay::Approval(prompt)) => prompt.line_mut().is_some() || prompt.signing.is_some(),
+                Some(Overlay::Replay(replay)) => replay.typing.is_some(),
                 Some(Overlay::Why(_) | Overlay::Film(_)) | None => false,
             }
     }
