@@ -3,11 +3,11 @@
 //! ```text
 //! [Success] Violations  Time  Force      18 h, a column is 15 min, UTC
 //! ▸ grasp ────────────────────────────── done 94.0 % of 810 [92, 95] ─
-//!  100 ⣀⣀⣀⡠⠤⠒⠒⠤⣀⡠⠤⠒                  a line: the rate; dots above and below
-//!   80              ⠒⠤⣀              it: the ends of the interval of 95 %
-//!                  P      !
+//! 100 % ⣀⣀⣀⡠⠤⠒⠒⠤╎⡠⠤⠒                 a line: the rate; dots above and below
+//!  80 %         P   ⠒⠤⣀             it: the ends of the interval of 95 %
+//! marks         P      !
 //!       08:00       12:00       16:00
-//! 12:00 to 12:15, engine 04:00:00: grasp@1.1.0 30 of 34 done, 1 violated
+//! 12:00 to 12:15, engine 04:00:00: grasp@1.1.0 30 of 34 done, 1 past a limit
 //! P 12:03 promotion: grasp@1.1.0 took over
 //! success of grasp since Tue 17 Nov 12:00: 88.2 % of 340, before 94.0 %…
 //! ```
@@ -45,6 +45,9 @@ const MARKS_LEAST: usize = 4;
 /// Lines below the charts from which numbers stand beside marks, and from which they stand in full.
 const NUMBERS_FROM: usize = 5;
 const WHOLE_FROM: usize = 8;
+
+/// Columns of a number at the axis.
+const LABEL_WIDTH: usize = SCALE as usize - 2;
 
 /// Columns between two times at the axis at least.
 const TIME_APART: u32 = 14;
@@ -88,11 +91,28 @@ impl HealthQuantity {
         })
     }
 
+    /// The unit of the axis.
+    const fn unit(self) -> &'static str {
+        match self {
+            Self::Success | Self::Violations => "%",
+            Self::Time => "s",
+            Self::Force => "N",
+        }
+    }
+
+    /// A number of the axis with its unit, in the columns beside a chart.
+    fn label(self, value: f64) -> String {
+        let (number, unit) =
+            (if value < 10.0 { format!("{value:.1}") } else { format!("{value:.0}") }, self.unit());
+        let label = format!("{number} {unit}");
+        if label.len() <= LABEL_WIDTH { label } else { format!("{number}{unit}") }
+    }
+
     /// The meaning of the dots and the band.
     const fn legend(self) -> &'static str {
         match self {
             Self::Success => "% done, band: 95 % interval",
-            Self::Violations => "% of tasks violated, band: up to near a limit",
+            Self::Violations => "% past a limit, band: with those close to one",
             Self::Time => "s, median, band: to the 95th percentile",
             Self::Force => "N, median of the largest, band: to the 95th percentile",
         }
@@ -274,17 +294,57 @@ fn chart(
         dots.dot(column + 1, at, ink);
         before = Some((*x, at));
     }
+    let takeovers = takeovers(series, family, plot);
+    let line = if pen.look.ascii() { ":" } else { "╎" };
+    for (x, mark) in &takeovers {
+        for y in plot.top()..plot.bottom() {
+            pen.cell(*x, y, line, role(mark.kind));
+        }
+    }
     dots.draw(pen, plot);
-    let width = usize::from(SCALE - 2);
-    let number = |value: f64| if value < 10.0 { format!("{value:.1}") } else { format!("{value:.0}") };
-    pen.row(area, 0, &Row::new().cell_right(ThemeRole::Muted, &number(high), width));
+    for (x, mark) in &takeovers {
+        letter(mark.kind, pen, (*x, plot.bottom() - 1));
+    }
+    let label = |value| Row::new().cell_right(ThemeRole::Muted, &quantity.label(value), LABEL_WIDTH);
+    pen.row(area, 0, &label(high));
     if area.height > 1 {
-        pen.row(area, area.height - 1, &Row::new().cell_right(ThemeRole::Muted, &number(low), width));
+        pen.row(area, area.height - 1, &label(low));
     }
     if let Some(x) = model.health_bucket().and_then(|bucket| column(series, bucket, plot.width)) {
         let x = plot.x + u16::try_from(x).unwrap_or(0);
         pen.lay(Rect { x, width: 1, ..plot }, ThemeRole::Selected);
     }
+}
+
+/// The marks at which another version of a family took over, with their columns, the most important of a column last.
+fn takeovers<'a>(series: &'a HealthSeries, family: &Family, plot: Rect) -> Vec<(u16, &'a HealthMark)> {
+    let takes_over = |kind| {
+        matches!(
+            kind,
+            MarkKind::Promotion
+                | MarkKind::Rollback
+                | MarkKind::Demotion
+                | MarkKind::Restored
+                | MarkKind::Vacated
+                | MarkKind::BreakGlass
+        )
+    };
+    let own =
+        series.marks.iter().filter(|mark| mark.family.as_ref() == Some(family) && takes_over(mark.kind));
+    let mut placed: Vec<(u16, &HealthMark)> = own
+        .filter_map(|mark| {
+            let column = column(series, series.bucket_of(mark.on_clock_ms)?, plot.width)?;
+            Some((plot.x + u16::try_from(column).ok()?, mark))
+        })
+        .collect();
+    placed.sort_by_key(|(_, mark)| std::cmp::Reverse(mark.kind.weight()));
+    placed
+}
+
+/// Draws a mark's letter.
+fn letter(kind: MarkKind, pen: &mut Pen<'_>, (x, y): (u16, u16)) {
+    let mut bytes = [0; 4];
+    pen.cell(x, y, kind.letter().encode_utf8(&mut bytes), role(kind));
 }
 
 /// The column of a bucket: the newest at the right end; a narrower screen loses the oldest.
@@ -324,9 +384,7 @@ fn marks_line(model: &ConsoleModel, series: &HealthSeries, pen: &mut Pen<'_>, ar
         }
     }
     for (x, mark) in weightiest {
-        let mut bytes = [0; 4];
-        let sign = &*mark.kind.letter().encode_utf8(&mut bytes);
-        pen.cell(plot.x + u16::try_from(x).unwrap_or(0), area.y, sign, role(mark.kind));
+        letter(mark.kind, pen, (plot.x + u16::try_from(x).unwrap_or(0), area.y));
     }
 }
 
@@ -457,13 +515,15 @@ fn under(model: &ConsoleModel, series: &HealthSeries, width: usize, height: usiz
 fn values(series: &HealthSeries, point: &HealthPoint, start: &str) -> String {
     let HealthPoint { version, tasks, succeeded, success: [low, high], violated, near, .. } = point;
     let share = 100.0 * *succeeded as f64 / (*tasks).max(1) as f64;
+    // On record, a task past a limit counts as near one, too.
+    let close = near.saturating_sub(*violated);
     let engine = match series.clock {
         HealthClock::Wall => format!(" (engine {})", seconds(point.at_ms[0])),
         HealthClock::Virtual => String::new(),
     };
     format!(
-        "{start}{engine} {version}: {succeeded} of {tasks} done, {share:.1} % [{:.0}, {:.0}]; violated {violated}, near \
-         {near}; {:.1} s, p95 {:.1}; {:.1} N, p95 {:.1}",
+        "{start}{engine} {version}: {succeeded} of {tasks} done, {share:.1} % [{:.0}, {:.0}]; {violated} past a \
+         limit, {close} close to one; {:.1} s, p95 {:.1}; {:.1} N, p95 {:.1}",
         100.0 * low,
         100.0 * high,
         point.time_s[0],

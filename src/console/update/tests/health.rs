@@ -209,3 +209,28 @@ fn the_smallest_window_shows_a_chart_its_marks_and_the_verdict() {
     }
     assert!(screen.contains('*'), "no chart in\n{screen}");
 }
+
+/// "near 137" of 137 tasks told nothing, the axis had no unit, and a promotion stood in no chart.
+#[test]
+fn health_names_units_tolerated_tasks_and_promotions() {
+    let mut console = opened_with_notes(0);
+    let (series, came_ms) = console.model.engine_data.health.clone().unwrap();
+    let mut series = HealthSeries::clone(&series);
+    let mark = json!({ "kind": "promotion", "on_clock_ms": series.start_ms(series.buckets - 5), "at_ms": 5,
+        "wall_ms": null, "family": "grasp", "text": "grasp@1.2.0 took over", "record": 9 });
+    series.marks = vec![serde_json::from_value(mark).unwrap()];
+    console.model.engine_data.health = Some((Arc::new(series), came_ms));
+    for (columns, rows) in [(120, 36), (80, 24)] {
+        let screen = super::consistency::screen(&console, columns, rows);
+        let flat = screen.split_whitespace().collect::<Vec<_>>().join(" ");
+        assert!(flat.contains("100 % ") && flat.contains("1 past a limit, 1 close to one"), "{screen}");
+        let line = |label: &str| screen.lines().find(|line| line.trim_start().starts_with(label)).unwrap();
+        let column = line("marks").rfind('P').unwrap();
+        assert_eq!(line("50 %").as_bytes().get(column), Some(&b'P'), "{screen}");
+    }
+    for (tabs, unit) in [(2, "0.0 s"), (1, "0.0 N")] {
+        (0..tabs).for_each(|_| drop(console.press(KeyCode::Tab)));
+        let screen = super::consistency::screen(&console, 80, 24);
+        assert!(screen.lines().any(|line| line.trim_start().starts_with(unit)), "{unit}: {screen}");
+    }
+}
