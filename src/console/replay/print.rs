@@ -41,7 +41,10 @@ pub fn print(recording: &Recording, to_ms: Option<u64>, out: &mut dyn Write) -> 
     let end = match (&recording.outcome, all_shown) {
         (_, false) => "the recording goes on".to_owned(),
         (Some(outcome), true) => format!("ended: {outcome}"),
-        (None, true) => "not closed: the recording ends before the upgrade did".to_owned(),
+        (None, true) => match recording.rerun() {
+            Some(film) => format!("re-run: {}", film.ended),
+            None => "not closed: the recording ends before the upgrade did".to_owned(),
+        },
     };
     let (lost_frames, lost_events) = recording.dropped;
     let lost = if recording.dropped == (0, 0) {
