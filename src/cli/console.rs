@@ -72,7 +72,7 @@ pub(super) fn run(
                 pace: args.pace.unwrap_or(LivePace::CLOCK).times(),
                 sinks: args.scenes.options(true).sinks()?,
                 alone_max: None,
-                console_folder: None,
+                console_access: None,
             };
             if args.in_process {
                 EngineLocation::Here(here)

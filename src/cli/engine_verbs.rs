@@ -207,7 +207,7 @@ impl EngineVerbs for RealEngine {
             pace: args.pace(),
             sinks: args.scenes.options(true).sinks()?,
             alone_max: args.attended.map(|secs| Duration::from_secs(u64::from(secs))),
-            console_folder: args.seats.clone(),
+            console_access: args.console_access()?,
         };
         if args.own_session {
             // The leader of a session has left the terminal already.

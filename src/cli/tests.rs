@@ -229,6 +229,8 @@ fn invalid_command_lines_are_refused() {
         "run --plain --headless",
         "serve --headless",
         "serve --pace 0",
+        "serve --account mara=operator",
+        "serve --seats /run/holdpoint --account mara=root",
         "demo --script x",
         "run --profile Live!",
         "serve --profile -",

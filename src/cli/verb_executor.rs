@@ -303,6 +303,7 @@ pub(super) fn socket_error(error: ControlSocketError) -> CliError {
         | ControlSocketError::Ended { .. } => CliError::from_engine_fault(error),
         ControlSocketError::PathTooLong { .. }
         | ControlSocketError::Taken { .. }
+        | ControlSocketError::GroupRefused { .. }
         | ControlSocketError::Io { .. }
         | ControlSocketError::Foreign { .. }
         | ControlSocketError::Closed { .. }

@@ -4,7 +4,7 @@ use holdpoint_governance::decision::{Dimension, Reason};
 use holdpoint_governance::lifecycle::{Stage, State, VersionFlags};
 use holdpoint_governance::wall_time::WallTime;
 use holdpoint_protocol::clock::clock_time;
-use holdpoint_protocol::console_presence::AttachedConsoleView;
+use holdpoint_protocol::console_presence::{AttachedConsoleView, ConsoleAccount};
 use holdpoint_protocol::event::DimensionResult;
 use holdpoint_protocol::snapshot::{ApprovalRequestView, Snapshot};
 use holdpoint_text::Untrusted;
@@ -17,12 +17,20 @@ pub fn seconds(at_ms: u64) -> String {
     clock_time(at_ms)
 }
 
-/// The operator of an attached console: the chosen name, or the console's number.
+/// The operator of an attached console: the chosen name, or the console's number. Names the account if it is not that of
+/// this console.
 #[must_use]
-pub fn console_label(seat: &AttachedConsoleView) -> String {
+pub fn console_label(seat: &AttachedConsoleView, own: Option<&ConsoleAccount>) -> String {
     let who = match &seat.sitting.who {
         Some(name) => Untrusted::new(name.clone()).line().into_string(),
         None => format!("seat {}", seat.seat),
+    };
+    let who = match seat.account.as_ref().filter(|account| Some(*account) != own) {
+        Some(ConsoleAccount { uid, user, role }) => {
+            let account = user.clone().unwrap_or_else(|| uid.to_string());
+            format!("{who} of account {}, {role}", Untrusted::new(account).line().into_string())
+        }
+        None => who,
     };
     // A read-only console decides nothing.
     let who = if seat.sitting.read_only { format!("{who}, read-only") } else { who };

@@ -22,7 +22,9 @@ use holdpoint_registry::{Layout, StopMarks, Store, StoreError, UnverifiedStore, 
 use holdpoint_text::Hint as _;
 
 use crate::context::Context;
-use crate::control_socket::{ConsoleRegistry, ControlSocket, LiveViews, SceneServerSlot, SignalHandling};
+use crate::control_socket::{
+    AccountRoles, ConsoleRegistry, ControlSocket, LiveViews, SceneServerSlot, SignalHandling,
+};
 use crate::halt;
 use crate::persisted_clock;
 use crate::store_identity;
@@ -122,8 +124,12 @@ impl<'a> EngineBootstrap<'a> {
     ///
     /// # Errors
     /// [`StartError::Socket`].
-    pub fn serve_console_group(&mut self, folder: &std::path::Path) -> Result<(), StartError> {
-        Ok(self.socket.serve_console_group(folder)?)
+    pub fn serve_console_group(
+        &mut self,
+        folder: &std::path::Path,
+        roles: AccountRoles,
+    ) -> Result<(), StartError> {
+        Ok(self.socket.serve_console_group(folder, roles)?)
     }
 
     /// The slot for the function that serves the live scene.

@@ -30,10 +30,11 @@ use std::time::{Duration, Instant};
 use tokio::sync::{broadcast, oneshot};
 use tokio_util::sync::CancellationToken;
 
+pub use accounts::AccountRoles;
 pub use answer_origin::{AnswerOrigin, UnverifiedOrigin};
 pub use attached_console::{LET_GO_AFTER, LiveViews, PAST_MAX, READS_WITHIN, SHOWN_TO_NOBODY};
 pub use client::{Client, ConsoleConnection, ConsoleMessage, Notification, PresenceSender, Subscription};
-pub use connection_limits::{ASKING_MAX, BRAKING_MAX, IDLE_MAX, OBSERVERS_MAX};
+pub use connection_limits::{ACCOUNT_CONNECTIONS_MAX, ASKING_MAX, BRAKING_MAX, IDLE_MAX, OBSERVERS_MAX};
 pub use console_registry::{ConsoleRegistration, ConsoleRegistry};
 pub use socket_file::socket_path;
 pub use stop_call::{NOT_CONFIRMED_HINT, StopCall, StopOutcome, not_confirmed, stopped_by_mark};
@@ -78,6 +79,14 @@ pub enum ControlSocketError {
         problem: &'static str,
         /// How to resolve it.
         hint: &'static str,
+    },
+    /// The socket cannot be given to the group of its folder.
+    #[error("the socket {path:?} cannot be opened to its group: {problem}")]
+    GroupRefused {
+        path: PathBuf,
+        problem: String,
+        /// How to resolve it.
+        hint: String,
     },
     #[error("cannot {what} {path:?}: {source}")]
     Io { what: &'static str, path: PathBuf, source: std::io::Error },
@@ -127,6 +136,7 @@ impl Hint for ControlSocketError {
         Some(match self {
             Self::PathTooLong { .. } => unusable("path-too-long"),
             Self::Taken { .. } => unusable("taken"),
+            Self::GroupRefused { .. } => unusable("group"),
             Self::Io { .. } => unusable("io"),
             Self::Foreign { .. } => unusable("foreign"),
             Self::Protocol { path, .. } => {
@@ -142,6 +152,7 @@ impl Hint for ControlSocketError {
         match self {
             Self::PathTooLong { .. } => Some("choose a shorter folder with --data".into()),
             Self::Taken { hint, .. } => Some((*hint).into()),
+            Self::GroupRefused { hint, .. } => Some(hint.clone().into()),
             Self::Silent { process, stopped: true, .. } => {
                 Some(format!("`kill -CONT {process}` resumes it; nothing moves the arm meanwhile").into())
             }
@@ -315,13 +326,19 @@ impl ControlSocket {
     /// Listens in a second folder as well, for the members of that folder's group.
     ///
     /// # Errors
-    /// [`ControlSocketError`]: other users may write to the folder, or another engine uses it.
-    pub fn serve_console_group(&mut self, folder: &Path) -> Result<(), ControlSocketError> {
+    /// [`ControlSocketError`]: other users may write to the folder, its group cannot get the socket, or another engine uses
+    /// it.
+    pub fn serve_console_group(
+        &mut self,
+        folder: &Path,
+        roles: AccountRoles,
+    ) -> Result<(), ControlSocketError> {
         let taken = socket_file::ConsoleSocketFolder::take(folder)?;
         let path = socket_path(&Layout::new(folder));
         let listener = taken.bind(&path)?;
-        let server =
-            server::ControlSocketServer { accounts: AllowedAccounts::ConsoleGroup, ..self.server.clone() };
+        let owner = rustix::process::geteuid().as_raw();
+        let accounts = AllowedAccounts::ConsoleGroup { owner, roles: Arc::new(roles) };
+        let server = server::ControlSocketServer { accounts, ..self.server.clone() };
         let thread = server
             .start(listener, SignalHandling::Default)
             .map_err(ControlSocketError::io("serve", &path))?;

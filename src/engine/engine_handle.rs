@@ -24,7 +24,7 @@ use std::time::{Duration, Instant};
 use tokio::sync::{mpsc, watch};
 
 use self::engine_loop::{EngineLoop, panic_message};
-pub use self::launch_config::LaunchConfig;
+pub use self::launch_config::{ConsoleAccess, LaunchConfig};
 use self::publisher::Publisher;
 pub use self::remote_engine::RemoteEngine;
 use self::socket_transport::SocketTransport;
@@ -40,6 +40,7 @@ use crate::bootstrap::{EngineBootstrap, LOOK_PATIENCE, ReadProgressFn};
 use crate::cell::Cell;
 use crate::trial::cache::EpisodeCache;
 use crate::world::stop_switch::{StopRequest, StopSwitch};
+use holdpoint_protocol::account_role::AccountRole;
 use holdpoint_protocol::command::{Command, Request};
 use holdpoint_protocol::console_presence::ConsolePresence;
 use holdpoint_protocol::sink::ServeScene;
@@ -319,7 +320,8 @@ impl EngineHandle {
                 if let Some(console) = &own.console {
                     console.set_presence(sitting);
                 } else {
-                    own.console = Some(consoles.attach(Some(std::process::id()), sitting));
+                    let (caller, role) = (crate::caller::own(), AccountRole::Administrator);
+                    own.console = Some(consoles.attach(&caller, role, sitting));
                 }
                 own.console.as_ref().map(ConsoleRegistration::number)
             }
@@ -474,8 +476,8 @@ fn start(
     };
     let mut bootstrap =
         EngineBootstrap::open(engine_config, SignalHandling::Handled, watch).map_err(EngineEndError::from)?;
-    if let Some(folder) = &config.console_folder {
-        bootstrap.serve_console_group(folder).map_err(EngineEndError::from)?;
+    if let Some(access) = config.console_access {
+        bootstrap.serve_console_group(&access.folder, access.roles).map_err(EngineEndError::from)?;
     }
     drop(early.shared.switch.set(bootstrap.switch()));
     bootstrap.show(views);
@@ -529,7 +531,7 @@ mod tests {
             pace: None,
             sinks: Vec::new(),
             alone_max: None,
-            console_folder: None,
+            console_access: None,
         }
     }
 

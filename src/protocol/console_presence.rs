@@ -3,6 +3,7 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use super::account_role::AccountRole;
 use holdpoint_governance::ids::{CapabilityId, is_name};
 
 /// The longest name of a person or a view, bytes.
@@ -38,6 +39,19 @@ impl ConsolePresence {
     }
 }
 
+/// The Unix account of an attached console, as the system reports it; a client cannot forge it.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct ConsoleAccount {
+    /// Number of the user.
+    pub uid: u32,
+    /// Name of that user; absent if the system has none.
+    #[serde(default)]
+    pub user: Option<String>,
+    /// The role of the account at this engine.
+    pub role: AccountRole,
+}
+
 /// An attached console.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
@@ -47,6 +61,9 @@ pub struct AttachedConsoleView {
     /// Process id of the console; absent if the system does not report it.
     #[serde(default)]
     pub process: Option<u32>,
+    /// The account of that process; absent if the system does not report it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub account: Option<ConsoleAccount>,
     /// What the console states.
     pub sitting: ConsolePresence,
     /// The console reads nothing: it is suspended, or its connection is dead. The engine soon disconnects it.

@@ -12,6 +12,7 @@
 
 #![warn(missing_docs)]
 
+pub mod account_role;
 pub mod approval_document;
 mod authority;
 mod caller;

@@ -72,7 +72,7 @@ fn start(folder: &Path, watch: ReadProgressFn) -> EngineHandle {
         pace: Some(1.0),
         sinks: Vec::new(),
         alone_max: Some(Duration::from_hours(1)),
-        console_folder: None,
+        console_access: None,
     };
     EngineHandle::start_watched(config, watch)
 }

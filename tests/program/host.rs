@@ -49,7 +49,7 @@ impl Front {
             pace,
             sinks: scenes.sinks().unwrap(),
             alone_max: None,
-            console_folder: None,
+            console_access: None,
         });
         let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
         let mut front = Self { host, runtime, events: Vec::new(), answers: Vec::new(), request_count: 0 };

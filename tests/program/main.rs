@@ -23,6 +23,7 @@ mod interrupted_script;
 mod keys;
 mod metrics;
 mod old_stores;
+mod other_accounts;
 mod people;
 mod profiles;
 #[cfg(feature = "rerun")]

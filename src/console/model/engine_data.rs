@@ -10,7 +10,7 @@ use holdpoint_engine::control_socket::UnverifiedOrigin;
 use holdpoint_engine::engine_handle::EngineEndError;
 use holdpoint_governance::ids::{CapabilityId, Family};
 use holdpoint_governance::record::VersionGroup;
-use holdpoint_protocol::console_presence::AttachedConsoleView;
+use holdpoint_protocol::console_presence::{AttachedConsoleView, ConsoleAccount};
 use holdpoint_protocol::detail::{AuditPage, AuditVerification, Detail, RegistryPage};
 use holdpoint_protocol::health::HealthSeries;
 use holdpoint_protocol::snapshot::Snapshot;
@@ -176,6 +176,13 @@ impl EngineData {
         let ends_alone =
             self.snapshot.as_ref().filter(own).map_or(self.started_here, |now| now.ends_alone_s.is_some());
         self.link == EngineLink::Own || (ends_alone && self.other_consoles().next().is_none())
+    }
+
+    /// The account of this console, as the engine has it; absent before the engine has said so.
+    #[must_use]
+    pub fn own_account(&self) -> Option<&ConsoleAccount> {
+        let seats = &self.snapshot.as_ref()?.seats;
+        seats.iter().find(|one| Some(one.seat) == self.console_number)?.account.as_ref()
     }
 
     /// The other consoles attached to the engine.

@@ -131,7 +131,8 @@ fn readers(model: &ConsoleModel, prompt: &ApprovalScreen) -> String {
         .engine_data
         .other_consoles()
         .filter(|one| one.sitting.reading.as_ref() == Some(&prompt.seen.version));
-    let names: Vec<String> = here.map(crate::formatters::console_label).collect();
+    let own = model.engine_data.own_account();
+    let names: Vec<String> = here.map(|one| crate::formatters::console_label(one, own)).collect();
     match names.as_slice() {
         [] => String::new(),
         [one] => format!("{one} is reading this"),

@@ -99,15 +99,16 @@ fn other_consoles(model: &ConsoleModel) -> Vec<String> {
     if others.is_empty() {
         return Vec::new();
     }
+    let own = model.engine_data.own_account();
     let label = |one: &&AttachedConsoleView| {
         let doing = match &one.sitting.reading {
             Some(version) => format!("reads {version}"),
             None => Untrusted::new(one.sitting.view.clone()).line().into_string(),
         };
-        format!("{} ({doing})", console_label(one))
+        format!("{} ({doing})", console_label(one, own))
     };
     let whole: Vec<String> = others.iter().map(label).collect();
-    let names: Vec<String> = others.iter().map(|one| console_label(one)).collect();
+    let names: Vec<String> = others.iter().map(|one| console_label(one, own)).collect();
     let count = others.len();
     vec![
         format!("with {}", whole.join(", ")),

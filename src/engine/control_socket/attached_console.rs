@@ -17,6 +17,8 @@ use tokio::time::timeout;
 
 use super::console_registry::ConsoleRegistration;
 use super::server::{ControlSocketServer, ReadLine, read_call, write};
+use holdpoint_protocol::account_role::AccountRole;
+use holdpoint_protocol::command::Caller;
 use holdpoint_protocol::console_presence::ConsolePresence;
 use holdpoint_protocol::event::{Event, EventKind};
 use holdpoint_protocol::snapshot::Snapshot;
@@ -144,7 +146,7 @@ impl ControlSocketServer {
         &self,
         reader: BufReader<OwnedReadHalf>,
         mut writer: OwnedWriteHalf,
-        process: Option<u32>,
+        (caller, role): (&Caller, AccountRole),
         presence: ConsolePresence,
     ) -> io::Result<()> {
         if let Some(text) = presence.invalid_field() {
@@ -154,7 +156,7 @@ impl ControlSocketServer {
             let text = SHOWN_TO_NOBODY.to_owned();
             return write(&mut writer, &ServerMessage::Closed { text }).await;
         };
-        let seat = self.consoles.attach(process, presence);
+        let seat = self.consoles.attach(caller, role, presence);
         // Atomic: every event is either in the backlog or in the subscription.
         let (past, mut events) = {
             let past = self.past.lock().unwrap_or_else(PoisonError::into_inner);
@@ -293,7 +295,7 @@ mod tests {
     #[tokio::test]
     async fn a_console_that_reads_nothing_is_disconnected() {
         let seats = Arc::new(ConsoleRegistry::default());
-        let seat = seats.attach(Some(7), ConsolePresence::default());
+        let seat = seats.attach(&Caller::Script, AccountRole::Observer, ConsolePresence::default());
         let reads = || !seats.views()[0].not_reading;
         let (mut writer, mut reader) = tokio::io::duplex(64);
         let limits = (Duration::from_millis(50), Duration::from_mins(5));

@@ -2,8 +2,9 @@
 //!
 //! An idle connection takes no place from others: beyond [`IDLE_MAX`], the longest idle one is closed. Subscribers,
 //! requests, and requests that take authority away have separate places, and the last class has some in reserve. A stop
-//! of the cell needs no place: it takes effect before any check here. Only programs of the user's own account can connect,
-//! so these limits protect against those. A program that connects faster than others can send still blocks them.
+//! of the cell needs no place: it takes effect before any check here. An account other than the engine's own has
+//! [`ACCOUNT_CONNECTIONS_MAX`] connections, so that it does not shut the others out. Programs of the engine's account have
+//! the limits of the classes alone. A program that connects faster than others can send still blocks them.
 
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -27,6 +28,31 @@ pub const STOPS_MAX: usize = 16;
 /// The most idle connections.
 pub const IDLE_MAX: usize = 64;
 
+/// The most connections of an account other than the engine's own.
+pub const ACCOUNT_CONNECTIONS_MAX: usize = 16;
+
+/// Why a connection must take authority away with its first request.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Crowding {
+    /// The process has no descriptors left.
+    Process,
+    /// The account has its most connections.
+    Account,
+}
+
+impl Crowding {
+    /// The last message to a connection that asks for anything else.
+    pub(super) fn text(self) -> String {
+        let why = match self {
+            Self::Process => "this process has no file descriptors left for more connections".to_owned(),
+            Self::Account => {
+                format!("this account has {ACCOUNT_CONNECTIONS_MAX} connections, the most allowed")
+            }
+        };
+        format!("{why}; one that stops the cell or takes a version's authority away is heard")
+    }
+}
+
 /// The places of each class.
 #[derive(Clone, Debug)]
 pub(super) struct ConnectionLimits {
@@ -35,6 +61,8 @@ pub(super) struct ConnectionLimits {
     braking: Arc<Semaphore>,
     stops: Arc<Semaphore>,
     idle: Arc<Mutex<IdleConnections>>,
+    /// The connections of each account.
+    accounts: Arc<Mutex<BTreeMap<u32, usize>>>,
 }
 
 impl Default for ConnectionLimits {
@@ -46,6 +74,7 @@ impl Default for ConnectionLimits {
             braking: places(BRAKING_MAX),
             stops: places(STOPS_MAX),
             idle: Arc::default(),
+            accounts: Arc::default(),
         }
     }
 }
@@ -78,7 +107,43 @@ impl Drop for IdleConnection {
     }
 }
 
+/// A connection counts for its account as long as this lives.
+#[derive(Debug)]
+pub(super) struct AccountConnection {
+    accounts: Arc<Mutex<BTreeMap<u32, usize>>>,
+    uid: u32,
+    /// How many connections the account had when this one began, with it.
+    number: usize,
+}
+
+impl AccountConnection {
+    /// How many connections the account then had beyond its limit.
+    pub(super) const fn beyond_limit(&self) -> usize {
+        self.number.saturating_sub(ACCOUNT_CONNECTIONS_MAX)
+    }
+}
+
+impl Drop for AccountConnection {
+    fn drop(&mut self) {
+        let mut accounts = self.accounts.lock().unwrap_or_else(PoisonError::into_inner);
+        let left = accounts.get(&self.uid).map_or(0, |count| count.saturating_sub(1));
+        if left == 0 {
+            accounts.remove(&self.uid);
+        } else {
+            accounts.insert(self.uid, left);
+        }
+    }
+}
+
 impl ConnectionLimits {
+    /// Counts a connection of an account.
+    pub(super) fn begin_connection(&self, uid: u32) -> AccountConnection {
+        let mut accounts = self.accounts.lock().unwrap_or_else(PoisonError::into_inner);
+        let count = accounts.entry(uid).or_default();
+        *count += 1;
+        AccountConnection { accounts: Arc::clone(&self.accounts), uid, number: *count }
+    }
+
     /// A connection begins to wait for a request of its client.
     pub(super) fn begin_idle(&self) -> IdleConnection {
         let mut idle = self.idle.lock().unwrap_or_else(PoisonError::into_inner);
@@ -136,6 +201,21 @@ mod tests {
         let gone: Vec<usize> =
             idle.iter().enumerate().filter(|(_, one)| one.eviction.is_cancelled()).map(|(i, _)| i).collect();
         assert_eq!((gone, newest.eviction.is_cancelled()), (vec![0], false));
+    }
+
+    #[test]
+    fn an_account_beyond_its_limit_takes_no_place_of_another() {
+        let classes = ConnectionLimits::default();
+        let mut crowd: Vec<AccountConnection> =
+            (0..ACCOUNT_CONNECTIONS_MAX + 2).map(|_| classes.begin_connection(8)).collect();
+        let beyond: Vec<usize> = crowd.iter().map(AccountConnection::beyond_limit).collect();
+        assert_eq!(beyond.get(ACCOUNT_CONNECTIONS_MAX - 1..), Some(&[0, 1, 2][..]));
+        assert_eq!(classes.begin_connection(9).beyond_limit(), 0);
+        // Ended connections count no more.
+        crowd.truncate(ACCOUNT_CONNECTIONS_MAX - 1);
+        assert_eq!(classes.begin_connection(8).beyond_limit(), 0);
+        drop(crowd);
+        assert!(classes.accounts.lock().unwrap().is_empty());
     }
 
     #[test]

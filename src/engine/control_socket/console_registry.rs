@@ -4,7 +4,9 @@ use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
-use holdpoint_protocol::console_presence::{AttachedConsoleView, ConsolePresence};
+use holdpoint_protocol::account_role::AccountRole;
+use holdpoint_protocol::command::Caller;
+use holdpoint_protocol::console_presence::{AttachedConsoleView, ConsoleAccount, ConsolePresence};
 use holdpoint_protocol::snapshot::Snapshot;
 
 /// The attached consoles.
@@ -38,13 +40,25 @@ impl ConsoleRegistry {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Registers a console.
+    /// Registers a console of a process, whose account has a role.
     #[must_use]
-    pub fn attach(self: &Arc<Self>, process: Option<u32>, sitting: ConsolePresence) -> ConsoleRegistration {
+    pub fn attach(
+        self: &Arc<Self>,
+        caller: &Caller,
+        role: AccountRole,
+        sitting: ConsolePresence,
+    ) -> ConsoleRegistration {
+        let (process, account) = match caller {
+            Caller::Script => (None, None),
+            Caller::Process { uid, user, process } => {
+                (*process, Some(ConsoleAccount { uid: *uid, user: user.clone(), role }))
+            }
+        };
         let mut book = self.book();
         book.next += 1;
         let number = book.next;
-        book.taken.insert(number, AttachedConsoleView { seat: number, process, sitting, not_reading: false });
+        let view = AttachedConsoleView { seat: number, process, account, sitting, not_reading: false };
+        book.taken.insert(number, view);
         book.changed = true;
         book.alone_since = None;
         drop(book);
@@ -169,11 +183,26 @@ impl Drop for ConsoleRegistration {
 mod tests {
     use super::*;
 
+    fn attach(seats: &Arc<ConsoleRegistry>, process: u32, sitting: ConsolePresence) -> ConsoleRegistration {
+        let caller = Caller::Process { uid: 1000, user: Some("ana".to_owned()), process: Some(process) };
+        seats.attach(&caller, AccountRole::Operator, sitting)
+    }
+
+    #[test]
+    fn the_account_of_a_console_is_named() {
+        let seats = Arc::new(ConsoleRegistry::default());
+        let _ana = attach(&seats, 1, ConsolePresence::default());
+        let _script = seats.attach(&Caller::Script, AccountRole::Observer, ConsolePresence::default());
+        let account = ConsoleAccount { uid: 1000, user: Some("ana".to_owned()), role: AccountRole::Operator };
+        let accounts: Vec<_> = seats.views().into_iter().map(|one| (one.process, one.account)).collect();
+        assert_eq!(accounts, [(Some(1), Some(account)), (None, None)]);
+    }
+
     #[test]
     fn detached_console_is_removed_and_its_number_never_reused() {
         let seats = Arc::new(ConsoleRegistry::default());
         let sitting = |view: &str| ConsolePresence { view: view.to_owned(), ..ConsolePresence::default() };
-        let (ana, bert) = (seats.attach(Some(1), sitting("overview")), seats.attach(None, sitting("audit")));
+        let (ana, bert) = (attach(&seats, 1, sitting("overview")), attach(&seats, 2, sitting("audit")));
         assert!(seats.take_change() && !seats.take_change());
         ana.set_presence(sitting("overview"));
         assert!(!seats.take_change(), "the presence did not change");
@@ -184,7 +213,7 @@ mod tests {
         };
         assert_eq!(views(&seats), [(1, "overview".to_owned()), (2, "approvals".to_owned())]);
         drop(ana);
-        let carl = seats.attach(Some(3), sitting("robot"));
+        let carl = attach(&seats, 3, sitting("robot"));
         assert_eq!((carl.number(), views(&seats).len()), (3, 2));
     }
 
@@ -194,7 +223,7 @@ mod tests {
         assert_eq!(seats.unattended_for(), None, "an engine without the limit never is");
         seats.end_alone_after(Duration::ZERO);
         assert!(seats.unattended_for().is_some(), "no console has attached yet");
-        let ana = seats.attach(None, ConsolePresence::default());
+        let ana = attach(&seats, 1, ConsolePresence::default());
         assert_eq!(seats.unattended_for(), None);
         drop(ana);
         assert!(seats.unattended_for().is_some());

@@ -18,7 +18,7 @@ use tokio_util::sync::CancellationToken;
 
 use super::accounts::{AllowedAccounts, ClientAccount};
 use super::attached_console::{EventBacklog, LiveDocuments};
-use super::connection_limits::{ASKING_MAX, ConnectionLimits, IDLE_MAX, OBSERVERS_MAX};
+use super::connection_limits::{ASKING_MAX, ConnectionLimits, Crowding, IDLE_MAX, OBSERVERS_MAX};
 use super::console_registry::ConsoleRegistry;
 use super::fd_reserve;
 use super::socket_file::{BoundSocket, SocketPlace};
@@ -26,6 +26,7 @@ use super::{SceneServerSlot, SignalHandling, SocketMessage};
 use crate::caller;
 use crate::halt;
 use crate::world::stop_switch::{StopRequest, StopSwitch};
+use holdpoint_protocol::account_role::AccountRole;
 use holdpoint_protocol::command::{Caller, Command, Refusal, Reply, StopPersistence};
 use holdpoint_protocol::request_problem::request_problem;
 use holdpoint_protocol::wire::{
@@ -181,11 +182,22 @@ impl ControlSocketServer {
             let Ok(peer) = stream.peer_cred() else { continue };
             // A process of another account gets no answer.
             let Some(account) = self.accounts.of(peer.uid()) else { continue };
+            let connection = self.classes.begin_connection(account.uid);
+            let beyond = if account.is_owner { 0 } else { connection.beyond_limit() };
+            if beyond > fd_reserve::CROWDED_MAX {
+                continue;
+            }
+            let crowding = match (crowded, beyond) {
+                (true, _) => Some(Crowding::Process),
+                (false, 0) => None,
+                (false, _) => Some(Crowding::Account),
+            };
             let caller = caller::named(peer.uid(), peer.pid().and_then(|pid| u32::try_from(pid).ok()));
             let server = self.clone();
             open.spawn(async move {
                 // A client that disconnects or does not read is not an error of the engine.
-                drop(server.connection(stream, (caller, account), crowded).await);
+                drop(server.connection(stream, (caller, account), crowding).await);
+                drop(connection);
             });
         }
         drop(listener);
@@ -193,15 +205,15 @@ impl ControlSocketServer {
         drop(timeout(CLOSING_MAX, closing).await);
     }
 
-    /// `crowded`: there is no room for it, so its first request must take authority away.
+    /// `crowding`: why there is no room for it, so that its first request must take authority away.
     async fn connection(
         self,
         stream: UnixStream,
         (caller, account): (Caller, ClientAccount),
-        crowded: bool,
+        crowding: Option<Crowding>,
     ) -> io::Result<()> {
         let (mut reader, mut writer) = greet(stream).await?;
-        let idle_max = if crowded { CROWDED_TIME_MAX } else { IDLE_TIME_MAX };
+        let idle_max = if crowding.is_some() { CROWDED_TIME_MAX } else { IDLE_TIME_MAX };
         loop {
             let silent = self.classes.begin_idle();
             let call = tokio::select! {
@@ -218,7 +230,7 @@ impl ControlSocketServer {
             drop(silent);
             match call {
                 ReadLine::Nothing => return Ok(()),
-                ReadLine::Refused(text) if !crowded => {
+                ReadLine::Refused(text) if crowding.is_none() => {
                     let hint = Some(SCHEMA_HINT.to_owned());
                     let reply = Box::new(Reply::Refused { code: Refusal::BadInput, text, hint });
                     write(&mut writer, &ServerMessage::Reply { reply }).await?;
@@ -226,8 +238,8 @@ impl ControlSocketServer {
                 ReadLine::Bad(text) | ReadLine::Refused(text) => {
                     return write(&mut writer, &ServerMessage::Closed { text }).await;
                 }
-                ReadLine::Call(call) if crowded && !takes_authority_away(&call) => {
-                    let text = "this process has no file descriptors left for more connections; one that stops the cell or takes a version's authority away is heard".to_owned();
+                ReadLine::Call(call) if crowding.is_some() && !takes_authority_away(&call) => {
+                    let text = crowding.map(Crowding::text).unwrap_or_default();
                     return write(&mut writer, &ServerMessage::Closed { text }).await;
                 }
                 ReadLine::Call(call @ (ClientMessage::Subscribe {} | ClientMessage::Attach { .. })) => {
@@ -239,14 +251,16 @@ impl ControlSocketServer {
                     };
                     return match call {
                         ClientMessage::Attach { sitting } => {
-                            let process = match caller {
-                                Caller::Process { process, .. } => process,
-                                Caller::Script => None,
-                            };
-                            self.attend(reader, writer, process, sitting).await
+                            self.attend(reader, writer, (&caller, account.role), sitting).await
                         }
                         _ => self.send_events(reader, writer).await,
                     };
+                }
+                ReadLine::Call(ClientMessage::Keep {} | ClientMessage::Scene { .. })
+                    if account.role < AccountRole::Operator =>
+                {
+                    let text = account.refusal(AccountRole::Operator).unwrap_or_default();
+                    return write(&mut writer, &ServerMessage::Closed { text }).await;
                 }
                 ReadLine::Call(ClientMessage::Keep {}) => {
                     self.consoles.disable_idle_exit();
@@ -263,11 +277,16 @@ impl ControlSocketServer {
                     return write(&mut writer, &ServerMessage::Closed { text }).await;
                 }
                 ReadLine::Call(ClientMessage::Ask { request }) => {
-                    let reply = if account.may(request.command.authority_effect()) {
-                        self.handle_request(request, &caller).await
-                    } else {
-                        let text = "this account may not ask for that here".to_owned();
-                        Reply::Refused { code: Refusal::NotAllowed, text, hint: None }
+                    let needed = AccountRole::needed_for(&request.command);
+                    let reply = match account.refusal(needed) {
+                        None => self.handle_request(request, &caller).await,
+                        Some(text) => {
+                            let uid = account.uid;
+                            let hint = format!(
+                                "the option `--account {uid}={needed}` of `holdpoint serve` gives the role"
+                            );
+                            Reply::Refused { code: Refusal::NotAllowed, text, hint: Some(hint) }
+                        }
                     };
                     write(&mut writer, &ServerMessage::Reply { reply: Box::new(reply) }).await?;
                 }

@@ -9,6 +9,7 @@ use std::path::{Path, PathBuf};
 
 use super::ControlSocketError;
 use holdpoint_registry::Layout;
+use holdpoint_text::users::{described_group, described_user};
 
 /// The longest path of a unix socket, bytes: 108 with the terminating zero (unix(7)).
 pub(super) const PATH_BYTES_MAX: usize = 107;
@@ -136,16 +137,45 @@ fn listen(path: &Path, openness: SocketAccess) -> Result<BoundSocket, ControlSoc
     let mode = match openness {
         SocketAccess::Owner => 0o600,
         SocketAccess::Group(group) => {
-            chown(&new, None, Some(group)).map_err(ControlSocketError::io("give to its group", path))?;
+            chown(&new, None, Some(group)).map_err(|_| refused_group(path, group, is_member_of(group)))?;
             0o660
         }
     };
     fs::set_permissions(&new, Permissions::from_mode(mode))
         .map_err(ControlSocketError::io("set the permissions of", path))?;
+    if let SocketAccess::Group(group) = openness {
+        let found = fs::symlink_metadata(&new).map_err(ControlSocketError::io("look at", path))?;
+        // Some file systems take a group and a mode, and keep neither.
+        if (found.gid(), found.mode() & 0o777) != (group, mode) {
+            return Err(refused_group(path, group, true));
+        }
+    }
     listener.set_nonblocking(true).map_err(ControlSocketError::io("listen at", path))?;
     let place = SocketPlace { path: path.to_owned(), openness, file: file_at(&new) };
     fs::rename(&new, path).map_err(ControlSocketError::io("listen at", path))?;
     Ok(BoundSocket { listener, place })
+}
+
+/// Whether this process is a member of a group.
+fn is_member_of(group: u32) -> bool {
+    let others = rustix::process::getgroups().unwrap_or_default();
+    others.into_iter().chain([rustix::process::getegid()]).any(|own| own.as_raw() == group)
+}
+
+/// The error for a group that cannot get the socket, and the commands that help.
+fn refused_group(path: &Path, group: u32, is_member: bool) -> ControlSocketError {
+    let account = described_user(rustix::process::geteuid().as_raw());
+    let (name, path) = (described_group(group), path.to_owned());
+    let (problem, hint) = if is_member {
+        let problem = format!("its file system does not keep the group {name} and the mode 0660");
+        let command = format!("sudo install -d -m 0750 -o {account} -g {name} /run/holdpoint");
+        (problem, format!("use a folder of another file system: `{command}`, and `--seats /run/holdpoint`"))
+    } else {
+        let problem = format!("{account}, which runs the engine, is no member of the group {name}");
+        let command = format!("sudo usermod --append --groups {name} {account}");
+        (problem, format!("`{command}` makes it one; then start the engine from a new login"))
+    };
+    ControlSocketError::GroupRefused { path, problem, hint }
 }
 
 pub(super) fn check_length(path: &Path) -> Result<(), ControlSocketError> {
@@ -158,4 +188,49 @@ pub(super) fn check_length(path: &Path) -> Result<(), ControlSocketError> {
         });
     }
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use holdpoint_text::Hint as _;
+
+    #[test]
+    fn a_group_that_cannot_get_the_socket_is_named_with_the_command_that_helps() {
+        let of = |is_member| {
+            let error = refused_group(Path::new("/run/x/engine.sock"), u32::MAX - 1, is_member);
+            (error.to_string(), error.hint().unwrap().into_owned())
+        };
+        let group = described_group(u32::MAX - 1);
+        for (is_member, command) in [(false, "usermod --append --groups"), (true, "install -d -m 0750")] {
+            let (text, hint) = of(is_member);
+            assert!(text.contains(&group) && hint.contains(command), "{text}: {hint}");
+            assert_eq!(text.contains("is no member"), !is_member, "{text}");
+        }
+    }
+
+    #[test]
+    fn the_socket_of_a_group_has_that_group_and_is_closed_to_others() {
+        let folder = tempfile::tempdir().unwrap();
+        fs::set_permissions(folder.path(), Permissions::from_mode(0o710)).unwrap();
+        let group = fs::metadata(folder.path()).unwrap().gid();
+        let taken = ConsoleSocketFolder::take(folder.path()).unwrap();
+        let path = folder.path().join("engine.sock");
+        let bound = taken.bind(&path).unwrap();
+        let found = fs::symlink_metadata(&path).unwrap();
+        assert_eq!((found.gid(), found.mode() & 0o777), (group, 0o660));
+        assert!(bound.place.is_ours());
+        // A group that this process is not in: only root may give the socket to it.
+        if !rustix::process::geteuid().is_root() && !is_member_of(61_001) {
+            let error = listen(&path, SocketAccess::Group(61_001)).err().unwrap();
+            assert!(matches!(error, ControlSocketError::GroupRefused { .. }), "{error}");
+        }
+        for open in [0o770, 0o757] {
+            fs::set_permissions(folder.path(), Permissions::from_mode(open)).unwrap();
+            assert!(matches!(
+                ConsoleSocketFolder::take(folder.path()),
+                Err(ControlSocketError::Taken { .. })
+            ));
+        }
+    }
 }

@@ -4,6 +4,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Duration;
 
+use crate::control_socket::AccountRoles;
 use crate::site::LoadedSite;
 use crate::trial::seeds::EpisodeSeeds;
 use holdpoint_cell::CellSource;
@@ -29,8 +30,17 @@ pub struct LaunchConfig {
     pub sinks: Vec<MakeSink>,
     /// How long it runs without an attached console before it ends cleanly; absent for unlimited.
     pub alone_max: Option<Duration>,
-    /// A second folder to listen in, for consoles of other accounts.
-    pub console_folder: Option<PathBuf>,
+    /// Where it listens as well, for consoles of other accounts; absent for nowhere.
+    pub console_access: Option<ConsoleAccess>,
+}
+
+/// The access of other accounts.
+#[derive(Clone, Debug)]
+pub struct ConsoleAccess {
+    /// The folder of their socket; its group may connect.
+    pub folder: PathBuf,
+    /// What each of them may do.
+    pub roles: AccountRoles,
 }
 
 impl LaunchConfig {

@@ -14,6 +14,7 @@ use crate::failure_cause::FailureCause;
 use crate::ids::CapabilityId;
 use crate::lifecycle::Stage;
 use crate::notice::NoticeOrText;
+use crate::past_limit::MeasuredInTask;
 use crate::permission::PermissionExcess;
 use crate::record::ActivationCause;
 use crate::rollback::PostStatus;

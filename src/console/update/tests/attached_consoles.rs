@@ -4,7 +4,8 @@ use super::*;
 use crate::approval_screen::ClosingAnswer;
 use crate::model::EngineLink;
 use holdpoint_engine::control_socket::AnswerOrigin;
-use holdpoint_protocol::console_presence::{AttachedConsoleView, ConsolePresence};
+use holdpoint_protocol::account_role::AccountRole;
+use holdpoint_protocol::console_presence::{AttachedConsoleView, ConsoleAccount, ConsolePresence};
 use holdpoint_protocol::event::{Event, EventKind};
 
 fn event(seq: u64, kind: EventKind) -> Event {
@@ -17,6 +18,7 @@ fn console_view(seat: u64, who: Option<&str>, reading: Option<&str>) -> Attached
     AttachedConsoleView {
         seat,
         process: None,
+        account: None,
         sitting: ConsolePresence { who, view: "Alarms".to_owned(), reading, read_only: false },
         not_reading: false,
     }
@@ -193,6 +195,26 @@ fn a_console_not_reading_is_marked() {
     with_consoles(&mut console, vec![asleep, console_view(2, Some("ana"), None)]);
     assert!(screen(&console, 140, 36).contains(&format!("bert, NOT READING ({})", View::Alarms.title())));
     assert!(screen(&console, 120, 36).contains("NOT READING"), "{}", screen(&console, 120, 36));
+}
+
+#[test]
+fn the_account_of_another_console_is_named_if_it_differs() {
+    let mut console = TestConsole::new(0);
+    let of = |uid, role| {
+        let with = |uid, role, view| AttachedConsoleView {
+            account: Some(ConsoleAccount { uid, user: None, role }),
+            ..view
+        };
+        vec![
+            with(uid, role, console_view(1, Some("bert"), None)),
+            with(7, AccountRole::Administrator, console_view(2, Some("ana"), None)),
+        ]
+    };
+    with_consoles(&mut console, of(7, AccountRole::Administrator));
+    assert!(screen(&console, 120, 36).contains(&format!("with bert ({})", View::Alarms.title())));
+    with_consoles(&mut console, of(8, AccountRole::Observer));
+    let named = format!("with bert of account 8, observer ({})", View::Alarms.title());
+    assert!(screen(&console, 140, 36).contains(&named), "{}", screen(&console, 140, 36));
 }
 
 #[test]

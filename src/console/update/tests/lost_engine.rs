@@ -131,7 +131,13 @@ fn attached() -> TestConsole {
         view: "Alarms".to_owned(),
         ..ConsolePresence::default()
     };
-    let seat = |seat, sitting| AttachedConsoleView { seat, process: None, sitting, not_reading: false };
+    let seat = |seat, sitting| AttachedConsoleView {
+        seat,
+        process: None,
+        account: None,
+        sitting,
+        not_reading: false,
+    };
     let seats = vec![seat(1, sitting), seat(2, ConsolePresence::default())];
     console.model.engine_data.console_number = Some(2);
     console.model.size = (120, 36);
