@@ -15,6 +15,7 @@ mod cli;
 mod command_errors;
 mod explain;
 mod film;
+mod forwarded_socket;
 mod guide_samples;
 mod health;
 mod host;

@@ -67,6 +67,8 @@ enum SocketAnswer {
     Engine(Reply),
     /// No answer that is known to come from the engine; the reason.
     Nothing(String),
+    /// A process answered that has no store here, such as one that relays the socket; what it says.
+    Unverified(String),
 }
 
 impl StopCall {
@@ -119,6 +121,11 @@ impl StopCall {
                         return StopOutcome::Answered(reply);
                     }
                     Some(SocketAnswer::Nothing(why)) => failure = Some(why),
+                    Some(SocketAnswer::Unverified(why)) => {
+                        // No engine takes a mark from this folder.
+                        self.withdraw(layout);
+                        return StopOutcome::NotConfirmed(why);
+                    }
                     None => {}
                 }
             } else {
@@ -252,7 +259,12 @@ fn send_over_socket(layout: &Layout, request: &Request, until: Instant, sender: 
 fn try_socket(layout: &Layout, request: &Request) -> Result<Option<SocketAnswer>, ControlSocketError> {
     let Some(mut client) = Client::connect_within(layout, HELLO_WITHIN)? else { return Ok(None) };
     if let Some(origin) = client.unverified_origin() {
-        return Ok(Some(SocketAnswer::Nothing(origin.to_string())));
+        if layout.database().exists() {
+            return Ok(Some(SocketAnswer::Nothing(origin.to_string())));
+        }
+        // Without a store in the folder, the mark reaches no engine: the stop goes to the process that answers.
+        let reply = client.send_request(request.clone())?;
+        return Ok(Some(SocketAnswer::Unverified(origin.of(&reply))));
     }
     let reply = client.send_request(request.clone())?;
     // The client connected again after the first connection broke.
