@@ -24,6 +24,7 @@ use crate::explanation::{
     reason_content, remedy, remedy_action,
 };
 use crate::finding::twin_signal;
+use crate::past_limit::after_event;
 use crate::stage::early_end;
 use crate::{counted_try, failure_cause, notice, reason, version_status};
 
