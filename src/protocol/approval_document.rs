@@ -1,7 +1,8 @@
 //! An approval request: the facts behind it, the lines that state them, and what an approver signs.
 //!
-//! The engine makes the facts and renders them, once for each signer. A front end shows all these lines, nothing between
-//! them, and has their digest signed. Values that change every second are shown apart, under "live, not signed".
+//! The engine makes the facts and renders them, once for each signer and again after another person's answer. A front end
+//! shows all these lines, nothing between them, and has their digest signed. Values that change every second are shown
+//! apart, under "live, not signed".
 
 mod question_refusal;
 
@@ -76,6 +77,12 @@ pub struct ApprovalFacts {
     pub asked_by: Option<String>,
     /// The subject of a release or a review, one sentence; empty for an activation.
     pub about: String,
+    /// The author's own summary of the version; empty without one, and in facts of older builds.
+    #[serde(default, skip_serializing_if = "String::is_empty")]
+    pub summary: String,
+    /// The component that it runs; absent for code compiled into the engine, and in facts of older builds.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub component: Option<ComponentFacts>,
     /// The lifecycle state it is in.
     pub state: State,
     /// Its deployment outcome so far.
@@ -96,7 +103,10 @@ pub struct ApprovalFacts {
     pub covers: Option<CoverageFacts>,
     /// Why approval is needed: the reasons that do not speak for the version.
     pub reasons: Vec<Reason>,
-    /// What decided behavior and recovery, with the numbers, as in the engine's explanation.
+    /// What decided the failed ones of behavior and recovery, with the numbers; empty in facts of older builds.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub failures: Vec<String>,
+    /// What decided the other ones of behavior and recovery, with the numbers, as in the engine's explanation.
     pub why: Vec<String>,
     /// Permissions that the active version does not have, or has at a lower level.
     pub new_permissions: Vec<String>,
@@ -108,6 +118,46 @@ pub struct ApprovalFacts {
     pub untested: Vec<UntestedAspect>,
     /// The response if it gets worse after its activation; absent for a release or a review.
     pub on_drift: Option<DriftResponse>,
+    /// The approvals that counted before, in order; empty in facts of older builds.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub signed_before: Vec<EarlierSignature>,
+    /// What the reader's approval would do; absent if it would not count or none is missing, and in facts of older builds.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub effect: Option<SignatureEffect>,
+}
+
+/// The component that a version runs.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct ComponentFacts {
+    /// Its path in the package.
+    pub file: String,
+    /// The code of the version it replaces, where its name is another one.
+    pub replaces: Option<String>,
+}
+
+/// An approval of the same request that counted before.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct EarlierSignature {
+    /// Name of the identity.
+    pub name: String,
+    /// Its role.
+    pub role: Role,
+    /// When it was recorded.
+    pub at: WallTime,
+    /// The reason, in the person's own words.
+    pub reason: String,
+}
+
+/// What an approval of the reader would do to the request.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum SignatureEffect {
+    /// It completes the request, which then takes effect.
+    Completes,
+    /// The request waits for more people.
+    MoreNeeded,
 }
 
 /// The approver.

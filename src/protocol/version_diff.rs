@@ -13,9 +13,14 @@ const VALUE_WIDTH_MAX: usize = 60;
 /// The most lines beside those of permissions; the text states how many more there are.
 const LINES_MAX: usize = 60;
 
+/// The most parameters with a line each; more are folded into one line, which has the first values.
+const PARAMETERS_MAX: usize = 3;
+
 /// The topic of a field, in the order of the lines.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 enum DiffTopic {
+    /// Where the code is.
+    Bundle,
     Permission,
     Parameter,
     Interface,
@@ -30,7 +35,7 @@ impl DiffTopic {
             Self::Parameter => "parameter",
             Self::Interface => "interface",
             Self::Recovery => "recovery",
-            Self::Deployment => "deployment",
+            Self::Bundle | Self::Deployment => "deployment",
         }
     }
 
@@ -45,6 +50,7 @@ impl DiffTopic {
             Some(("permissions", rest)) => within(Self::Permission, rest),
             Some(("inputs" | "outputs" | "invocation", _)) => within(Self::Interface, field),
             Some(("recovery", rest)) => within(Self::Recovery, rest),
+            Some(("deployment", "bundle")) => within(Self::Bundle, "bundle"),
             Some(("deployment", rest)) => within(Self::Deployment, rest),
             _ if field == "name" || field == "version" => None,
             _ => within(Self::Interface, field),
@@ -53,23 +59,63 @@ impl DiffTopic {
 }
 
 impl VersionDiff {
-    /// The difference, line by line: every permission first, then parameters with both values, the interface, and what
-    /// the author declared of it.
+    /// The difference, line by line: the place of the code and every permission first, then parameters with both values,
+    /// the interface, and what the author declared of it.
     #[must_use]
     pub fn lines(&self) -> Vec<String> {
-        let mut known: Vec<(DiffTopic, String)> = self
+        self.limited(
+            self.changes().into_iter().map(|(topic, change)| (topic, line(topic, &change))).collect(),
+        )
+    }
+
+    /// As [`VersionDiff::lines`], with many parameters in one line: how many, and the values of the first.
+    #[must_use]
+    pub fn folded_lines(&self) -> Vec<String> {
+        let changes = self.changes();
+        let parameters: Vec<&str> = changes
+            .iter()
+            .filter(|(topic, _)| *topic == DiffTopic::Parameter)
+            .map(|(_, change)| change.as_str())
+            .collect();
+        if parameters.len() <= PARAMETERS_MAX {
+            return self.lines();
+        }
+        let shown: Vec<&str> = parameters.iter().copied().take(PARAMETERS_MAX).collect();
+        let folded = format!(
+            "{} parameters: {}; {} more, which the candidate's view and the record have",
+            parameters.len(),
+            shown.join("; "),
+            parameters.len() - shown.len()
+        );
+        let mut lines: Vec<(DiffTopic, String)> = changes
+            .iter()
+            .filter(|(topic, _)| *topic != DiffTopic::Parameter)
+            .map(|(topic, change)| (*topic, line(*topic, change)))
+            .collect();
+        lines.push((DiffTopic::Parameter, folded));
+        lines.sort_by_key(|(topic, _)| *topic);
+        self.limited(lines)
+    }
+
+    /// The changes without their topic's name, in the order of the topics.
+    fn changes(&self) -> Vec<(DiffTopic, String)> {
+        let mut changes: Vec<(DiffTopic, String)> = self
             .fields
             .iter()
             .filter_map(|difference| {
-                DiffTopic::of(&difference.field).map(|(topic, name)| (topic, name, difference))
+                DiffTopic::of(&difference.field).map(|(topic, name)| (topic, change(name, difference)))
             })
-            .map(|(topic, name, difference)| (topic, change_line(topic, name, difference)))
             .collect();
-        known.sort_by_key(|(topic, _)| *topic);
-        let permissions = known.iter().filter(|(topic, _)| *topic == DiffTopic::Permission).count();
-        let shown = known.len().min(permissions + LINES_MAX);
-        let more = known.len() - shown;
-        let mut lines: Vec<String> = known.into_iter().take(shown).map(|(_, line)| line).collect();
+        changes.sort_by_key(|(topic, _)| *topic);
+        changes
+    }
+
+    /// The lines of the changes, in this order, up to the most; then what the author declared.
+    fn limited(&self, changes: Vec<(DiffTopic, String)>) -> Vec<String> {
+        let always = changes.iter().filter(|(topic, _)| *topic <= DiffTopic::Permission).count();
+        let shown = changes.len().min(always + LINES_MAX);
+        let more = changes.len() - shown;
+        let mut lines: Vec<String> = changes.into_iter().take(shown).map(|(_, line)| line).collect();
         if more > 0 {
             lines
                 .push(format!("and {more} more differences, which the candidate's view and the record have"));
@@ -79,14 +125,17 @@ impl VersionDiff {
     }
 }
 
-fn change_line(topic: DiffTopic, name: &str, difference: &FieldDiff) -> String {
-    let topic = topic.name();
+fn line(topic: DiffTopic, change: &str) -> String {
+    format!("{} {change}", topic.name())
+}
+
+fn change(name: &str, difference: &FieldDiff) -> String {
     match (&difference.old, &difference.new) {
-        (None, Some(new)) => format!("{topic} added: {name} {}", value(new)),
-        (Some(old), None) => format!("{topic} removed: {name} {}", value(old)),
+        (None, Some(new)) => format!("added: {name} {}", value(new)),
+        (Some(old), None) => format!("removed: {name} {}", value(old)),
         (old, new) => {
             let both = [old, new].map(|side| side.as_ref().map_or_else(|| "nothing".to_owned(), value));
-            format!("{topic} {name}: {} -> {}", both[0], both[1])
+            format!("{name}: {} -> {}", both[0], both[1])
         }
     }
 }
@@ -129,5 +178,45 @@ mod tests {
         );
         assert_eq!(lines.len(), 3 + LINES_MAX + 1);
         assert!(lines.last().unwrap().contains("20 more differences"), "{lines:?}");
+    }
+
+    #[test]
+    fn the_place_of_the_code_comes_first_and_many_parameters_fold_into_one_line() {
+        let field = |field: &str, old: f64, new: f64| FieldDiff {
+            field: field.to_owned(),
+            old: Some(old.into()),
+            new: Some(new.into()),
+        };
+        let bundle = FieldDiff {
+            field: "manifest.deployment.bundle".to_owned(),
+            old: Some("native:grasp".into()),
+            new: Some("c-grasp.wasm".into()),
+        };
+        let of = |parameters: u32| {
+            let mut fields: Vec<FieldDiff> =
+                (0..parameters).map(|n| field(&format!("params.p{n}"), 1.0, 2.0)).collect();
+            fields.push(field("manifest.permissions.max_force_n", 15.0, 20.0));
+            fields.push(field("manifest.recovery.max_ms", 1.0, 2.0));
+            fields.push(bundle.clone());
+            VersionDiff { fields, declared: Vec::new() }
+        };
+        let [code, force] =
+            ["deployment bundle: native:grasp -> c-grasp.wasm", "permission max_force_n: 15.0 -> 20.0"];
+        let rest = "recovery max_ms: 1.0 -> 2.0";
+        // A few have a line each.
+        let few = of(3);
+        assert_eq!(few.folded_lines(), few.lines());
+        assert_eq!(few.lines()[..3], [code, force, "parameter p0: 1.0 -> 2.0"]);
+        assert_eq!(
+            of(20).folded_lines(),
+            [
+                code,
+                force,
+                "20 parameters: p0: 1.0 -> 2.0; p1: 1.0 -> 2.0; p2: 1.0 -> 2.0; 17 more, which the candidate's view and the \
+                 record have",
+                rest
+            ]
+        );
+        assert_eq!(of(20).lines().len(), 23, "the full difference folds nothing");
     }
 }

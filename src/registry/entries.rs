@@ -74,6 +74,8 @@ pub struct ApprovalEntry {
     pub consumed_seq: Option<u64>,
     /// Virtual time it came, ms.
     pub at_ms: u64,
+    /// Wall time it came, ms since 1970; absent in a script.
+    pub wall_ms: Option<i64>,
 }
 
 /// A version in full: the registry entry of the paper's appendix F.

@@ -279,15 +279,15 @@ impl Views {
     /// If the store cannot be read.
     pub fn approvals(&self, id: &CapabilityId) -> Result<Vec<ApprovalEntry>, StoreError> {
         let sql =
-            "SELECT signed, consumed_seq, at_ms FROM approval WHERE version = ?1 ORDER BY seq LIMIT 10000";
+            "SELECT signed, consumed_seq, approval.at_ms, NULLIF(wall_ms, 0) FROM approval LEFT JOIN audit USING (seq)
+             WHERE version = ?1 ORDER BY seq LIMIT 10000";
         let found = many(&self.connection, sql, [id.to_string()], |row| {
-            let text: String = row.get(0)?;
             // The mark of a lost text is not an approval.
-            if is_lost(&text) {
-                return Ok(None);
-            }
-            let signed = serde_json::from_str(&text).map_err(|error| conversion(0, error))?;
-            Ok(Some(ApprovalEntry { signed, consumed_seq: row.get(1)?, at_ms: row.get(2)? }))
+            let text = Some(row.get::<_, String>(0)?).filter(|text| !is_lost(text));
+            let signed = text.map(|text| serde_json::from_str(&text)).transpose();
+            let signed = signed.map_err(|error| conversion(0, error))?;
+            let (consumed_seq, at_ms, wall_ms) = (row.get(1)?, row.get(2)?, row.get(3)?);
+            Ok(signed.map(|signed| ApprovalEntry { signed, consumed_seq, at_ms, wall_ms }))
         })?;
         Ok(found.into_iter().flatten().collect())
     }

@@ -11,15 +11,32 @@ pub const LIVE_HEADING: &str = "LIVE, NOT SIGNED, as of";
 /// The longest line, columns.
 const WIDTH_MAX: usize = 200;
 
-/// The heading with the time of the snapshot, then the answers, the time left, the status of the version, the state of the
-/// live cell and the open alarms. A snapshot is only as reliable as its sender: none of it is a reason to approve.
+/// The heading with the time of the snapshot, then the time left, the open alarms, the success of the live cell, whether
+/// it is stopped, the answers, and the status of the version. A snapshot is only as reliable as its sender: none of it is
+/// a reason to approve.
 #[must_use]
 pub fn live_lines(question: &ApprovalRequestView, now: &Snapshot) -> Vec<String> {
     let mut lines = vec![format!("{LIVE_HEADING} {}", now.time.label())];
+    let is_emergency = question.purpose == RequestKind::Emergency;
+    if !(question.granted || is_emergency) {
+        lines.push(format!("Deadline: {}", question.until.as_deadline(now.time)));
+    }
+    lines.push(now.foremost_alarm().map_or_else(
+        || "Open alarms: none".to_owned(),
+        |alarm| format!("Open alarms: {}, the foremost {}", now.alarms.len(), alarm.alarm),
+    ));
+    if let (Some(success), recent) = (now.live.recent_success, now.live.recent) {
+        lines.push(format!("Live cell: {:.0} % of the last {recent} sequences done", 100.0 * success));
+    }
+    if now.live.uncovered > 0 {
+        lines.push(format!("Live cell: {} tasks that no evidence covers", now.live.uncovered));
+    }
+    if now.stopped.is_some() {
+        lines.push("The cell is stopped".to_owned());
+    }
     let ApprovalRequestView { approved_by, needed, officer_missing, .. } = question;
     let officer = if *officer_missing { ", a safety officer's is missing" } else { "" };
     let by = if approved_by.is_empty() { "none yet".to_owned() } else { approved_by.join(", ") };
-    let is_emergency = question.purpose == RequestKind::Emergency;
     if question.granted {
         let when = if now.stopped.is_some() {
             "as soon as the cell starts"
@@ -30,23 +47,8 @@ pub fn live_lines(question: &ApprovalRequestView, now: &Snapshot) -> Vec<String>
     } else if !is_emergency {
         lines.push(format!("Approvals: {} of {needed} ({by}){officer}", approved_by.len()));
     }
-    if !(question.granted || is_emergency) {
-        lines.push(format!("Deadline: {}", question.until.as_deadline(now.time)));
-    }
     let candidate = now.candidates.iter().find(|candidate| candidate.version == question.version);
     let status = candidate.map(|candidate| version_status(&question.version, &now.status(candidate)));
     lines.extend(status.map(|status| format!("Status: {status}")));
-    if let (Some(success), recent) = (now.live.recent_success, now.live.recent) {
-        lines.push(format!("Live cell: {:.0} % of the last {recent} sequences done", 100.0 * success));
-    }
-    if now.live.uncovered > 0 {
-        lines.push(format!("Live cell: {} tasks that no evidence covers", now.live.uncovered));
-    }
-    if now.stopped.is_some() {
-        lines.push("The cell is stopped".to_owned());
-    }
-    if let Some(alarm) = now.foremost_alarm() {
-        lines.push(format!("Open alarms: {}, the foremost {}", now.alarms.len(), alarm.alarm));
-    }
     lines.into_iter().map(|line| Untrusted::new(line).display(WIDTH_MAX).into_string()).collect()
 }

@@ -3,6 +3,7 @@
 //!
 //! `HOLDPOINT_WRITE_SENTENCES=1` rewrites the sentences.
 
+mod approval;
 mod explanation;
 mod explanation_summary;
 

@@ -8,7 +8,8 @@ use holdpoint_governance::profile::ProfileName;
 use holdpoint_governance::risk::{RiskCause, RiskClass};
 use holdpoint_governance::submission::Risk;
 use holdpoint_protocol::approval_document::{
-    ApprovalDocument, ApprovalFacts, DriftResponse, PairsFacts, RequestedSigner, UntestedAspect,
+    ApprovalDocument, ApprovalFacts, DriftResponse, EarlierSignature, PairsFacts, RequestedSigner,
+    SignatureEffect, UntestedAspect,
 };
 use holdpoint_protocol::detail::{FieldDiff, VersionDiff};
 use holdpoint_protocol::snapshot::{ApprovalRequestView, RequestKind};
@@ -62,6 +63,8 @@ pub fn facts(tier: u8, who: Option<&str>) -> ApprovalFacts {
         author: Author { name: "ada".to_owned(), authorship: Authorship::Unverified, key: String::new() },
         asked_by: None,
         about: String::new(),
+        summary: "Moves to the part faster, and presses harder on the tray".to_owned(),
+        component: None,
         state: State::Shadowed,
         deployment: None,
         stale: candidate.as_ref().map_or_else(Vec::new, |one| one.stale.clone()),
@@ -77,6 +80,7 @@ pub fn facts(tier: u8, who: Option<&str>) -> ApprovalFacts {
         shadow: None,
         covers: None,
         reasons: Vec::new(),
+        failures: Vec::new(),
         why: vec!["recovery: fails 9 of 50 fallback drills, the active version 2 of 50".to_owned()],
         new_permissions: vec!["zone tray".to_owned(), "force 20 N (was 15 N)".to_owned()],
         changes: differences(),
@@ -91,18 +95,31 @@ pub fn facts(tier: u8, who: Option<&str>) -> ApprovalFacts {
             in_doubt: false,
             limits: None,
         }),
+        signed_before: if tier == 2 { vec![signed_by_grace()] } else { Vec::new() },
+        effect: who.map(|_| SignatureEffect::Completes),
+    }
+}
+
+/// The first of two approvals.
+fn signed_by_grace() -> EarlierSignature {
+    EarlierSignature {
+        name: "grace".to_owned(),
+        role: Role::Engineer,
+        at: TIME.minus_secs(20.0),
+        reason: "drills and shadow read".to_owned(),
     }
 }
 
 /// The request as one person gets it.
 pub fn document(tier: u8, who: &str) -> Box<ApprovalDocument> {
-    let (lines, facts) = {
-        let facts = facts(tier, Some(who));
-        (render(&facts), canonical_json(&facts).unwrap())
-    };
+    document_of(&facts(tier, Some(who)))
+}
+
+/// The request with these facts.
+pub fn document_of(facts: &ApprovalFacts) -> Box<ApprovalDocument> {
     Box::new(ApprovalDocument {
-        lines,
-        facts,
+        lines: render(facts),
+        facts: canonical_json(facts).unwrap(),
         renderer: RENDERER_VERSION,
         request: serde_json::from_value(Value::String("07".repeat(16))).unwrap(),
         store_id: "store".to_owned(),

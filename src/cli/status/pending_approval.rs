@@ -185,7 +185,7 @@ mod tests {
             break_glass: false,
             shown: None,
         };
-        ApprovalEntry { signed: who.sign(approval).unwrap(), consumed_seq, at_ms: 0 }
+        ApprovalEntry { signed: who.sign(approval).unwrap(), consumed_seq, at_ms: 0, wall_ms: None }
     }
 
     #[test]

@@ -33,7 +33,7 @@ use crate::version_table::{TransitionNote, VersionTable};
 use crate::view::check_explanation;
 
 pub use approval_request::PendingApproval;
-pub(super) use approval_request::{new_row, vote};
+pub(super) use approval_request::{RecordedAnswer, new_row, vote};
 
 use super::request_display::{self, IssuedRequests};
 use super::signers::check_signer;
@@ -77,7 +77,7 @@ impl Approvals {
         let mut count = 0;
         for (id, request) in &mut self.pending {
             let before = request.answers.len();
-            request.answers.retain(|answer| answer.public_key() != key);
+            request.answers.retain(|answer| answer.signed.public_key() != key);
             count += before - request.answers.len();
             match request.result(context, record.wall_now()).outcome {
                 ApprovalOutcome::Granted { .. } | ApprovalOutcome::NotNeeded => {}
@@ -281,14 +281,17 @@ impl Approvals {
         };
         let records = shown.iter().map(|shown| shown.record(&approval)).collect::<Result<Vec<_>, _>>()?;
         // The store verifies the signature. What it refuses is answered as a refusal, and nothing has changed.
-        record.write(vec![Change::PutApproval(Box::new(signed.clone()))], records)?;
-        let Some(request) = self.pending.get_mut(&id) else {
+        record.write(vec![Change::PutApproval(Box::new(signed))], records)?;
+        let recorded = record.version_table().store().views()?.approvals(&id)?;
+        // The newest is this one. Its time is the stored one, so that it is the same after a restart.
+        let (Some(entry), Some(request)) = (recorded.into_iter().next_back(), self.pending.get_mut(&id))
+        else {
             return Err(EngineFault::Impossible(format!(
                 "the request about {id} closed while it was answered"
             )));
         };
         self.requests.answered(&request.row.id, &approval.who);
-        request.answers.push(signed);
+        request.answers.push(RecordedAnswer::of(record, entry));
         let result = request.result(context, record.wall_now());
         let needed = request.row.needed;
         let have = match &result.outcome {
@@ -395,7 +398,7 @@ pub(super) fn view(
         new_permissions: evidence_file.new_permissions.clone(),
         changes: evidence_file.changes.clone(),
         conditions: evidence_file.conditions.iter().map(ToString::to_string).collect(),
-        why: check_explanation::summary(evidence_file),
+        why: check_explanation::summary(evidence_file, &check_explanation::SUMMARIZED),
         untested: request_display::untested(evidence_file).into_iter().map(untested).collect(),
         on_drift: match request.kind {
             RequestKind::Activation | RequestKind::Emergency => drift_response(&request_display::on_drift(

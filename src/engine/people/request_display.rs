@@ -2,31 +2,38 @@
 //!
 //! Composed when an approver requests it, and again when the answer arrives and when it is used. If the text has
 //! changed by then, the answer does not count. So no one signs a text that was altered between engine and screen.
+//!
+//! The text of an approver names the approvals recorded before theirs, so that an answer changes the text of those who
+//! have not answered yet, and of no one else.
 
 use std::collections::BTreeMap;
 
 use holdpoint_approvals::keyfile::hex;
 use holdpoint_approvals::{Approval, DisplayBinding, Nonce, facts_digest, lines_digest};
-use holdpoint_governance::approval::{self, ApprovalDecision, Role, SignatureCheck, Vote};
+use holdpoint_governance::approval::{self, ApprovalDecision, ApprovalOutcome, Role, SignatureCheck, Vote};
 use holdpoint_governance::composition::Kappas;
 use holdpoint_governance::decision::{Dimension, ReasonCode};
 use holdpoint_governance::evidence::DrillKind;
 use holdpoint_governance::ids::{CapabilityId, Digest, canonical_json};
-use holdpoint_governance::outcome::{Assessment, Basis};
+use holdpoint_governance::manifest::BundleSource;
+use holdpoint_governance::outcome::{Assessment, Basis, DimensionOutcome};
 use holdpoint_governance::record::RecordKind;
 use holdpoint_governance::strictness::Strictness;
 use holdpoint_governance::wall_time::WallTime;
 use holdpoint_protocol::approval_document::{
-    AnswerVoidCause, ApprovalDocument, ApprovalFacts, CoverageFacts, DriftResponse, PairsFacts,
-    QuestionRefusal, RequestedSigner, ShadowFacts, UntestedAspect,
+    AnswerVoidCause, ApprovalDocument, ApprovalFacts, ComponentFacts, CoverageFacts, DriftResponse,
+    EarlierSignature, PairsFacts, QuestionRefusal, RequestedSigner, ShadowFacts, SignatureEffect,
+    UntestedAspect,
 };
 use holdpoint_protocol::command::{Refusal, Reply};
+use holdpoint_protocol::event::DimensionResult;
 use holdpoint_protocol::snapshot::RequestKind;
 use holdpoint_registry::AuditBody;
+use holdpoint_runtime::capability::Capability;
 use holdpoint_wording::approval::{RENDERER_VERSION, render};
 use holdpoint_wording::request::{refusal, refusal_hint};
 
-use super::approvals::{Approvals, PendingApproval};
+use super::approvals::{Approvals, PendingApproval, RecordedAnswer, vote};
 use super::break_glass_approvals;
 use super::signers::person;
 use crate::context::Context;
@@ -35,7 +42,8 @@ use crate::evidence_file::{EvidenceFile, EvidenceFiles};
 use crate::explain::is_in_favor;
 use crate::fault::EngineFault;
 use crate::recorder::EngineRecorder;
-use crate::view::{check_explanation, evidence};
+use crate::view::check_explanation::{SUMMARIZED, summary};
+use crate::view::evidence;
 
 /// The most requests that are remembered: one for each open question and each person.
 const REQUESTS_MAX: usize = 4096;
@@ -139,7 +147,12 @@ impl Approvals {
             let why = QuestionRefusal::NothingPending { purpose, version: id.clone() };
             return Ok(refused(Refusal::NotFound, &why));
         };
-        let facts = facts(context, record, evidence_files, id, pending, Some((&who.name, who.role)))?;
+        let reader = RequestReader {
+            asked: Some((&who.name, who.role)),
+            earlier: &pending.answers,
+            at: record.wall_now(),
+        };
+        let facts = facts(context, record, evidence_files, id, pending, &reader)?;
         let (lines, facts) = (render(&facts), canonical_json(&facts)?);
         let valid_until = valid_until(context, record, pending);
         let question = pending.row.id.clone();
@@ -185,7 +198,13 @@ impl Approvals {
         if approval.not_after() > valid_until(context, record, pending) {
             return stale(AnswerVoidCause::ValidTooLong);
         }
-        match check_display(context, record, evidence_files, pending, approval, binding)? {
+        let reader = RequestReader {
+            asked: Some((&approval.who, approval.role)),
+            earlier: &pending.answers,
+            at: record.wall_now(),
+        };
+        match check_display(context, record, evidence_files, (pending, &approval.version), &reader, binding)?
+        {
             Ok(texts) => Ok(Ok(Some(texts))),
             Err(cause) => stale(cause),
         }
@@ -203,8 +222,9 @@ impl Approvals {
         id: &CapabilityId,
     ) -> Result<bool, EngineFault> {
         let Some(pending) = self.of(id) else { return Ok(false) };
-        for signed in &pending.answers {
-            if !is_display_current(context, record, evidence_files, pending, signed.approval())? {
+        for (number, answer) in pending.answers.iter().enumerate() {
+            let earlier = pending.answers.get(..number).unwrap_or_default();
+            if !is_display_current(context, record, evidence_files, pending, answer, earlier)? {
                 return Ok(true);
             }
         }
@@ -226,29 +246,29 @@ fn valid_until(context: &Context, record: &EngineRecorder, pending: &PendingAppr
     }
 }
 
-/// Whether a recorded decision was signed over the text that its approver would see now. A rejection counts without a text;
-/// an approval that an older program recorded without one does not.
+/// Whether a recorded decision was signed over the text that its approver would see now, after these earlier answers. A
+/// rejection counts without a text; an approval that an older program recorded without one does not.
 pub(super) fn is_display_current(
     context: &Context,
     record: &EngineRecorder,
     evidence_files: &EvidenceFiles,
     pending: &PendingApproval,
-    approval: &Approval,
+    answer: &RecordedAnswer,
+    earlier: &[RecordedAnswer],
 ) -> Result<bool, EngineFault> {
-    match &approval.shown {
-        None => Ok(approval.decision == ApprovalDecision::Reject),
-        Some(binding) => {
-            Ok(check_display(context, record, evidence_files, pending, approval, binding)?.is_ok())
-        }
-    }
+    let approval = answer.signed.approval();
+    let Some(binding) = &approval.shown else { return Ok(approval.decision == ApprovalDecision::Reject) };
+    let reader = RequestReader { asked: Some((&approval.who, approval.role)), earlier, at: answer.at };
+    let of = (pending, &approval.version);
+    Ok(check_display(context, record, evidence_files, of, &reader, binding)?.is_ok())
 }
 
 fn check_display(
     context: &Context,
     record: &EngineRecorder,
     evidence_files: &EvidenceFiles,
-    pending: &PendingApproval,
-    approval: &Approval,
+    (pending, version): (&PendingApproval, &CapabilityId),
+    reader: &RequestReader<'_>,
     binding: &DisplayBinding,
 ) -> Result<Result<DisplayedText, AnswerVoidCause>, EngineFault> {
     if binding.renderer != RENDERER_VERSION {
@@ -257,14 +277,7 @@ fn check_display(
     if binding.store_key != hex(record.version_table().store().public_key().as_bytes()) {
         return Ok(Err(AnswerVoidCause::OtherStoreKey));
     }
-    let facts = facts(
-        context,
-        record,
-        evidence_files,
-        &approval.version,
-        pending,
-        Some((&approval.who, approval.role)),
-    )?;
+    let facts = facts(context, record, evidence_files, version, pending, reader)?;
     let (lines, facts) = (render(&facts), canonical_json(&facts)?);
     Ok(if facts_digest(&facts) != binding.facts {
         Err(AnswerVoidCause::OtherFacts)
@@ -283,7 +296,20 @@ pub(super) fn overview(
     id: &CapabilityId,
     pending: &PendingApproval,
 ) -> Vec<String> {
-    facts(context, record, evidence_files, id, pending, None).map(|facts| render(&facts)).unwrap_or_default()
+    let reader = RequestReader { asked: None, earlier: &pending.answers, at: record.wall_now() };
+    facts(context, record, evidence_files, id, pending, &reader)
+        .map(|facts| render(&facts))
+        .unwrap_or_default()
+}
+
+/// The reader of a request.
+struct RequestReader<'a> {
+    /// The approver; absent for an observer.
+    asked: Option<(&'a str, Role)>,
+    /// The answers recorded before theirs.
+    earlier: &'a [RecordedAnswer],
+    /// When they read it, or when their answer was recorded.
+    at: WallTime,
 }
 
 fn facts(
@@ -292,7 +318,7 @@ fn facts(
     evidence_files: &EvidenceFiles,
     id: &CapabilityId,
     pending: &PendingApproval,
-    who: Option<(&str, Role)>,
+    reader: &RequestReader<'_>,
 ) -> Result<ApprovalFacts, EngineFault> {
     let (_, lifecycle, member) = record.version_table().version(id)?;
     let empty = EvidenceFile::default();
@@ -303,8 +329,12 @@ fn facts(
         .reasons
         .iter()
         .filter(|reason| !is_in_favor(reason.code) && reason.code != ReasonCode::ApprovalPending);
+    let dimensions = evidence_file.dimensions(profile);
+    let (failures, why) = decided(evidence_file, &dimensions);
+    let votes: Vec<Vote> =
+        reader.earlier.iter().map(|answer| vote(context, pending.kind, &answer.signed)).collect();
     Ok(ApprovalFacts {
-        asked: who.map(|(name, role)| RequestedSigner {
+        asked: reader.asked.map(|(name, role)| RequestedSigner {
             name: name.to_owned(),
             role,
             void: void(context, record, pending, name, role),
@@ -328,6 +358,8 @@ fn facts(
         author: request.author.clone(),
         asked_by: request.asked_by.as_ref().map(|asker| asker.name().to_owned()),
         about: pending.about.clone(),
+        summary: member.capability.submission.summary.clone(),
+        component: component(record, &member.capability, pending)?,
         state: lifecycle.state,
         deployment: evidence_file.deployment,
         stale: stale_causes(
@@ -337,7 +369,6 @@ fn facts(
             lifecycle.state,
             evidence_file,
         ),
-        dimensions: evidence_file.dimensions(profile),
         pairs: evidence::pairs(evidence_file).map(|pairs| PairsFacts {
             n: pairs.n,
             candidate: pairs.candidate.success,
@@ -357,25 +388,103 @@ fn facts(
             .clone()
             .map(|domain| CoverageFacts { domain, outside: profile.domain.outside }),
         reasons: against.take(REASONS_MAX).cloned().collect(),
-        why: check_explanation::summary(evidence_file),
+        failures,
+        why,
         new_permissions: evidence_file.new_permissions.clone(),
         changes: evidence_file.changes.clone(),
         conditions: evidence_file.conditions.clone(),
         untested: untested(evidence_file),
         on_drift: activates
             .then(|| on_drift(context, pending, evidence_file, evidence_files.has_open_concern(id))),
+        signed_before: signed_before(pending, reader, &votes),
+        effect: reader.asked.and_then(|asked| effect(context, pending, asked, votes, reader.at)),
+        dimensions,
     })
 }
 
-/// Why an approval would not count, by the rules that count it.
-fn void(
-    context: &Context,
+/// What decided the failed ones of behavior and recovery, and what the others.
+fn decided(evidence_file: &EvidenceFile, dimensions: &[DimensionResult]) -> (Vec<String>, Vec<String>) {
+    let failed = |of: &Dimension| {
+        dimensions.iter().any(|one| one.dimension == *of && one.outcome == DimensionOutcome::Incompatible)
+    };
+    let (failed, rest): (Vec<Dimension>, Vec<Dimension>) = SUMMARIZED.into_iter().partition(failed);
+    let of = |about: &[Dimension]| {
+        if about.is_empty() { Vec::new() } else { summary(evidence_file, about) }
+    };
+    let (failures, mut why) = (of(&failed), of(&rest));
+    // How confined code failed stands with the failures, where there are any.
+    why.retain(|line| !failures.contains(line));
+    (failures, why)
+}
+
+/// The component that a version runs; absent for code compiled into the engine.
+fn component(
     record: &EngineRecorder,
+    capability: &Capability,
     pending: &PendingApproval,
-    name: &str,
-    role: Role,
-) -> Option<ReasonCode> {
-    let vote = Vote {
+) -> Result<Option<ComponentFacts>, EngineFault> {
+    let BundleSource::Wasm(file) = &capability.manifest.deployment.bundle else { return Ok(None) };
+    let replaced = match pending.kind {
+        RequestKind::Activation | RequestKind::Emergency => pending.replaces.as_ref(),
+        RequestKind::Release | RequestKind::Review => None,
+    };
+    let replaced = replaced.map(|id| record.capability(id)).transpose()?;
+    let replaces = replaced.map(|active| String::from(active.manifest.deployment.bundle.clone()));
+    let file = file.as_str().to_owned();
+    Ok(Some(ComponentFacts { replaces: replaces.filter(|code| *code != file), file }))
+}
+
+/// The earlier approvals that counted when the reader read; `votes` are the rule's form of the earlier answers.
+fn signed_before(
+    pending: &PendingApproval,
+    reader: &RequestReader<'_>,
+    votes: &[Vote],
+) -> Vec<EarlierSignature> {
+    let counted = approval::counted(&pending.quorum, votes, reader.at);
+    let answers = reader.earlier.iter().zip(votes);
+    answers
+        .filter(|(_, vote)| counted.iter().any(|counted| std::ptr::eq(*counted, *vote)))
+        .map(|(answer, vote)| EarlierSignature {
+            name: vote.person.clone(),
+            role: vote.role,
+            at: answer.at,
+            reason: vote.reason.clone(),
+        })
+        .collect()
+}
+
+/// What an approval of this person would do after these votes, by the rules that count it.
+fn effect(
+    context: &Context,
+    pending: &PendingApproval,
+    (name, role): (&str, Role),
+    mut votes: Vec<Vote>,
+    at: WallTime,
+) -> Option<SignatureEffect> {
+    let outcome =
+        |votes: &[Vote]| approval::evaluate(&pending.quorum, votes, at, &context.profile.approval).outcome;
+    let count = |votes: &[Vote]| approval::counted(&pending.quorum, votes, at).len();
+    let before = count(&votes);
+    match outcome(&votes) {
+        ApprovalOutcome::NotNeeded | ApprovalOutcome::Granted { .. } | ApprovalOutcome::Refused { .. } => {
+            return None;
+        }
+        ApprovalOutcome::Pending { .. } | ApprovalOutcome::TimedOut => {}
+    }
+    votes.push(supposed_approval(pending, name, role));
+    if count(&votes) == before {
+        return None;
+    }
+    match outcome(&votes) {
+        ApprovalOutcome::Granted { .. } => Some(SignatureEffect::Completes),
+        ApprovalOutcome::Pending { .. } | ApprovalOutcome::TimedOut => Some(SignatureEffect::MoreNeeded),
+        ApprovalOutcome::NotNeeded | ApprovalOutcome::Refused { .. } => None,
+    }
+}
+
+/// The vote that a person would give by approving.
+fn supposed_approval(pending: &PendingApproval, name: &str, role: Role) -> Vote {
+    Vote {
         person: name.to_owned(),
         key: String::new(),
         role,
@@ -386,7 +495,18 @@ fn void(
         break_glass: pending.kind == RequestKind::Emergency,
         signature: SignatureCheck::Valid,
         nonce_used: false,
-    };
+    }
+}
+
+/// Why an approval would not count, by the rules that count it.
+fn void(
+    context: &Context,
+    record: &EngineRecorder,
+    pending: &PendingApproval,
+    name: &str,
+    role: Role,
+) -> Option<ReasonCode> {
+    let vote = supposed_approval(pending, name, role);
     let result = approval::evaluate(&pending.quorum, &[vote], record.wall_now(), &context.profile.approval);
     let against = |code: &ReasonCode| matches!(code, ReasonCode::ApprovalSelf | ReasonCode::ApprovalRole);
     result.reasons.iter().map(|reason| reason.code).find(against)

@@ -8,7 +8,7 @@ use holdpoint_governance::profile::ProfileName;
 use holdpoint_protocol::event::EventKind;
 
 use crate::people::persons::enrolled;
-use crate::people::signers::tests::signed;
+use crate::people::signers::tests::{question, signed};
 use crate::pipeline::Pipeline;
 use crate::tests::{assert_accepted, at_the_gate, awaiting_approval, pipeline};
 
@@ -24,7 +24,12 @@ fn a_question_is_open_after_a_restart_with_the_answers_given() {
     assert_accepted(&first.command(answer));
     before[0].approved_by = vec!["ana".to_owned()];
     assert!(before[0].needed > 1, "one answer is not enough");
-    assert_eq!(first.snapshot().prompts, before);
+    let answered = first.snapshot().prompts;
+    assert!(answered[0].lines.iter().any(|line| line.starts_with("ana, engineer, signed ")), "{answered:?}");
+    before[0].lines.clone_from(&answered[0].lines);
+    assert_eq!(answered, before);
+    let ben = enrolled(first.live().record, "ben", Role::Engineer, KeyEncoding::Plain);
+    let of_ben = question(&mut first, &before[0], &ben.info().name).unwrap();
     drop(first);
 
     let mut second = pipeline(folder.path(), ProfileName::Human);
@@ -32,6 +37,7 @@ fn a_question_is_open_after_a_restart_with_the_answers_given() {
     // The deadline of a decision signed now is computed again.
     before[0].valid_until = after[0].valid_until;
     assert_eq!(after, before);
+    assert_eq!(question(&mut second, &before[0], "ben").unwrap().lines, of_ben.lines);
     let events = second.drain_events();
     assert!(!events.iter().any(|event| matches!(event, EventKind::ApprovalRequested { .. })), "{events:?}");
     drop(second);

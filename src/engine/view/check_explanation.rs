@@ -30,6 +30,9 @@ use crate::explain::{is_in_favor, is_tolerated, remedies};
 const CHECKS: [Dimension; 4] =
     [Dimension::Interface, Dimension::Policy, Dimension::Behavior, Dimension::Recovery];
 
+/// What a summary for approvers is about.
+pub(crate) const SUMMARIZED: [Dimension; 2] = [Dimension::Behavior, Dimension::Recovery];
+
 /// Why one part of the rules came out as it did.
 #[derive(Clone, Debug, PartialEq)]
 struct CheckRationale {
@@ -172,11 +175,11 @@ fn check_reason(evidence_file: &EvidenceFile, reason: &Reason) -> CheckReason {
     }
 }
 
-/// What decided on behavior and recovery, and which runs show it, for approvers: one sentence each.
-pub(crate) fn summary(evidence_file: &EvidenceFile) -> Vec<String> {
+/// What decided on these of behavior and recovery, and which runs show it, for approvers: one sentence each.
+pub(crate) fn summary(evidence_file: &EvidenceFile, about: &[Dimension]) -> Vec<String> {
     let Some(kappas) = &evidence_file.kappas else { return Vec::new() };
     let reasons = [&kappas.behavior.reasons[..], &kappas.recovery.reasons[..]].concat();
-    sentences(evidence_file, &reasons, &[Dimension::Behavior, Dimension::Recovery])
+    sentences(evidence_file, &reasons, about)
 }
 
 /// What decided against a version, one sentence for each part of the rules, and which runs show it; of a decision in
@@ -194,7 +197,7 @@ pub(crate) fn decision_sentences(evidence_file: &EvidenceFile, reasons: &[Reason
         }
     }
     if against.is_empty() || evidence_file.kappas.is_none() {
-        return if evidence_file.pairs.is_empty() { Vec::new() } else { summary(evidence_file) };
+        return if evidence_file.pairs.is_empty() { Vec::new() } else { summary(evidence_file, &SUMMARIZED) };
     }
     let is_clamped = against.contains(&Dimension::Recovery)
         || reasons.iter().any(|reason| reason.code == ReasonCode::BehaviorAsksMore);

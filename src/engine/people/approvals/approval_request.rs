@@ -10,14 +10,31 @@ use holdpoint_governance::ids::{CapabilityId, Digest};
 use holdpoint_governance::submission::Risk;
 use holdpoint_governance::wall_time::WallTime;
 use holdpoint_protocol::snapshot::RequestKind;
-use holdpoint_registry::ApprovalRequest;
 use holdpoint_registry::store_terms::RequestState;
+use holdpoint_registry::{ApprovalEntry, ApprovalRequest};
 
 use crate::context::Context;
 use crate::fault::EngineFault;
 use crate::people::signers::rollback_target;
 use crate::recorder::EngineRecorder;
 use crate::version_origin;
+
+/// A signed answer, which the store verified when it recorded it.
+#[derive(Clone, Debug, PartialEq)]
+pub(in crate::people) struct RecordedAnswer {
+    pub(in crate::people) signed: SignedApproval,
+    /// When it was recorded.
+    pub(in crate::people) at: WallTime,
+}
+
+impl RecordedAnswer {
+    /// A stored answer; a script's has only the engine's time.
+    pub(in crate::people) fn of(record: &EngineRecorder, entry: ApprovalEntry) -> Self {
+        let at =
+            entry.wall_ms.map_or_else(|| record.version_table().wall().now(entry.at_ms), WallTime::from_ms);
+        Self { signed: entry.signed, at }
+    }
+}
 
 /// An open request: its row in the store, what the rule counts, and the answers.
 pub struct PendingApproval {
@@ -29,8 +46,8 @@ pub struct PendingApproval {
     /// Whether its deadline has passed while it stays open: a review.
     pub(in crate::people) overdue: bool,
     pub(in crate::people) quorum: QuorumRequest,
-    /// In order; the store verified each signature when it stored the answer.
-    pub(in crate::people) answers: Vec<SignedApproval>,
+    /// In the order of the record.
+    pub(in crate::people) answers: Vec<RecordedAnswer>,
     pub(in crate::people) life_row_version: u64,
     pub(in crate::people) requested_at: WallTime,
     pub(in crate::people) replaces: Option<CapabilityId>,
@@ -179,13 +196,14 @@ impl PendingApproval {
     /// Whether the person's last answer was the same and has not expired: a repeat would add nothing.
     #[must_use]
     pub fn has_answered(&self, who: &str, decision: ApprovalDecision, now: WallTime) -> bool {
-        let last = self.answers.iter().rev().map(SignedApproval::approval).find(|answer| answer.who == who);
+        let last =
+            self.answers.iter().rev().map(|answer| answer.signed.approval()).find(|last| last.who == who);
         last.is_some_and(|last| last.decision == decision && now < last.not_after())
     }
 
     #[must_use]
     pub fn last_voter(&self) -> Option<String> {
-        self.answers.last().map(|answer| answer.approval().who.clone())
+        self.answers.last().map(|answer| answer.signed.approval().who.clone())
     }
 
     /// The signed approvals that counted: of each person the first that has not expired. The other answers are
@@ -194,7 +212,7 @@ impl PendingApproval {
     pub fn into_counted(self, result: &ApprovalResult, now: WallTime) -> Vec<SignedApproval> {
         let ApprovalOutcome::Granted { people, .. } = &result.outcome else { return Vec::new() };
         let mut left: BTreeSet<&str> = people.iter().map(String::as_str).collect();
-        let mut answers = self.answers;
+        let mut answers: Vec<SignedApproval> = self.answers.into_iter().map(|answer| answer.signed).collect();
         answers.retain(|answer| {
             let approval = answer.approval();
             let counts = approval.decision == ApprovalDecision::Approve && now < approval.not_after();
@@ -205,7 +223,7 @@ impl PendingApproval {
 
     /// The answers as the rule counts them.
     pub(in crate::people) fn votes(&self, context: &Context) -> Vec<Vote> {
-        self.answers.iter().map(|answer| vote(context, self.kind, answer)).collect()
+        self.answers.iter().map(|answer| vote(context, self.kind, &answer.signed)).collect()
     }
 
     /// The result so far.
@@ -293,7 +311,10 @@ mod tests {
                 asked_by: None,
                 until: WallTime::from_ms(10_000),
             },
-            answers: answers.clone(),
+            answers: answers
+                .iter()
+                .map(|signed| RecordedAnswer { signed: signed.clone(), at: WallTime::default() })
+                .collect(),
             life_row_version: 1,
             requested_at: WallTime::default(),
             replaces: None,

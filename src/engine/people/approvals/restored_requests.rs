@@ -6,7 +6,7 @@ use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::wall_time::WallTime;
 use holdpoint_registry::verify_approval;
 
-use super::{Approvals, PendingApproval, RequestKind, activation_terms, vote};
+use super::{Approvals, PendingApproval, RecordedAnswer, RequestKind, activation_terms, vote};
 use crate::context::Context;
 use crate::evidence_file::EvidenceFiles;
 use crate::fault::EngineFault;
@@ -73,9 +73,13 @@ impl Approvals {
                 && verify_approval(&entry.signed, &persons).is_ok()
                 && !(is_live_approval && unconfirmed(context, &persons, &approval.who).is_some());
             // An answer over another text than the present one must be given again.
-            let is_same_text = is_display_current(context, record, evidence_files, &pending, &approval)?;
-            if counts && is_same_text && entry.consumed_seq.is_none() {
-                pending.answers.push(entry.signed);
+            let consumed = entry.consumed_seq.is_some();
+            let answer = RecordedAnswer::of(record, entry);
+            let earlier = &pending.answers;
+            let is_same_text =
+                is_display_current(context, record, evidence_files, &pending, &answer, earlier)?;
+            if counts && is_same_text && !consumed {
+                pending.answers.push(answer);
             }
         }
         drop(views);

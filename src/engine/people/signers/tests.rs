@@ -239,6 +239,30 @@ fn answers_given_before_the_request_changed_do_not_count() {
     assert!(bench.pipeline.snapshot().prompts.iter().all(|open| open.approved_by.is_empty()));
 }
 
+/// The second signer reads who signed first and why. A text that was rendered before that signs nothing.
+#[test]
+fn the_second_signers_request_names_the_first() {
+    let (mut bench, _) = waiting_for_two();
+    let (ann, ben) = (protected(&mut bench, "ann"), protected(&mut bench, "ben"));
+    let open = bench.pipeline.snapshot().prompts.remove(0);
+    let has = |shown: &ApprovalDocument, text: &str| shown.lines.iter().any(|line| line.contains(text));
+    let last = "Your signature is the last: it takes the arm after this sequence";
+    let of_ann = question(&mut bench.pipeline, &open, "ann").unwrap();
+    assert!(has(&of_ann, "Your signature is number 1 of 2"), "{:#?}", of_ann.lines);
+    assert!(!has(&of_ann, last) && !has(&of_ann, ", signed "), "{:#?}", of_ann.lines);
+    let early = question(&mut bench.pipeline, &open, "ben").unwrap();
+    done(&bench.pipeline.command(of_ann.answer(&ann, ApprovalDecision::Approve, "drills read").unwrap()));
+    let reply = bench.pipeline.command(early.answer(&ben, ApprovalDecision::Approve, "read").unwrap());
+    assert_refused(&reply, &[&void(AnswerVoidCause::OtherFacts)]);
+    let of_ben = question(&mut bench.pipeline, &open, "ben").unwrap();
+    let first = of_ben.lines.iter().find(|line| line.starts_with("ann, safety, signed ")).unwrap();
+    assert!(first.ends_with(" UTC: drills read"), "{first}");
+    assert!(has(&of_ben, last), "{:#?}", of_ben.lines);
+    // The own text of the first signer stays as it was signed.
+    done(&bench.pipeline.command(of_ben.answer(&ben, ApprovalDecision::Approve, "read").unwrap()));
+    assert!(bench.pipeline.snapshot().prompts.is_empty(), "two people have approved");
+}
+
 #[test]
 fn an_answer_without_a_reason_is_refused() {
     for scripted in [true, false] {
