@@ -29,6 +29,7 @@ use std::path::Path;
 use std::sync::OnceLock;
 
 use agent::AgentProcess;
+use attached_consoles::fill_fields;
 use pty::{Console, Home};
 use rustix::process::Signal;
 use shell_approvals::{bob_approves, engine_awaiting_approval};
@@ -162,18 +163,8 @@ fn open_request_with(home: &Home, name: &str, variables: &[(&str, &str)]) -> Con
 /// The digits to type, read from the approval request.
 fn short_id(console: &Console) -> String {
     let text = console.contents();
-    let (_, after) = text.split_once("Promote align@1.1.0 (").expect("the first line of the question");
+    let (_, after) = text.split_once("Promote align@1.1.0 (").expect("the question");
     after.chars().take_while(char::is_ascii_hexdigit).collect()
-}
-
-/// Fills the fields of the open request; then Hold has the keys again.
-fn fill_fields(console: &mut Console, id: &str, reason: &str) {
-    console.keys("\t");
-    console.keys(id);
-    console.keys("\t");
-    console.keys(reason);
-    console.wait_for_text(reason);
-    console.keys("\t");
 }
 
 /// Presses a deciding key once the request accepts it: the request ignores keys in the first moments.

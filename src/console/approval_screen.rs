@@ -11,9 +11,10 @@ use super::operator::Operator;
 use super::secret::Signing;
 use holdpoint_governance::approval::ApprovalDecision;
 use holdpoint_governance::ids::CapabilityId;
-use holdpoint_protocol::approval_document::ApprovalDocument;
+use holdpoint_protocol::approval_document::{ApprovalDocument, ApprovalFacts};
 use holdpoint_protocol::snapshot::{ApprovalRequestView, RequestKind, Snapshot};
 use holdpoint_text::{Untrusted, is_visible};
+use holdpoint_wording::approval::{LineMark, marked_lines};
 use holdpoint_wording::live::live_lines;
 
 /// How long a prompt ignores deciding keys, ms, so that a key typed for something else decides nothing.
@@ -30,7 +31,7 @@ pub const SHORT_ID_DIGITS: usize = 4;
 pub enum ApprovalFocus {
     /// Decide later. The prompt opens here, and Enter does this.
     #[default]
-    Hold,
+    Later,
     /// The field for the short id.
     ShortId,
     /// The field for the reason.
@@ -108,19 +109,15 @@ enum DeliveredRequest {
     #[default]
     Nothing,
     /// Requested, under this id.
-    Requested {
-        who: String,
-        id: String,
-    },
+    Requested { who: String, id: String },
     Delivered {
         who: String,
         question: Box<ApprovalDocument>,
+        /// What its lines are about, by its facts; empty if they are of another renderer.
+        marks: Vec<LineMark>,
     },
     /// The engine refused it.
-    Refused {
-        who: String,
-        why: String,
-    },
+    Refused { who: String, why: String },
 }
 
 /// An answer that leaves nothing to decide.
@@ -261,7 +258,7 @@ impl ApprovalScreen {
             live: live_lines(question, snapshot),
             stopped: snapshot.stopped.is_some(),
             opened_ms: now_ms,
-            focus: ApprovalFocus::Hold,
+            focus: ApprovalFocus::Later,
             short_id: EditLine::default(),
             reason: EditLine::default(),
             stale: None,
@@ -309,7 +306,10 @@ impl ApprovalScreen {
             Err(error) => Err(error.to_string()),
         };
         self.delivered = match answer.and_then(fits) {
-            Ok(question) => DeliveredRequest::Delivered { who, question },
+            Ok(question) => {
+                let marks = line_marks(&question);
+                DeliveredRequest::Delivered { who, question, marks }
+            }
             Err(why) => DeliveredRequest::Refused { who, why },
         };
     }
@@ -317,7 +317,7 @@ impl ApprovalScreen {
     /// The request as `who` gets it; absent until the engine has sent it.
     fn delivered_to(&self, who: &Operator) -> Option<&ApprovalDocument> {
         match &self.delivered {
-            DeliveredRequest::Delivered { who: of, question } if *of == who.name => Some(question),
+            DeliveredRequest::Delivered { who: of, question, .. } if *of == who.name => Some(question),
             DeliveredRequest::Nothing
             | DeliveredRequest::Requested { .. }
             | DeliveredRequest::Delivered { .. }
@@ -337,6 +337,17 @@ impl ApprovalScreen {
         };
         let safe = |line: String| Untrusted::new(line).display(WIDTH_MAX).into_string();
         lines.iter().cloned().chain(why).map(safe).collect()
+    }
+
+    /// What a line of the text is about; plain until the operator's own copy is there.
+    #[must_use]
+    pub fn mark(&self, line: usize) -> LineMark {
+        match &self.delivered {
+            DeliveredRequest::Delivered { marks, .. } => marks.get(line).copied().unwrap_or_default(),
+            DeliveredRequest::Nothing
+            | DeliveredRequest::Requested { .. }
+            | DeliveredRequest::Refused { .. } => LineMark::Plain,
+        }
     }
 
     /// The digits to type from tier 1 on.
@@ -390,7 +401,7 @@ impl ApprovalScreen {
             }
             // Drops the passphrase field of a void answer; an answer already handed over gets its reply.
             self.signing = self.signing.take().filter(Signing::is_checked);
-            self.focus = ApprovalFocus::Hold;
+            self.focus = ApprovalFocus::Later;
         }
         if self.stale.is_some() {
             return;
@@ -406,10 +417,17 @@ impl ApprovalScreen {
                 Some("the request was renewed")
             }
             Some(now) if now.replaces != self.seen.replaces => Some("the active version changed"),
+            // The text names who signed before: the engine renders it again, and the typed fields stay.
+            Some(now) if now.approved_by != self.seen.approved_by => {
+                self.seen = now.clone();
+                self.delivered = DeliveredRequest::Nothing;
+                self.opened_ms = now_ms;
+                self.scroll = 0;
+                self.live = live_lines(now, snapshot);
+                None
+            }
             Some(now) if now.lines != self.seen.lines => Some("its text changed"),
-            // Another person's answer changes nothing that the operator read.
             Some(now) => {
-                self.seen.approved_by.clone_from(&now.approved_by);
                 self.seen.granted = now.granted;
                 self.live = live_lines(now, snapshot);
                 None
@@ -447,8 +465,8 @@ impl ApprovalScreen {
             (who.is_none(), DecisionObstacle::NoIdentity),
             (self.closed, DecisionObstacle::Closed),
             (self.stale.is_some() && !self.closed, DecisionObstacle::Stale),
-            (guarded, DecisionObstacle::Guard),
             (granted, DecisionObstacle::Granted),
+            (guarded, DecisionObstacle::Guard),
             (approves && who.is_some_and(|who| self.delivered_to(who).is_none()), DecisionObstacle::NotAsked),
             // A rejection needs no reading.
             (approves && self.unread() > 0, DecisionObstacle::Unread),
@@ -456,7 +474,7 @@ impl ApprovalScreen {
             (approves && self.seen.approved_by.iter().any(|name| is(name)), DecisionObstacle::Approved),
             (id_missing, DecisionObstacle::ShortId),
             (reason_needed && !is_visible(self.reason.text()), DecisionObstacle::Reason),
-            (self.focus != ApprovalFocus::Hold, DecisionObstacle::Typing),
+            (self.focus != ApprovalFocus::Later, DecisionObstacle::Typing),
         ];
         checks.into_iter().filter_map(|(applies, block)| applies.then_some(block)).collect()
     }
@@ -488,14 +506,14 @@ impl ApprovalScreen {
         })
     }
 
-    /// The fields of this tier, in the order of Tab; Hold comes first.
+    /// The fields of this tier, in the order of Tab; Later comes first.
     #[must_use]
     pub fn focuses(&self) -> &'static [ApprovalFocus] {
         // The reason is there in every tier: a rejection needs one.
         if self.seen.tier == 0 {
-            &[ApprovalFocus::Hold, ApprovalFocus::Reason]
+            &[ApprovalFocus::Later, ApprovalFocus::Reason]
         } else {
-            &[ApprovalFocus::Hold, ApprovalFocus::ShortId, ApprovalFocus::Reason]
+            &[ApprovalFocus::Later, ApprovalFocus::ShortId, ApprovalFocus::Reason]
         }
     }
 
@@ -540,9 +558,16 @@ impl ApprovalScreen {
     /// The line that has the keys, if one has.
     pub const fn line_mut(&mut self) -> Option<&mut EditLine> {
         match self.focus {
-            ApprovalFocus::Hold => None,
+            ApprovalFocus::Later => None,
             ApprovalFocus::ShortId => Some(&mut self.short_id),
             ApprovalFocus::Reason => Some(&mut self.reason),
         }
     }
+}
+
+/// What the lines of a request are about: made again of the signed facts, and only for lines that these facts give.
+fn line_marks(question: &ApprovalDocument) -> Vec<LineMark> {
+    let Ok(facts) = serde_json::from_str::<ApprovalFacts>(&question.facts) else { return Vec::new() };
+    let known = marked_lines(&facts).into_iter().zip(&question.lines);
+    known.map(|(line, text)| if line.text == *text { line.mark } else { LineMark::Plain }).collect()
 }

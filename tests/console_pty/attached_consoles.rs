@@ -6,9 +6,9 @@ use rustix::process::Signal;
 
 use crate::pty::{Console, Home};
 use crate::{
-    PASSPHRASE, SIZE, assert_restored, await_approval, console_on_fresh_store, fill_fields,
-    home_awaiting_approval, home_with_approvers, open_request, press_until_decided, quit, short_id,
-    shows_engine, state_of, verify_audit,
+    PASSPHRASE, SIZE, assert_restored, await_approval, console_on_fresh_store, home_awaiting_approval,
+    home_with_approvers, open_request, press_until_decided, quit, short_id, shows_engine, state_of,
+    verify_audit,
 };
 
 /// A console attached to a running engine.
@@ -129,16 +129,25 @@ fn home_awaiting_two_approvals() -> Home {
     home
 }
 
-/// Approves the open request, with the required digits.
-fn promote(console: &mut Console) {
-    let id = short_id(console);
-    fill_fields(console, &id, "evidence read");
-    // The line that names the other reader takes room, so more text must be scrolled and read.
+/// Fills the fields of the open request and reads it to its end; then Later has the keys again.
+pub fn fill_fields(console: &mut Console, id: &str, reason: &str) {
+    console.keys("\t");
+    console.keys(id);
+    console.keys("\t");
+    console.keys(reason);
+    console.wait_for_text(reason);
+    console.keys("\t");
     while console.contents().contains("lines unread") {
         let before = console.contents();
         console.keys("\x1b[6~");
         console.wait_for("the text moves", |screen| screen.contents() != before);
     }
+}
+
+/// Approves the open request, with the required digits.
+fn promote(console: &mut Console) {
+    let id = short_id(console);
+    fill_fields(console, &id, "evidence read");
     console.wait_for("the question takes answers", |screen| !screen.contents().contains("wait a moment"));
     console.keys("Y");
     console.wait_for_text("Passphrase of");
@@ -156,7 +165,9 @@ fn two_approvers_at_two_consoles_activate_a_version() {
     bob.wait_for_text("alice is reading");
     promote(&mut bob);
     // One approval of two is not enough, and the other console shows who was first.
-    alice.wait_for_text("bob");
+    alice.wait_for("the first approval is shown", |screen| {
+        screen.contents().split_whitespace().collect::<Vec<_>>().join(" ").contains("1 of 2 (bob)")
+    });
     assert_eq!(state_of(&home, "align@1.1.0"), "shadowed");
     promote(&mut alice);
     // A rollback may follow at once at this pace, so only the activation counts.

@@ -18,7 +18,9 @@ use holdpoint::console::theme::{self, ThemeRole};
 use holdpoint::governance::alarms::AlarmSummary;
 use holdpoint::governance::approval::Role;
 use holdpoint::governance::closed_set::Lenient;
+use holdpoint::governance::decision::Dimension;
 use holdpoint::governance::evidence::StaleCause;
+use holdpoint::governance::outcome::DimensionOutcome;
 use holdpoint::governance::profile::ProfileName;
 use holdpoint::protocol::approval_document::ApprovalFacts;
 use holdpoint::protocol::detail::AuditVerification;
@@ -216,7 +218,7 @@ fn every_overlay_and_state_matches_its_snapshot() {
 #[test]
 fn decision_can_be_read_to_its_end_at_every_size() {
     for tier in 0..=2 {
-        let whole = shown(&prompted(tier), (100, 30));
+        let whole = shown(&prompted(tier), (120, 60));
         assert!(whole.contains("all of it"), "tier {tier}:\n{whole}");
         // A line shows that more follows, with the key that leads there.
         let small = shown(&prompted(tier), (80, 24));
@@ -235,6 +237,59 @@ fn decision_can_be_read_to_its_end_at_every_size() {
                 words(&line).into_iter().filter(|word| !seen_words.contains(word)).collect();
             assert!(missing.is_empty(), "tier {tier}: {missing:?}");
         }
+    }
+}
+
+/// The rows of a screen that contain a text: the number of each, and the color under the beginning of the text.
+fn colored(buf: &Buffer, text: &str) -> Vec<(u16, Color)> {
+    let row =
+        |y: u16| -> Vec<&str> { (0..buf.area.width).map(|x| buf.cell((x, y)).unwrap().symbol()).collect() };
+    let found = (0..buf.area.height).filter_map(|y| {
+        let cells = row(y);
+        let x = (0..cells.len()).find(|x| cells[*x..].concat().starts_with(text))?;
+        Some((y, buf.cell((u16::try_from(x).unwrap(), y)).unwrap().fg))
+    });
+    found.collect()
+}
+
+#[test]
+fn failures_stand_first_in_red_and_live_values_stand_apart() {
+    let mut model = prompted(2);
+    let who = model.session.operator.as_ref().unwrap().name.clone();
+    let mut facts = support::facts(2, Some(&who));
+    for one in facts.dimensions.iter_mut().filter(|one| one.dimension == Dimension::Recovery) {
+        one.outcome = DimensionOutcome::Incompatible;
+    }
+    facts.failures = facts.why.drain(..).collect();
+    with_prompt(&mut model, |prompt| {
+        prompt.mark_requested(who, "failing".to_owned());
+        prompt.take("failing", Ok(support::document_of(&facts)));
+    });
+    let (buf, look) = (drawn(&model, &look(), (120, 60)), look());
+    let one = |text: &str| {
+        let found = colored(&buf, text);
+        assert_eq!(found.len(), 1, "{text:?}: {found:?}");
+        found[0]
+    };
+    let bad = look.style(ThemeRole::Bad).fg.unwrap();
+    let verdict = one("align@2.0.0 FAILS 1 of 4 checks; the signatures waive it");
+    let (value, why) = (one("FAILS recovery"), one("FAILS because: recovery: fails 9 of 50"));
+    assert_eq!((verdict.1, value.1, why.1), (bad, bad, bad));
+    let question = one("Promote align@2.0.0 (");
+    assert_ne!(question.1, bad);
+    let (grace, last) = (one("grace, engineer, signed "), one("Your signature is the last: "));
+    let live = one("LIVE, NOT SIGNED, as of ");
+    let order = [verdict.0, value.0, why.0, question.0, grace.0, last.0, live.0, one("Open alarms: ").0];
+    assert!(order.is_sorted() && verdict.0 + 1 == value.0 && value.0 + 1 == why.0, "{order:?}");
+    // What passes has another color.
+    let passes = drawn(&prompted(2), &look, (120, 60));
+    let passed = colored(&passes, "align@2.0.0 passes all 4 checks");
+    assert!(passed.len() == 1 && passed[0].1 != bad, "{passed:?}");
+    // Live values are on the screen before the text was read to its end.
+    let small = shown(&model, (80, 24));
+    for text in ["more below: pagedown", "LIVE, NOT SIGNED", "Open alarms: ", "Y Sign", "N Reject", " Later"]
+    {
+        assert!(small.contains(text), "{text}:\n{small}");
     }
 }
 

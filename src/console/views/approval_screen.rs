@@ -1,13 +1,15 @@
-//! An open approval prompt: the whole decision, the obstacles to an answer, and the keys.
+//! An open approval prompt: the whole decision, live values apart from it, the obstacles to an answer, and the keys.
 //!
 //! ```text
-//! ── Approve place@1.1.0? ─────────────────────────── all 19 lines ─
+//! ── Decide on place@1.1.0 ────────────────────────── all 19 lines ─
+//! place@1.1.0 FAILS 1 of 4 checks; the signatures waive it
 //! Promote place@1.1.0 (9f3c) to active on arm-1, profile human?
-//! Replaces place@1.0.0, which stays the rollback target
 //! …
-//! ▸[Hold]   short id ____ (type 9f3c)   reason ____
-//! First: give a reason (tab), to promote: type the short id (tab)
-//! Y Promote   N Reject   Enter or Esc Hold: decide later
+//! ── LIVE, NOT SIGNED, as of Tue 17 Nov 08:12:41 UTC ───────────────
+//! Deadline: 08:41:43 UTC, 29 min left · Open alarms: 1 …
+//! ▸[Later]   short id ____ (type 9f3c)   reason ____
+//! First: give a reason (tab), to sign: type the short id (tab)
+//! Y Sign   N Reject   Enter or Esc Later
 //! ```
 
 use ratatui::layout::Rect;
@@ -26,43 +28,95 @@ use crate::secret::Signing;
 use crate::widgets::pen::{Pen, cut};
 use crate::widgets::row::{Row, wrap};
 use holdpoint_governance::approval::ApprovalDecision;
+use holdpoint_wording::approval::LineMark;
 
 /// The most lines of one sentence below the decision.
 const WRAPPED_MAX: usize = 5;
 
+/// Body rows that the text and the foot have before the live values get rows of their own.
+const TEXT_ROWS_MIN: u16 = 12;
+
 /// Draws it over all of `area`.
 pub fn draw(model: &ConsoleModel, prompt: &ApprovalScreen, pen: &mut Pen<'_>, area: Rect) {
     pen.clear(area);
-    let (upper, lower, foot) = parts(model, prompt, pen, area);
-    let visible = visible_rows(prompt, pen.look, upper);
+    let PromptParts { text, live, live_rows, foot, foot_rows } = parts(model, prompt, pen, area);
+    let visible = visible_rows(prompt, text, live.is_empty(), between(pen.look));
     let title = format!("Decide on {}", prompt.seen.version);
-    let inside = pen.pane(upper, &title, true, &extent(model, visible.first, visible.room, visible.count));
-    let role = if prompt.stale.is_some() { ThemeRole::Muted } else { ThemeRole::Text };
+    let inside = pen.pane(text, &title, true, &extent(model, visible.first, visible.room, visible.count));
     for (at, row) in (0..inside.height).zip(&visible.rows) {
-        let is_title = visible.first == 0 && at == 0 && prompt.stale.is_none();
-        pen.row(inside, at, &Row::of(if is_title { ThemeRole::Title } else { role }, &row.text));
+        let role =
+            if prompt.stale.is_some() { ThemeRole::Muted } else { line_role(prompt.mark(row.lines.0)) };
+        pen.row(inside, at, &Row::of(role, &row.text));
     }
-    pen.rows(lower, 0, &foot);
+    if !live.is_empty() {
+        let heading = prompt.live.first().map_or("", String::as_str);
+        let inside = pen.pane(live, heading, false, "");
+        pen.rows(inside, 0, &live_rows);
+    }
+    pen.rows(foot, 0, &foot_rows);
+}
+
+const fn line_role(mark: LineMark) -> ThemeRole {
+    match mark {
+        LineMark::Plain => ThemeRole::Text,
+        LineMark::Question => ThemeRole::Title,
+        LineMark::Good => ThemeRole::Good,
+        LineMark::Failure => ThemeRole::Bad,
+        LineMark::Caution => ThemeRole::Warning,
+    }
 }
 
 /// The rows of the decision that [`draw`] puts on the screen.
 #[must_use]
 pub fn on_screen(model: &ConsoleModel, prompt: &ApprovalScreen, pen: &Pen<'_>, area: Rect) -> VisibleRows {
-    let (upper, _, _) = parts(model, prompt, pen, area);
-    visible_rows(prompt, pen.look, upper)
+    let parts = parts(model, prompt, pen, area);
+    visible_rows(prompt, parts.text, parts.live.is_empty(), between(pen.look))
 }
 
-/// The areas of the text and the foot, and the rows of the foot.
-fn parts(model: &ConsoleModel, prompt: &ApprovalScreen, pen: &Pen<'_>, area: Rect) -> (Rect, Rect, Vec<Row>) {
-    let foot = footer(model, prompt, pen, usize::from(area.width));
-    let foot_height = u16::try_from(foot.len()).unwrap_or(u16::MAX).min(area.height.saturating_sub(2));
-    let (upper, lower) = cut(area, area.height - foot_height);
-    (upper, lower, foot)
+/// The areas of a prompt, and the rows below its text.
+struct PromptParts {
+    text: Rect,
+    /// Empty in a short window, where the live values follow the text.
+    live: Rect,
+    live_rows: Vec<Row>,
+    foot: Rect,
+    foot_rows: Vec<Row>,
 }
 
-fn visible_rows(prompt: &ApprovalScreen, look: &Look, area: Rect) -> VisibleRows {
+fn parts(model: &ConsoleModel, prompt: &ApprovalScreen, pen: &Pen<'_>, area: Rect) -> PromptParts {
+    let width = usize::from(area.width);
+    let foot_rows = footer(model, prompt, pen, width);
+    let foot_height = u16::try_from(foot_rows.len()).unwrap_or(u16::MAX).min(area.height.saturating_sub(2));
+    let (upper, foot) = cut(area, area.height - foot_height);
+    let room = area.height.saturating_sub(TEXT_ROWS_MIN) / 2;
+    let mut live_rows = live_values(prompt, width, between(pen.look));
+    // A heading without a value would say nothing.
+    live_rows.truncate(usize::from(room.saturating_sub(1)));
+    let values = u16::try_from(live_rows.len()).unwrap_or(u16::MAX);
+    let live_height = if values == 0 { 0 } else { (values + 1).min(upper.height.saturating_sub(2)) };
+    let (text, live) = cut(upper, upper.height - live_height);
+    PromptParts { text, live, live_rows, foot, foot_rows }
+}
+
+const fn between(look: &Look) -> &'static str {
+    if look.ascii() { " | " } else { " · " }
+}
+
+/// The live values without their heading, wrapped.
+fn live_values(prompt: &ApprovalScreen, width: usize, between: &str) -> Vec<Row> {
+    let values = prompt.live.get(1..).unwrap_or_default().join(between);
+    hanging(&values, LIVE, width).iter().map(|row| Row::of(ThemeRole::Text, &row.text)).collect()
+}
+
+/// In place of the numbers of lines: live values are no part of the decision and need not be read.
+const LIVE: (usize, usize) = (usize::MAX, usize::MAX);
+
+fn visible_rows(prompt: &ApprovalScreen, area: Rect, with_live: bool, between: &str) -> VisibleRows {
     let (width, room) = (usize::from(area.width), usize::from(area.height.saturating_sub(1)));
-    let mut rows = lines(prompt, width, room, if look.ascii() { " | " } else { " · " });
+    let mut rows = lines(prompt, width);
+    if with_live {
+        rows.extend(hanging(&prompt.live.join(between), LIVE, width));
+    }
     let count = rows.len();
     let first = usize::from(prompt.scroll).min(count.saturating_sub(room));
     rows.drain(..first);
@@ -70,38 +124,10 @@ fn visible_rows(prompt: &ApprovalScreen, look: &Look, area: Rect) -> VisibleRows
     VisibleRows { width, first, room, count, rows }
 }
 
-/// All lines of the decision, wrapped; continuation lines are indented. If that exceeds `room` rows, short lines
-/// share a row. Live, unsigned values come last, apart from them.
-#[must_use]
-pub fn lines(prompt: &ApprovalScreen, width: usize, room: usize, between: &str) -> Vec<TextRow> {
-    // They are not part of the decision and need not be read.
-    let none = (usize::MAX, usize::MAX);
-    let live = hanging(&prompt.live.join(between), none, width);
-    let mut rows = signed_lines(prompt, width, room.saturating_sub(live.len()), between);
-    rows.extend(live);
-    rows
-}
-
-fn signed_lines(prompt: &ApprovalScreen, width: usize, room: usize, between: &str) -> Vec<TextRow> {
+/// All lines of the decision, wrapped, each in rows of its own; continuation rows are indented.
+fn lines(prompt: &ApprovalScreen, width: usize) -> Vec<TextRow> {
     let text = prompt.text();
-    let alone = text.iter().enumerate().map(|(at, line)| (line.clone(), (at, at + 1)));
-    let wrapped: Vec<TextRow> =
-        alone.clone().flat_map(|(line, lines)| hanging(&line, lines, width)).collect();
-    if wrapped.len() <= room {
-        return wrapped;
-    }
-    let mut packed: Vec<(String, (usize, usize))> = Vec::new();
-    for (line, lines) in alone {
-        match packed.last_mut() {
-            Some((last, (_, to))) if last.width() + between.width() + line.width() <= width => {
-                last.push_str(between);
-                last.push_str(&line);
-                *to = lines.1;
-            }
-            _ => packed.push((line, lines)),
-        }
-    }
-    packed.into_iter().flat_map(|(line, lines)| hanging(&line, lines, width)).collect()
+    text.iter().enumerate().flat_map(|(at, line)| hanging(line, (at, at + 1), width)).collect()
 }
 
 fn hanging(line: &str, lines: (usize, usize), width: usize) -> Vec<TextRow> {
@@ -185,7 +211,7 @@ fn footer(model: &ConsoleModel, prompt: &ApprovalScreen, pen: &Pen<'_>, width: u
     }
     if let Some(signing) = &prompt.signing {
         let signs = match signing.what {
-            ApprovalDecision::Approve => " Sign and promote  ",
+            ApprovalDecision::Approve => " Sign  ",
             ApprovalDecision::Reject => " Sign and reject  ",
         };
         rows.extend(signing_rows(model, signing, (signs, " back to the question"), pen, width));
@@ -208,12 +234,12 @@ fn footer(model: &ConsoleModel, prompt: &ApprovalScreen, pen: &Pen<'_>, width: u
         }
     };
     rows.push(
-        named(approve, key(Action::Approve), "Promote")
+        named(approve, key(Action::Approve), "Sign")
             .and(named(reject, key(Action::Reject), "Reject"))
             .with(ThemeRole::Key, "Enter")
             .with(ThemeRole::Text, " or ")
             .with(ThemeRole::Key, &key(Action::Back))
-            .with(ThemeRole::Text, if prompt.seen.granted { " leaves it so" } else { " Hold: decide later" }),
+            .with(ThemeRole::Text, if prompt.seen.granted { " leaves it so" } else { " Later" }),
     );
     rows
 }
@@ -248,9 +274,9 @@ pub(super) fn signing_rows<W>(
     rows
 }
 
-/// Hold and the fields, with the one that has the keys marked.
+/// Later and the fields, with the one that has the keys marked.
 fn fields(prompt: &ApprovalScreen, pen: &Pen<'_>, width: usize) -> Row {
-    let mut row = button(pen, "Hold", prompt.focus == ApprovalFocus::Hold);
+    let mut row = button(pen, "Later", prompt.focus == ApprovalFocus::Later);
     if prompt.focuses().contains(&ApprovalFocus::ShortId) {
         let has = prompt.focus == ApprovalFocus::ShortId;
         row.push(if has { ThemeRole::Focus } else { ThemeRole::Muted }, "  short id ");
@@ -280,7 +306,7 @@ fn missing(model: &ConsoleModel, prompt: &ApprovalScreen, width: usize) -> Vec<R
     let rest = |all: &[DecisionObstacle]| {
         all.iter().copied().filter(|block| !both.contains(block)).collect::<Vec<_>>()
     };
-    let groups = [("First", both.clone()), ("to promote", rest(&approve)), ("to reject", rest(&reject))];
+    let groups = [("First", both.clone()), ("to sign", rest(&approve)), ("to reject", rest(&reject))];
     let parts: Vec<String> = groups
         .iter()
         .filter(|(_, blocks)| !blocks.is_empty())

@@ -117,7 +117,7 @@ pub fn stop(model: &ConsoleModel) -> Row {
         || match &model.input.overlay {
             Some(Overlay::Palette(_)) => true,
             Some(Overlay::Approval(prompt)) => {
-                prompt.focus != ApprovalFocus::Hold || prompt.signing.is_some() || prompt.dismissed.is_some()
+                prompt.focus != ApprovalFocus::Later || prompt.signing.is_some() || prompt.dismissed.is_some()
             }
             Some(Overlay::Form(form)) => {
                 (form.void.is_some() && !form.is_one_key()) || form.types() || form.signing.is_some()
@@ -275,7 +275,7 @@ fn in_prompt(model: &ConsoleModel, prompt: &ApprovalScreen) -> Vec<Action> {
         return Vec::new();
     } else if prompt.closed {
         vec![more, Some(A::Back)]
-    } else if prompt.focus != ApprovalFocus::Hold {
+    } else if prompt.focus != ApprovalFocus::Later {
         vec![Some(A::NextPane), more, Some(A::Back)]
     } else if prompt.stale.is_some() {
         vec![Some(A::Reread), more, Some(A::Back)]
@@ -331,7 +331,7 @@ fn label(model: &ConsoleModel, action: Action) -> String {
         (Action::Open, Some(Overlay::Palette(_)), _) => "runs it",
         (Action::Open, Some(_), _) => "presses the button",
         (Action::Open, None, View::Candidate) => "why",
-        (Action::Back, Some(Overlay::Approval(prompt)), _) if prompt.focus != ApprovalFocus::Hold => {
+        (Action::Back, Some(Overlay::Approval(prompt)), _) if prompt.focus != ApprovalFocus::Later => {
             "leave the field"
         }
         (Action::Back, Some(Overlay::Approval(prompt)), _) if prompt.closed || prompt.seen.granted => "close",

@@ -5,6 +5,7 @@ use holdpoint_approvals::Nonce;
 use holdpoint_protocol::approval_document::ApprovalDocument;
 use holdpoint_protocol::command::Reply;
 use holdpoint_protocol::snapshot::ApprovalRequestView;
+use holdpoint_wording::approval::LineMark;
 
 /// The lines of a request, shorter than an engine's.
 fn lines(open: &ApprovalRequestView) -> Vec<String> {
@@ -19,6 +20,7 @@ fn lines(open: &ApprovalRequestView) -> Vec<String> {
         "Without an answer it stays on hold, never approved".to_owned(),
     ];
     lines.extend(open.untested.iter().map(|what| format!("Not tested: {what}")));
+    lines.extend(open.approved_by.iter().map(|by| format!("{by} signed")));
     lines
 }
 
@@ -124,13 +126,35 @@ fn an_undelivered_request_is_not_approved() {
     assert!(decides(&console.keys("Y")));
 }
 
+/// The text names earlier signers, so the engine renders it again; the typed fields stay.
 #[test]
-fn another_approval_is_no_change_of_evidence() {
-    let mut console = TestConsole::new(0);
+fn another_approval_renders_the_request_again() {
+    let mut console = TestConsole::new(2);
     console.open_prompt();
-    let mut now = snapshot(0, 'e');
+    console.fill("aaaa", "looks right");
+    let mut now = snapshot(2, 'e');
     now.prompts[0].approved_by = vec!["bo".to_owned()];
     console.tell(MsgKind::Snapshot(Arc::new(now)));
-    // The console shows the approvers beside the request; the signed text does not contain them.
-    assert!(decides(&console.keys("Y")));
+    assert!(!decides(&console.keys("Y")));
+    assert_eq!(console.block(), Some(DecisionObstacle::Guard));
+    console.now_ms += GUARD_MS;
+    assert!(!decides(&console.keys("Y")));
+    assert_eq!(console.block(), Some(DecisionObstacle::Unread), "the line about the first signer is unread");
+    console.draw((120, 80));
+    let effects = console.keys("Y");
+    let Some(Effect::Decide { decision, .. }) = effects.first() else { panic!("{effects:?}") };
+    assert_eq!(decision.reason(), "looks right");
+    let signed = &decision.question().unwrap().lines;
+    assert!(signed.contains(&"bo signed".to_owned()), "{signed:?}");
+}
+
+/// A line that a sender added to the facts' own lines has no color of theirs.
+#[test]
+fn lines_are_marked_by_the_facts_alone() {
+    let mut console = TestConsole::new(0);
+    console.open_prompt();
+    let Some(Overlay::Approval(prompt)) = &console.model.input.overlay else { panic!("the prompt is open") };
+    assert!(!prompt.text().is_empty());
+    let marked = (0..prompt.text().len()).find(|line| prompt.mark(*line) != LineMark::Plain);
+    assert_eq!(marked, None, "these facts are no engine's");
 }

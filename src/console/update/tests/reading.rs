@@ -152,9 +152,10 @@ fn closed_request_offers_only_to_leave_it() {
             let screen = crate::frame::text_of(&console.model, &look, 120, 36);
             assert!(screen.contains("CLOSED since") && screen.contains("esc leaves"), "{screen}");
             for offer in [
-                "Promote]",
-                "Y Promote",
+                "Sign]",
+                "Y Sign",
                 "Reject",
+                "Later",
                 "read it again",
                 "short id",
                 "Passphrase",
