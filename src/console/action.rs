@@ -111,6 +111,10 @@ actions! {
     CommandLine = "command-line", Everywhere, [":"];
     /// Filter this list, or find in one that hides nothing
     Filter = "filter", Everywhere, ["/"];
+    /// What each key of this console did, with the engine's answers
+    KeyLog = "log", Everywhere, ["L"];
+    /// Undo the last shelving, hold, mark or goal of this console, with a reason where its reverse needs one
+    Undo = "undo", Everywhere, ["U"];
     /// Back one step; close undecided
     Back = "back", Everywhere, ["esc"];
     /// Submit the next demonstration candidate
@@ -151,6 +155,8 @@ actions! {
     NextPane = "next-pane", Lists, ["tab"];
     /// Previous pane
     PreviousPane = "previous-pane", Lists, ["backtab"];
+    /// List only running, waiting, held, rejected or own versions: the next of these, then all
+    StateFilter = "state-filter", Lists, ["i"];
     /// Sort by the next column
     Sort = "sort", Lists, ["s"];
     /// Reverse the order
@@ -273,6 +279,25 @@ impl Action {
         )
     }
 
+    /// Whether it only moves the cursor.
+    #[must_use]
+    pub const fn moves_cursor(self) -> bool {
+        matches!(
+            self,
+            Self::Up
+                | Self::Down
+                | Self::Left
+                | Self::Right
+                | Self::PageUp
+                | Self::PageDown
+                | Self::Top
+                | Self::Bottom
+                | Self::NextPane
+                | Self::PreviousPane
+                | Self::FindNext
+        )
+    }
+
     /// Whether it works while text is typed, given a key with a modifier.
     #[must_use]
     pub const fn works_while_typing(self) -> bool {
@@ -302,6 +327,7 @@ impl Action {
             | Self::Shelve
             | Self::Unshelve
             | Self::ResetAlarm
+            | Self::Undo
             | Self::Approve
             | Self::Reject => true,
             // Every user who sees the screen may stop.
@@ -318,6 +344,8 @@ impl Action {
             | Self::Help
             | Self::CommandLine
             | Self::Filter
+            | Self::StateFilter
+            | Self::KeyLog
             | Self::Back
             | Self::Tour
             | Self::NextTheme

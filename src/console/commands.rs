@@ -2,19 +2,21 @@
 
 use super::action::Action;
 use super::palette::best;
+use super::state_filter::StateFilter;
 use holdpoint_body::disturbance::{Drift, DriftKind, Magnitude, UnknownName};
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::profile::ProfileName;
 use holdpoint_protocol::command::PACE_ALLOWED;
 
 /// A command with an argument: name, argument, help.
-pub const WITH_ARGUMENT: [(&str, &str, &str); 13] = [
+pub const WITH_ARGUMENT: [(&str, &str, &str); 14] = [
     ("as", "NAME", "Use this identity"),
     ("candidate", "VERSION", "Show a version in full"),
     ("close", "PROFILE", "Block the version under the cursor for a profile, reason required"),
     ("demo", "[NAME]", "Submit a demonstration candidate: the next one, or this one"),
     ("drift", "KIND MAGNITUDE | off", "Start a drift of the simulated cell, or end it"),
     ("export", "", "Export this view as text and JSON"),
+    ("filter", "NAME", "List only running, waiting, held, rejected or own versions, or all"),
     ("goal", "GOAL", "Set the goal of the agent of the live cell, reason required"),
     ("confirm-time", "", "Confirm the machine's time after a clock mismatch; nothing is activated before"),
     ("note", "[TEXT]", "Leave a note for the next shift: on record, and marked in Health"),
@@ -33,6 +35,8 @@ pub enum ConsoleCommand {
     Register(String),
     As(String),
     Theme(String),
+    /// Which versions the overview and the registry list.
+    StateFilter(StateFilter),
     /// A pace; absent for as fast as it computes.
     Pace(Option<f64>),
     /// Show the current pace.
@@ -64,7 +68,7 @@ impl ConsoleCommand {
             | Self::Goal(_)
             | Self::ConfirmTime
             | Self::Note(_) => true,
-            Self::As(_) | Self::Theme(_) | Self::Candidate(_) | Self::PaceNow => false,
+            Self::As(_) | Self::Theme(_) | Self::StateFilter(_) | Self::Candidate(_) | Self::PaceNow => false,
         }
     }
 }
@@ -86,6 +90,7 @@ pub fn parse(text: &str) -> Result<ConsoleCommand, String> {
         "as" => {
             needs("the name of an identity; `holdpoint identity list` shows them").map(ConsoleCommand::As)
         }
+        "filter" if !rest.is_empty() => state_filter(rest),
         "theme" => needs("a name; tab shows them").map(ConsoleCommand::Theme),
         "pace" if rest.is_empty() => Ok(ConsoleCommand::PaceNow),
         "pace" => pace(rest).map(ConsoleCommand::Pace),
@@ -130,6 +135,13 @@ pub fn pace(text: &str) -> Result<Option<f64>, String> {
 fn profile(name: &str, block: bool) -> Result<ConsoleCommand, String> {
     let parsed = name.parse::<ProfileName>();
     parsed.map(|profile| ConsoleCommand::Profile(profile, block)).map_err(|error| error.to_string())
+}
+
+fn state_filter(name: &str) -> Result<ConsoleCommand, String> {
+    StateFilter::parse(name).map(ConsoleCommand::StateFilter).ok_or_else(|| {
+        let known = StateFilter::ALL.map(StateFilter::name).join(", ");
+        format!("there is no filter {name:?}; there are {known}")
+    })
 }
 
 fn drift(text: &str) -> Result<ConsoleCommand, String> {
@@ -196,12 +208,14 @@ pub fn complete(typed: &str, known: &KnownNames<'_>) -> Vec<String> {
     let profiles = ProfileName::ALL.map(|profile| profile.name().to_owned());
     let owned = |values: &[&str]| values.iter().map(|value| (*value).to_owned()).collect::<Vec<_>>();
     let (goals, paces, drifts) = (owned(&GOALS), owned(&PACES), drifts());
+    let filters = owned(&StateFilter::ALL.map(StateFilter::name));
     let arguments: &[String] = match command {
         "as" => known.people,
         "theme" => known.themes,
         "candidate" => known.versions,
         "demo" => &demos,
         "close" | "open" => &profiles,
+        "filter" => &filters,
         "goal" => &goals,
         "pace" => &paces,
         "drift" => &drifts,
@@ -232,6 +246,9 @@ mod tests {
             ("drift off", ConsoleCommand::Drift(None)),
             ("goal align", ConsoleCommand::Goal("align".to_owned())),
             ("confirm-time", ConsoleCommand::ConfirmTime),
+            ("filter", ConsoleCommand::Action(Action::Filter)),
+            ("filter held", ConsoleCommand::StateFilter(StateFilter::Held)),
+            ("log", ConsoleCommand::Action(Action::KeyLog)),
             ("note", ConsoleCommand::Note(String::new())),
             ("note the tray is new", ConsoleCommand::Note("the tray is new".to_owned())),
             ("close human", ConsoleCommand::Profile(ProfileName::Human, true)),
@@ -254,6 +271,7 @@ mod tests {
             ("as", "needs"),
             ("goal", "needs a goal"),
             ("drift strong", "allowed are"),
+            ("filter moon", "running, waiting, held"),
             ("close", "needs a profile"),
             ("close moon", "moon"),
             ("alarms now", "takes nothing"),
@@ -276,6 +294,7 @@ mod tests {
         let known = KnownNames { versions: &versions, ..known };
         assert_eq!(complete("candidate pl", &known), ["candidate place@1.0.0", "candidate place@1.1.0"]);
         assert_eq!(complete("pace m", &known), ["pace max"]);
+        assert_eq!(complete("filter r", &known), ["filter running", "filter rejected"]);
         assert_eq!(path_of("register a/b"), Some("a/b"));
         assert_eq!(path_of("registry"), None);
         for line in complete("drift ", &known).into_iter().chain(complete("goal ", &known)) {

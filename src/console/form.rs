@@ -331,13 +331,10 @@ impl ConfirmedOperation {
         self.command
     }
 
-    /// The version it is about, if it names one alone.
+    /// As [`Self::into_command`], to read.
     #[must_use]
-    pub const fn version(&self) -> Option<&CapabilityId> {
-        match &self.command {
-            Command::Reject(operation) | Command::Pause(operation) => Some(&operation.version),
-            _ => None,
-        }
+    pub const fn command(&self) -> &Command {
+        &self.command
     }
 
     /// Whether it gives or widens authority, which requires a signature where the engine asks for one.

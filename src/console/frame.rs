@@ -74,6 +74,10 @@ fn paint(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
         Some(Overlay::Why(screen)) => views::why::draw(model, screen, pen, body),
         Some(Overlay::Film(watched)) => views::film::draw(watched, pen, body),
         Some(Overlay::Replay(replay)) => super::replay::frame::draw(replay, pen.look, body, pen.buf),
+        Some(Overlay::KeyLog(row)) => {
+            let body = under(model, pen, body);
+            views::key_log::draw(model, *row, pen, body);
+        }
         None => {
             under(model, pen, body);
         }
@@ -107,7 +111,7 @@ pub fn decision_on_screen(model: &ConsoleModel, look: &Look, area: Rect) -> Opti
             let area = if fit == Fit::Tiny { body } else { view_area(model, body) };
             Some(views::form::on_screen(model, form, &pen, area))
         }
-        Overlay::Palette(_) | Overlay::Why(_) | Overlay::Film(_) | Overlay::Replay(_) => None,
+        Overlay::Palette(_) | Overlay::Why(_) | Overlay::Film(_) | Overlay::Replay(_) | Overlay::KeyLog(_) => None,
     }
 }
 

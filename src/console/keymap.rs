@@ -165,7 +165,7 @@ impl Keymap {
     #[must_use]
     pub fn keys(&self, action: Action) -> Vec<String> {
         let map = if action.scope() == Scope::Prompt { &self.prompt } else { &self.general };
-        let format = KeyCombinationFormat::default().with_lowercase_modifiers().with_implicit_shift();
+        let format = written_format();
         let mut keys: Vec<String> = map
             .iter()
             .filter(|(_, bound)| **bound == action)
@@ -186,6 +186,16 @@ impl Keymap {
     pub fn key(&self, action: Action) -> String {
         self.keys(action).into_iter().next().unwrap_or_default()
     }
+}
+
+/// A key as hints and the keymap file write it.
+#[must_use]
+pub fn written(key: KeyEvent) -> String {
+    key_label(normal(key), &written_format())
+}
+
+fn written_format() -> KeyCombinationFormat {
+    KeyCombinationFormat::default().with_lowercase_modifiers().with_implicit_shift()
 }
 
 fn key_label(key: KeyCombination, format: &KeyCombinationFormat) -> String {

@@ -26,6 +26,7 @@ pub mod replay;
 pub mod rows;
 pub mod run;
 pub mod secret;
+pub mod state_filter;
 pub mod terminal;
 pub mod theme;
 mod trend;

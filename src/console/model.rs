@@ -6,8 +6,10 @@ mod engine_data;
 mod engine_requests;
 mod framing;
 mod input_state;
+mod key_log;
 mod order;
 mod stage_progress;
+mod undo;
 mod view_state;
 
 use std::collections::VecDeque;
@@ -20,8 +22,10 @@ pub use engine_data::{
 pub use engine_requests::{EngineRequests, PendingRequest, RequestSubject};
 pub use framing::Framing;
 pub use input_state::{CompletionMenu, FilmScreen, InputState, Overlay, Typing, WhyScreen};
+pub use key_log::{KEY_LOG_MAX, KeyLog, KeyLogEntry};
 pub use order::{SortBy, SortOrder};
 pub use stage_progress::StageProgress;
+pub use undo::{UndoChange, UndoList, UndoableAction};
 pub use view_state::{
     EVENT_LOG_PANE, FrozenView, HEALTH_WIDTH, HISTORY_PANE, HealthViewState, ItemKey, ListCursor,
     MONITORS_PANE, OpenedRecord, View, ViewState,
@@ -87,6 +91,8 @@ pub struct ConsoleModel {
     pub input: InputState,
     pub session: OperatorSession,
     pub notice: Option<ConsoleNotice>,
+    pub key_log: KeyLog,
+    pub undo: UndoList,
     pub settings: ConsoleSettings,
     /// The store as a shell command names it, quoted; absent if it is the default store.
     pub data: Option<String>,
@@ -109,6 +115,8 @@ impl ConsoleModel {
             input: InputState::default(),
             session: OperatorSession::default(),
             notice: None,
+            key_log: KeyLog::default(),
+            undo: UndoList::default(),
             settings,
             data: None,
             keymap,

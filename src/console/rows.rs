@@ -5,6 +5,7 @@ use std::fmt::Write as _;
 use super::audit::{self, AuditGroup, AuditItem};
 use super::formatters::state_label;
 use super::model::{ConsoleModel, EVENT_LOG_PANE, EventLogLine, HISTORY_PANE, ItemKey, MONITORS_PANE, View};
+use super::state_filter::StateFilterFacts;
 use holdpoint_governance::alarms::{AlarmState, Priority};
 use holdpoint_governance::behavior::component_of;
 use holdpoint_governance::condition::Condition;
@@ -158,12 +159,14 @@ impl ConsoleModel {
     pub fn registry_rows(&self) -> Vec<RegistryItem<'_>> {
         let mut sieve =
             RowFilter::new(if self.view_state.view == View::Registry { self.filter() } else { "" });
+        let facts = StateFilterFacts::of(self);
         let listing = &self.engine_data.registry;
         let all = &listing.page.rows;
         let ordered = listing.places.iter().filter_map(|place| all.get(*place));
         let as_it_comes = if listing.places.is_empty() { &all[..] } else { &[] };
         let rows: Vec<&VersionSummary> = ordered
             .chain(as_it_comes)
+            .filter(|row| self.is_listed(&facts, &row.version, row.state, &row.flags, &row.author))
             // Words are made only for a filter: each frame asks for every row.
             .filter(|row| {
                 sieve.takes_all()
@@ -244,10 +247,12 @@ impl ConsoleModel {
         let Some(snapshot) = &self.engine_data.snapshot else { return Vec::new() };
         let mut sieve =
             RowFilter::new(if self.view_state.view == View::Overview { self.filter() } else { "" });
+        let facts = StateFilterFacts::of(self);
         let mut rows: Vec<(CandidateRank, usize, &CandidateView)> = snapshot
             .candidates
             .iter()
             .enumerate()
+            .filter(|(_, row)| self.is_listed(&facts, &row.version, row.state, &row.flags, &row.author))
             .filter(|(_, row)| sieve.fits(&[&row.version, &row.author, &state_text(row.state, &row.flags)]))
             .map(|(place, row)| match CandidateRank::of(row) {
                 CandidateRank::Queued => (CandidateRank::Queued, place, row),

@@ -10,6 +10,7 @@ mod engine_updates;
 mod find_in_view;
 mod health;
 mod identity_offer;
+mod key_log;
 mod mouse;
 mod navigation;
 mod operations;
@@ -17,6 +18,7 @@ mod overlays;
 mod recording;
 mod selection;
 mod text_entry;
+mod undo;
 mod why;
 
 use ratatui::crossterm::event::{KeyCode, KeyEvent, KeyEventKind, KeyModifiers};
@@ -29,6 +31,7 @@ use super::form::DismissedForm;
 use super::model::{ConsoleModel, ConsoleNotice, FrozenView, NOTICE_BYTE_MS, NOTICE_MS, Overlay, View};
 use super::msg::{Msg, MsgKind};
 use super::palette::Palette;
+use super::state_filter::StateFilter;
 use holdpoint_text::Hint as _;
 
 /// Halvings of a chart's range at most.
@@ -86,7 +89,7 @@ fn take_in(model: &mut ConsoleModel, msg: Msg) -> Vec<Effect> {
     }
     match msg.what {
         MsgKind::Key(key) if key.kind == KeyEventKind::Release => Vec::new(),
-        MsgKind::Key(key) => on_key(model, key),
+        MsgKind::Key(key) => key_log::note(model, key, on_key),
         MsgKind::Paste(text) => {
             overlays::guard_again(model);
             text_entry::paste(model, &text)
@@ -161,7 +164,7 @@ fn take_in(model: &mut ConsoleModel, msg: Msg) -> Vec<Effect> {
             match &mut model.input.overlay {
                 Some(Overlay::Approval(prompt)) => prompt.mark_read(&visible),
                 Some(Overlay::Form(form)) => form.mark_read(&visible),
-                Some(Overlay::Palette(_) | Overlay::Why(_) | Overlay::Film(_) | Overlay::Replay(_))
+                Some(Overlay::Palette(_) | Overlay::Why(_) | Overlay::Film(_) | Overlay::Replay(_) | Overlay::KeyLog(_))
                 | None => {}
             }
             Vec::new()
@@ -188,6 +191,7 @@ fn take_in(model: &mut ConsoleModel, msg: Msg) -> Vec<Effect> {
 /// Shows a sentence in the status line.
 fn show_message(model: &mut ConsoleModel, text: impl Into<String>, bad: bool) {
     let text = text.into();
+    model.key_log.note_text(&text, bad);
     // A long answer takes longer to read.
     let reading_ms = u64::try_from(text.len()).unwrap_or(u64::MAX).saturating_mul(NOTICE_BYTE_MS);
     let until_ms = model.now_ms.saturating_add(reading_ms.max(NOTICE_MS));
@@ -214,6 +218,7 @@ fn on_key(model: &mut ConsoleModel, key: KeyEvent) -> Vec<Effect> {
         Some(Overlay::Why(_)) => why::why_key(model, key, action),
         Some(Overlay::Film(_)) => why::film_key(model, key, action),
         Some(Overlay::Replay(_)) => recording::key(model, key, action),
+        Some(Overlay::KeyLog(_)) => key_log::log_key(model, action),
         None => {
             if belongs_to_refused_form(model, key, action) {
                 return Vec::new();
@@ -237,6 +242,7 @@ fn belongs_to_refused_form(model: &mut ConsoleModel, key: KeyEvent, action: Opti
 /// Carries out an action in this view. If the action asks for a reason and no form opened for it, letters go nowhere
 /// for a moment: they may be the reason.
 fn act(model: &mut ConsoleModel, action: Action) -> Vec<Effect> {
+    model.key_log.note_action(action);
     let effects = carry_out(model, action);
     if action.asks_for_reason() && model.input.overlay.is_none() {
         model.input.refused_form = Some(DismissedForm::new(String::new(), model.now_ms));
@@ -281,6 +287,9 @@ fn carry_out(model: &mut ConsoleModel, action: Action) -> Vec<Effect> {
         }
         Action::CommandLine => text_entry::begin_command(model),
         Action::Filter => text_entry::begin_filter(model),
+        Action::StateFilter => navigation::next_state_filter(model),
+        Action::KeyLog => key_log::open(model),
+        Action::Undo => undo::undo(model),
         Action::Back => back(model),
         Action::Detach => operations::detach(model),
         Action::Quit => operations::quit(model),
@@ -434,6 +443,9 @@ fn back(model: &mut ConsoleModel) -> Vec<Effect> {
     }
     if model.view_state.set_filter(String::new()) {
         return engine_requests::refresh_now(model);
+    }
+    if model.view_state.lists_versions() && model.view_state.state_filter != StateFilter::All {
+        return navigation::filter_by_state(model, StateFilter::All);
     }
     match model.view_state.back.pop() {
         Some(view) => {

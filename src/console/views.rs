@@ -14,6 +14,7 @@ pub mod film;
 pub mod form;
 pub mod health;
 pub mod hints;
+pub mod key_log;
 pub mod menu;
 pub mod no_engine;
 pub mod overview;
@@ -32,6 +33,7 @@ mod watched;
 pub mod why;
 
 use ratatui::layout::Rect;
+use unicode_width::{UnicodeWidthChar as _, UnicodeWidthStr as _};
 
 use super::action::Action;
 use super::formatters::seconds;
@@ -42,6 +44,7 @@ use super::widgets::list::GUTTER;
 use super::widgets::pen::{Pen, below};
 use super::widgets::row::{Row, safe, wrap};
 use holdpoint_governance::lifecycle::{State, VersionFlags};
+use holdpoint_text::WIDTH_MAX;
 
 /// Foreign text on one line of at most `width` columns.
 #[must_use]
@@ -82,6 +85,35 @@ pub fn state_row(state: State, flags: &VersionFlags, room: usize, look: &Look) -
         format!("{} {name}", look.glyph(mark.glyph))
     };
     Row::of(mark.role, &last(mark)).with(beside.role, &format!(" {}", last(beside)))
+}
+
+/// Text on one line of at most `width` columns; a longer one loses its middle, so that the ends of a version's name stay.
+#[must_use]
+pub fn cut_middle(text: &str, width: usize) -> String {
+    let text = safe(text, WIDTH_MAX);
+    if text.width() <= width {
+        return text;
+    }
+    let Some(room) = width.checked_sub(1) else { return String::new() };
+    let within = |columns: usize, signs: &mut dyn Iterator<Item = char>| {
+        let mut taken = 0;
+        signs
+            .take_while(|sign| {
+                taken += sign.width().unwrap_or(0);
+                taken <= columns
+            })
+            .collect::<Vec<char>>()
+    };
+    let head = within(room.div_ceil(2), &mut text.chars());
+    let tail = within(room / 2, &mut text.chars().rev());
+    head.into_iter().chain(['…']).chain(tail.into_iter().rev()).collect()
+}
+
+/// The name of a version with what stands behind it. A name without room loses its middle; what stands behind stays whole.
+#[must_use]
+pub fn named(name: &str, behind: Row, width: usize) -> Row {
+    let room = width.saturating_sub(behind.width() + 2);
+    Row::of(ThemeRole::Title, &cut_middle(name, room)).with(ThemeRole::Text, "  ").and(behind)
 }
 
 /// An area without the columns of the cursor's mark.
@@ -129,4 +161,27 @@ pub fn window(pen: &mut Pen<'_>, area: Rect, width_max: u16, height: u16, title:
         pen.row(Rect { x: inner.right() - taken, width: taken, ..inner }, 0, &place);
     }
     Rect { y: frame.y + 1, height: height - 2, ..inner }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_long_name_loses_its_middle_and_its_state_stays() {
+        let name = format!("grasp@1.4.0-rc.{}", "7".repeat(45));
+        assert_eq!(name.len(), 60);
+        for width in 0..=70 {
+            let cut = cut_middle(&name, width);
+            assert!(cut.width() <= width, "{width}: {cut}");
+            assert_eq!(cut == name, width >= 60, "{width}: {cut}");
+        }
+        assert_eq!(cut_middle("grasp@1.4.0", 7), "gra…4.0");
+        assert_eq!(cut_middle("漢字漢字", 5), "漢…字");
+        for width in [24, 38, 46, 60, 78, 118] {
+            let row = named(&name, Row::of(ThemeRole::Running, "o active, provisional"), width);
+            let text: String = row.parts().map(|(text, _)| text).collect();
+            assert!(row.width() <= width.max(23) && text.ends_with("  o active, provisional"), "{text}");
+        }
+    }
 }

@@ -2,6 +2,8 @@
 
 use std::collections::BTreeMap;
 
+use super::undo::UndoChange;
+
 /// The subject of a request of this console.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum RequestSubject {
@@ -42,6 +44,8 @@ pub struct PendingRequest {
     pub about: RequestSubject,
     /// The operation as a refusal repeats it; empty for the console's own queries.
     pub what: String,
+    /// What it does to the actions that can be undone, once it is accepted.
+    pub undo: Option<UndoChange>,
 }
 
 /// See the module's head.

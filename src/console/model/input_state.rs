@@ -22,6 +22,8 @@ pub enum Overlay {
     Film(Box<FilmScreen>),
     /// The replay of a recording.
     Replay(Box<ReplayModel>),
+    /// What each key did, with the row under the cursor.
+    KeyLog(usize),
 }
 
 /// The explanation on the screen, and how far it is scrolled.

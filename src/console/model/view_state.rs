@@ -4,6 +4,7 @@ use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::sync::Arc;
 
 use super::engine_data::EventLogLine;
+use crate::state_filter::StateFilter;
 
 use holdpoint_governance::ids::{CapabilityId, Family};
 use holdpoint_protocol::health::{BUCKET_MS_MAX, BUCKET_WIDTHS_MS};
@@ -168,6 +169,8 @@ pub struct ViewState {
     pub slipped_ms: Option<u64>,
     /// The filter of each view; empty for none.
     pub filters: BTreeMap<View, String>,
+    /// Which versions the overview and the registry list.
+    pub state_filter: StateFilter,
     /// The filter of the event log beside the overview; empty for none.
     pub event_log_filter: String,
     /// The last search text, in a list without a filter.

@@ -3,7 +3,8 @@
 //! Applies the same rules as the key itself. Must change nothing.
 
 use super::{
-    ZOOM_MAX, brakes, cell_restart, means_something, navigation, operations, selection, works_without_engine,
+    ZOOM_MAX, brakes, cell_restart, means_something, navigation, operations, selection, undo,
+    works_without_engine,
 };
 use crate::action::Action;
 use crate::model::{ConsoleModel, View};
@@ -62,6 +63,10 @@ impl<'a> ActionAvailability<'a> {
                 alarm.and_then(|alarm| selection::takes(alarm, action))
             }
             A::Sort | A::SortReverse => navigation::unsorted(model).map_or(Ok(()), |why| Err(why.to_owned())),
+            A::StateFilter => {
+                navigation::not_filtered_by_state(model).map_or(Ok(()), |why| Err(why.to_owned()))
+            }
+            A::Undo if model.undo.last().is_none() => Err(undo::NOTHING.to_owned()),
             A::FindNext if model.view_state.search.is_empty() => {
                 Err("nothing was searched for yet".to_owned())
             }

@@ -1,10 +1,11 @@
 //! The console's queries to the engine: on entering a view, and again after a change.
 
-use super::{health, operations, overlays, show_message};
+use super::{health, operations, overlays, show_message, undo};
 use crate::audit::AuditGroup;
 use crate::effect::{Effect, EngineQuery};
 use crate::model::{
-    ConsoleModel, EngineState, HISTORY_PANE, Overlay, PendingRequest, PendingStop, RequestSubject, View,
+    ConsoleModel, EngineState, HISTORY_PANE, Overlay, PendingRequest, PendingStop, RequestSubject,
+    UndoChange, View,
 };
 use holdpoint_governance::record::VersionGroup;
 use holdpoint_text::Hint as _;
@@ -36,7 +37,10 @@ pub(super) fn request(model: &mut ConsoleModel, about: RequestSubject, what: Str
 fn add_pending(model: &mut ConsoleModel, about: RequestSubject, what: String) -> String {
     let id = format!("console-{}", model.requests.next_request);
     model.requests.next_request += 1;
-    model.requests.pending.insert(id.clone(), PendingRequest { about, what });
+    if !what.is_empty() {
+        model.key_log.note_request(&id);
+    }
+    model.requests.pending.insert(id.clone(), PendingRequest { about, what, undo: None });
     id
 }
 
@@ -96,9 +100,18 @@ pub(super) fn request_approval_text(model: &mut ConsoleModel) -> Vec<Effect> {
     vec![Effect::Ask { id, question }]
 }
 
+/// Notes what a request does to the actions that can be undone.
+pub(super) fn note_undo(model: &mut ConsoleModel, id: &str, change: Option<UndoChange>) {
+    if let Some(pending) = model.requests.pending.get_mut(id) {
+        pending.undo = change;
+    }
+}
+
 /// Sends a query, which decides nothing.
 pub(super) fn send_query(model: &mut ConsoleModel, what: String, question: EngineQuery) -> Vec<Effect> {
-    request(model, question.about(), what).map(|id| Effect::Ask { id, question }).into_iter().collect()
+    let Some(id) = request(model, question.about(), what) else { return Vec::new() };
+    note_undo(model, &id, undo::change_of_query(&question));
+    vec![Effect::Ask { id, question }]
 }
 
 /// Requests the view's data, even without a change.

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use super::{cell_restart, engine_requests, operations, overlays, show_message, why};
+use super::{cell_restart, engine_requests, operations, overlays, show_message, undo, why};
 use crate::effect::{Effect, EngineQuery};
 use crate::model::{
     ConsoleModel, EngineLink, EngineState, EventLogLine, LOG_MAX, Overlay, RequestSubject, StageProgress,
@@ -76,6 +76,7 @@ pub(super) fn attached(
         model.engine_data.attached_ms = Some(model.now_ms);
         model.requests.pending.clear();
         model.requests.changes_at_query.clear();
+        model.key_log.lost("no answer: the engine was lost, and whether it was carried out is unknown");
         let (lost, now) = if is_same {
             let lost = "the connection to the engine was lost";
             (lost, "the engine kept running, and this console is attached to it again")
@@ -227,7 +228,13 @@ pub(super) fn answer(model: &mut ConsoleModel, id: &str, reply: Reply) -> Vec<Ef
     let stays_in_sight = stop_answered(model, id, &reply);
     let pending = model.requests.pending.remove(id);
     let about = pending.as_ref().map(|pending| pending.about);
-    let what = pending.map(|pending| pending.what).unwrap_or_default();
+    let (what, change) = pending.map(|pending| (pending.what, pending.undo)).unwrap_or_default();
+    if let (Reply::Accepted { .. }, Some(change)) = (&reply, change) {
+        undo::accepted(model, change);
+    }
+    if let Some((text, refused)) = reply_text(&reply) {
+        model.key_log.answered(id, &text, refused);
+    }
     match reply {
         _ if stays_in_sight => Vec::new(),
         Reply::Accepted { text, .. } | Reply::Stopped { text, kept: StopPersistence::OnRecord } => {
@@ -314,6 +321,25 @@ pub(super) fn answer(model: &mut ConsoleModel, id: &str, reply: Reply) -> Vec<Ef
                 Vec::new()
             }
         }
+    }
+}
+
+/// The sentence of an answer, and whether it refuses or warns; absent for data.
+fn reply_text(reply: &Reply) -> Option<(String, bool)> {
+    match reply {
+        Reply::Accepted { text, .. } => Some((text.clone(), false)),
+        Reply::Stopped { text, kept } => Some((text.clone(), *kept != StopPersistence::OnRecord)),
+        Reply::Refused { text, hint, .. } => {
+            Some((Problem::from((text.clone(), hint.clone())).sentence(), true))
+        }
+        Reply::Verified { verified } => Some((verified.text.clone(), !verified.holds)),
+        Reply::Snapshot { .. }
+        | Reply::Question { .. }
+        | Reply::Detail { .. }
+        | Reply::Film { .. }
+        | Reply::Registry { .. }
+        | Reply::Audit { .. }
+        | Reply::Health { .. } => None,
     }
 }
 

@@ -1,12 +1,14 @@
-//! Moves the cursor to the typed text, in views without a filter.
+//! Moves the cursor to the typed text: while it is typed in views without a filter, and to the next match in every list.
 
 use super::navigation::set_row;
 use super::refuse;
-use crate::audit;
+use crate::audit::{self, AuditItem};
 use crate::effect::Effect;
+use crate::formatters::state_label;
 use crate::model::{ConsoleModel, HISTORY_PANE, OpenedRecord, Typing, View};
-use crate::rows::search_text;
+use crate::rows::{RegistryItem, search_text};
 use holdpoint_protocol::health::AlarmEpisode;
+use holdpoint_protocol::snapshot::CandidateView;
 use holdpoint_wording::notice;
 
 /// Moves the cursor to the next row that contains the typed text, from its place and then from the top. It stays if
@@ -31,7 +33,7 @@ pub(super) fn look(model: &mut ConsoleModel) {
 pub(super) fn next(model: &mut ConsoleModel) -> Vec<Effect> {
     let search = model.view_state.search.clone();
     if search.is_empty() {
-        return refuse(model, "nothing was searched for yet; / begins a search in a list that hides nothing");
+        return refuse(model, "nothing was searched for yet; / begins a search");
     }
     let needle = search.to_lowercase();
     let is_in = |text: &String| text.to_lowercase().contains(&needle);
@@ -85,6 +87,31 @@ fn texts(model: &ConsoleModel) -> Vec<String> {
         View::Approvals => model.waiting_rows().iter().map(|row| row.version().to_string()).collect(),
         View::Candidate => model.candidate_rows(model.view_state.pane()).iter().map(search_text).collect(),
         View::Shadow => model.disagreement_rows().iter().map(|row| row.text.clone()).collect(),
-        View::Overview | View::Registry | View::Audit => Vec::new(),
+        View::Overview if model.view_state.is_in_event_log() => {
+            model.event_log_rows().iter().map(|line| line.text.clone()).collect()
+        }
+        View::Overview => {
+            let text = |row: &&CandidateView| {
+                format!("{} {} {}", row.version, row.author, state_label(row.state, &row.flags))
+            };
+            model.pipeline_rows().iter().map(text).collect()
+        }
+        View::Registry => {
+            let text = |row: &RegistryItem<'_>| match row {
+                RegistryItem::Family { family, .. } => family.to_string(),
+                RegistryItem::Version(row) => {
+                    format!("{} {} {}", row.version, row.author, state_label(row.state, &row.flags))
+                }
+            };
+            model.registry_rows().iter().map(text).collect()
+        }
+        View::Audit => {
+            let text = |row: &AuditItem<'_>| {
+                let record = row.record;
+                let said = audit::sentence(record);
+                format!("{} {} {} {said}", record.kind, record.subject, record.body)
+            };
+            model.audit_rows().iter().map(text).collect()
+        }
     }
 }

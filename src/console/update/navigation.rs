@@ -5,10 +5,12 @@ use crate::action::Action;
 use crate::approval_screen::ApprovalScreen;
 use crate::audit;
 use crate::effect::Effect;
+use crate::form::NO_IDENTITY_TEXT;
 use crate::model::{
     ConsoleModel, EVENT_LOG_PANE, HISTORY_PANE, ListCursor, OpenedRecord, Overlay, SortOrder, View,
 };
 use crate::rows::{PendingApprovalItem, RegistryItem};
+use crate::state_filter::StateFilter;
 use holdpoint_governance::ids::Family;
 use holdpoint_protocol::snapshot::AlarmView;
 use holdpoint_wording::notice;
@@ -119,6 +121,37 @@ pub(super) fn sort(model: &mut ConsoleModel, action: Action) -> Vec<Effect> {
     let order = if sort.reversed { ", turned round" } else { "" };
     super::show_message(model, format!("sorted by {}{order}", sort.by.label()), false);
     Vec::new()
+}
+
+/// Lists the versions of the next filter by state.
+pub(super) fn next_state_filter(model: &mut ConsoleModel) -> Vec<Effect> {
+    if let Some(why) = not_filtered_by_state(model) {
+        return refuse(model, why);
+    }
+    filter_by_state(model, model.view_state.state_filter.next())
+}
+
+/// Lists the versions that a filter by state takes, in the overview and the registry.
+pub(super) fn filter_by_state(model: &mut ConsoleModel, filter: StateFilter) -> Vec<Effect> {
+    model.view_state.state_filter = filter;
+    let text = match filter {
+        StateFilter::All => "overview and registry list every version".to_owned(),
+        StateFilter::Mine if model.session.operator.is_none() => {
+            format!("{NO_IDENTITY_TEXT}: no version is known to be yours")
+        }
+        StateFilter::Mine => {
+            "overview and registry list the versions that you submitted or that wait for you".to_owned()
+        }
+        _ => format!("overview and registry list {} versions alone", filter.name()),
+    };
+    super::show_message(model, text, false);
+    Vec::new()
+}
+
+/// Why the list that has the keys is not filtered by state; absent if it is.
+pub(super) fn not_filtered_by_state(model: &ConsoleModel) -> Option<&'static str> {
+    let is_filtered = model.view_state.lists_versions();
+    (!is_filtered).then_some("only the overview's pipeline and the registry are filtered by state")
 }
 
 /// Why the view's list cannot be sorted; absent if it can.

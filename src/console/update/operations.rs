@@ -1,6 +1,6 @@
 //! Operations on versions and alarms: the form to open, or why it is refused.
 
-use super::{cell_restart, engine_requests, identity_offer, overlays, refuse, selection, show_message};
+use super::{cell_restart, engine_requests, identity_offer, overlays, refuse, selection, show_message, undo};
 use crate::action::Action;
 use crate::approval_screen::ApprovalScreen;
 use crate::effect::{Effect, EngineQuery};
@@ -12,6 +12,7 @@ use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::lifecycle::{State, VersionFlags};
 use holdpoint_governance::profile::ProfileName;
 use holdpoint_governance::wall_time::WallTime;
+use holdpoint_protocol::command::Command;
 use holdpoint_protocol::snapshot::AlarmView;
 use holdpoint_text::Hint as _;
 
@@ -27,9 +28,11 @@ pub(super) fn carry_out(model: &mut ConsoleModel, confirmed: Vec<ConfirmedOperat
         else {
             break;
         };
+        let change = undo::change(model, one.command());
+        engine_requests::note_undo(model, &id, change);
         let passphrase = overlays::leave_form(model, &id);
-        if let Some(version) = one.version() {
-            model.view_state.marked_versions.remove(version);
+        if let Command::Reject(operation) | Command::Pause(operation) = one.command() {
+            model.view_state.marked_versions.remove(&operation.version);
         }
         effects.push(Effect::Operate { id, confirmed: Box::new(one), passphrase });
     }
@@ -153,7 +156,7 @@ fn register_lines() -> Vec<String> {
     vec!["It is registered and evaluated beside the active version; it acts only after its gate".to_owned()]
 }
 
-fn alarm_now<'a>(model: &'a ConsoleModel, name: &str) -> Result<&'a AlarmView, String> {
+pub(super) fn alarm_now<'a>(model: &'a ConsoleModel, name: &str) -> Result<&'a AlarmView, String> {
     let alarms = model.engine_data.snapshot.as_ref().map_or(&[][..], |snapshot| &snapshot.alarms);
     alarms.iter().find(|alarm| alarm.alarm == name).ok_or_else(|| "the alarm is normal again".to_owned())
 }

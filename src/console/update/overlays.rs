@@ -183,6 +183,7 @@ fn signing_key(model: &mut ConsoleModel, key: KeyEvent) -> Vec<Effect> {
 /// The passphrase did not open the key: the field shows it, and the prompt or form stays.
 pub(super) fn unsigned(model: &mut ConsoleModel, id: &str, text: String) {
     model.requests.pending.remove(id);
+    model.key_log.answered(id, &text, true);
     match &mut model.input.overlay {
         Some(Overlay::Approval(prompt)) => {
             if let Some(signing) = prompt.signing.as_mut().filter(|signing| signing.waits_for(id)) {
@@ -194,7 +195,7 @@ pub(super) fn unsigned(model: &mut ConsoleModel, id: &str, text: String) {
                 return signing.failed(text);
             }
         }
-        Some(Overlay::Palette(_) | Overlay::Why(_) | Overlay::Film(_) | Overlay::Replay(_)) | None => {}
+        Some(Overlay::Palette(_) | Overlay::Why(_) | Overlay::Film(_) | Overlay::Replay(_) | Overlay::KeyLog(_)) | None => {}
     }
     show_message(model, text, true);
 }
@@ -212,7 +213,7 @@ pub(super) fn unanswered(model: &mut ConsoleModel, why: &str) {
                 signing.failed(why.to_owned());
             }
         }
-        Some(Overlay::Palette(_) | Overlay::Why(_) | Overlay::Film(_) | Overlay::Replay(_)) | None => {}
+        Some(Overlay::Palette(_) | Overlay::Why(_) | Overlay::Film(_) | Overlay::Replay(_) | Overlay::KeyLog(_)) | None => {}
     }
 }
 
@@ -223,7 +224,7 @@ pub(super) fn answered(model: &mut ConsoleModel, id: &str) {
             prompt.signing.as_ref().is_some_and(|signing| signing.waits_for(id))
         }
         Some(Overlay::Form(form)) => form.signing.as_ref().is_some_and(|signing| signing.waits_for(id)),
-        Some(Overlay::Palette(_) | Overlay::Why(_) | Overlay::Film(_) | Overlay::Replay(_)) | None => false,
+        Some(Overlay::Palette(_) | Overlay::Why(_) | Overlay::Film(_) | Overlay::Replay(_) | Overlay::KeyLog(_)) | None => false,
     };
     if waited {
         model.input.overlay = None;

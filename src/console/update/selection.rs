@@ -7,7 +7,7 @@ use super::{engine_requests, navigation, operations, refuse, show_message};
 use crate::action::Action;
 use crate::effect::{Effect, EngineQuery};
 use crate::form::Intent;
-use crate::model::{ConsoleModel, HISTORY_PANE, ItemKey, View};
+use crate::model::{ConsoleModel, HISTORY_PANE, ItemKey, UndoableAction, View};
 use crate::rows::AlarmItem;
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_protocol::snapshot::AlarmView;
@@ -34,13 +34,21 @@ pub(super) fn mark(model: &mut ConsoleModel) -> Vec<Effect> {
     let at = model.row();
     match markable(model) {
         Some(ItemKey::Alarm(name)) => {
-            if !model.view_state.marked.remove(&name) {
+            let action = UndoableAction::Mark(ItemKey::Alarm(name.clone()));
+            if model.view_state.marked.remove(&name) {
+                model.undo.remove(&action);
+            } else {
                 model.view_state.marked.insert(name);
+                model.undo.add(action, model.now_ms);
             }
         }
         Some(ItemKey::Version(id)) => {
-            if !model.view_state.marked_versions.remove(&id) {
+            let action = UndoableAction::Mark(ItemKey::Version(id.clone()));
+            if model.view_state.marked_versions.remove(&id) {
+                model.undo.remove(&action);
+            } else {
                 model.view_state.marked_versions.insert(id);
+                model.undo.add(action, model.now_ms);
             }
             announce_selection(model);
         }

@@ -115,6 +115,10 @@ fn finish(model: &mut ConsoleModel) -> Vec<Effect> {
         }
         Some(Typing::Filter(line)) => {
             let text = line.text().trim().to_owned();
+            if !text.is_empty() {
+                // The same text can be found in the other lists.
+                model.view_state.search.clone_from(&text);
+            }
             model.view_state.set_filter(text);
             Vec::new()
         }
@@ -128,6 +132,7 @@ fn finish(model: &mut ConsoleModel) -> Vec<Effect> {
             if model.input.history.len() > HISTORY_MAX {
                 model.input.history.remove(0);
             }
+            model.key_log.note_command(&text);
             match commands::parse(&text) {
                 Ok(command) => run(model, command),
                 Err(why) => {
@@ -160,6 +165,7 @@ fn run(model: &mut ConsoleModel, command: ConsoleCommand) -> Vec<Effect> {
             show_message(model, format!("there is no theme {name:?}; there are {known}"), true);
             Vec::new()
         }
+        ConsoleCommand::StateFilter(filter) => super::navigation::filter_by_state(model, filter),
         ConsoleCommand::Pace(times) => {
             engine_requests::send_query(model, "change the pace".to_owned(), EngineQuery::Pace(times))
         }
@@ -284,7 +290,7 @@ pub(super) fn paste(model: &mut ConsoleModel, text: &str) -> Vec<Effect> {
                 line.paste(text);
             }
         }
-        (None, Some(Overlay::Why(_) | Overlay::Film(_) | Overlay::Replay(_)) | None) => {
+        (None, Some(Overlay::Why(_) | Overlay::Film(_) | Overlay::Replay(_) | Overlay::KeyLog(_)) | None) => {
             show_message(model, "pasted text is ignored here", false);
         }
     }

@@ -16,7 +16,7 @@ use crate::formatters::reason_line;
 use crate::look::ThemeRole;
 use crate::model::ConsoleModel;
 use crate::rows::PendingApprovalItem;
-use crate::widgets::list::place;
+use crate::widgets::list::{GUTTER, place};
 use crate::widgets::pen::{Pen, cut};
 use crate::widgets::row::{Row, wrap};
 use holdpoint_protocol::snapshot::EscalationView;
@@ -31,7 +31,8 @@ pub fn draw(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
         pen.text(inside, 0, ThemeRole::Muted, "Nothing waits for a person");
         return;
     }
-    let rows: Vec<Row> = items.iter().map(|item| waiting_row(model, item, pen)).collect();
+    let width = usize::from(inside.width.saturating_sub(GUTTER));
+    let rows: Vec<Row> = items.iter().map(|item| waiting_row(model, item, pen, width)).collect();
     pen.list(inside, rows.len(), Some(model.row()), |index, _| rows.get(index).cloned().unwrap_or_default());
     let Some(item) = items.get(model.row()) else { return };
     let inside = pen.pane(lower, &item.version().to_string(), false, "");

@@ -9,6 +9,7 @@
 //! ```
 
 use ratatui::layout::Rect;
+use unicode_width::UnicodeWidthStr as _;
 
 use super::candidate_rows::item;
 use super::status::priority_label;
@@ -37,6 +38,9 @@ const DRILLS: usize = 3;
 const TIMELINE: usize = 4;
 
 const AUDIT: usize = 5;
+
+/// The least columns for the version that it is compared with.
+const AGAINST_MIN: usize = 16;
 
 /// Columns from which the timeline stands beside the checks.
 const BESIDE_WIDTH: u16 = 110;
@@ -79,15 +83,21 @@ pub fn draw(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
 
 /// The version, its counterpart, its state, its status, and its author's statement.
 fn heading(model: &ConsoleModel, detail: &Detail, look: &Look, width: usize, fit: Fit) -> Vec<Row> {
-    let mut first = Row::of(ThemeRole::Title, &detail.version.to_string());
-    if let Some(against) = &detail.against {
-        first.push(ThemeRole::Muted, &format!(" against {against}"));
-    }
+    let name = detail.version.to_string();
+    let against = detail.against.as_ref().map_or_else(String::new, |against| format!(" against {against}"));
     let candidate = model.candidate(&detail.version);
-    if let Some((state, flags)) = model.version_state(&detail.version) {
-        let room = width.saturating_sub(first.width() + 2);
-        first = first.with(ThemeRole::Text, "  ").and(super::state_row(state, &flags, room, look));
+    let state = model.version_state(&detail.version).map_or_else(Row::new, |(state, flags)| {
+        let room = width.saturating_sub(name.width() + against.width() + 2);
+        Row::of(ThemeRole::Text, "  ").and(super::state_row(state, &flags, room, look))
+    });
+    // A long name loses its middle, and the version it is compared with gives way; the state stays whole.
+    let room = width.saturating_sub(state.width());
+    let mut first = Row::of(ThemeRole::Title, &super::cut_middle(&name, room));
+    let room = room.saturating_sub(first.width());
+    if room >= AGAINST_MIN {
+        first.push(ThemeRole::Muted, &super::cut_middle(&against, room));
     }
+    first = first.and(state);
     let short = super::short;
     first.push(
         ThemeRole::Muted,
@@ -97,7 +107,9 @@ fn heading(model: &ConsoleModel, detail: &Detail, look: &Look, width: usize, fit
     let now = model.engine_data.snapshot.as_deref();
     if let Some(status) = now.and_then(|now| Some(now.status(candidate?))) {
         let told = version_status(&detail.version, &status);
-        rows.push(Row::of(ThemeRole::Text, &short(&told, width)));
+        // The cause comes first, and in full where there is room.
+        let lines = if fit >= Fit::Two { 2 } else { 1 };
+        rows.extend(wrap(&told, width, lines).iter().map(|line| Row::of(ThemeRole::Text, line)));
     }
     let lines = if fit >= Fit::Two { 2 } else { 1 };
     rows.extend(wrap(&detail.summary, width, lines).iter().map(|line| Row::of(ThemeRole::Text, line)));

@@ -20,6 +20,9 @@ use holdpoint_protocol::snapshot::{
 /// The longest trend, signs.
 const TREND_MAX: usize = 30;
 
+/// The least columns for the name of an active version.
+const NAME_MIN: usize = 16;
+
 /// One line for each family, then what is wrong with the live cell, then its results.
 #[must_use]
 pub fn rows(model: &ConsoleModel, pen: &Pen<'_>, width: usize) -> Vec<Row> {
@@ -65,21 +68,23 @@ fn row(now: &Snapshot, family: &FamilyView, pen: &Pen<'_>, name_width: usize, wi
         .and(state)
         .to_column(name_width + 23)
         .with(ThemeRole::Text, " ");
-    match &family.active {
-        Some(active) => row.push(ThemeRole::Title, &active.to_string()),
-        None => row.push(ThemeRole::Bad, "no active version"),
-    }
+    let mut behind = Row::new();
     if let Some(progress) = own(now, family).and_then(re_evaluation) {
-        row.push(ThemeRole::Warning, &format!("  re-evaluated, {} of {}", progress.done, progress.budget));
+        behind.push(ThemeRole::Warning, &format!("  re-evaluated, {} of {}", progress.done, progress.budget));
     } else if let Some((worked, needed)) = family.provisional {
         let so_far =
             if worked < needed { format!("{worked} of {needed}") } else { after_window(now, family) };
-        row.push(ThemeRole::Text, &format!("  {so_far}"));
+        behind.push(ThemeRole::Text, &format!("  {so_far}"));
+    }
+    let name_room = width.saturating_sub(row.width() + behind.width()).max(NAME_MIN);
+    match &family.active {
+        Some(active) => row.push(ThemeRole::Title, &super::cut_middle(&active.to_string(), name_room)),
+        None => row.push(ThemeRole::Bad, "no active version"),
     }
     if let Some(pinned) = &family.pinned {
-        row.push(ThemeRole::Muted, &format!("  back: {}", pinned.version));
+        behind.push(ThemeRole::Muted, &format!("  back: {}", pinned.version));
     }
-    row
+    row.and(behind)
 }
 
 /// The candidate entry of a family's active version, if there is one.

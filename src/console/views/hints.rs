@@ -123,7 +123,7 @@ pub fn stop(model: &ConsoleModel) -> Row {
                 (form.void.is_some() && !form.is_one_key()) || form.types() || form.signing.is_some()
             }
             Some(Overlay::Replay(replay)) => replay.typing.is_some(),
-            Some(Overlay::Why(_) | Overlay::Film(_)) | None => false,
+            Some(Overlay::Why(_) | Overlay::Film(_) | Overlay::KeyLog(_)) | None => false,
         };
     let keys = model.keymap.keys(Action::Stop);
     let is_text = |key: &&String| key.chars().count() == 1;
@@ -183,7 +183,9 @@ fn own_keys(model: &ConsoleModel) -> Option<Vec<(&'static str, &'static str)>> {
         }
         // The replay names its keys in its own last line.
         Some(Overlay::Replay(_)) => Some(Vec::new()),
-        Some(Overlay::Palette(_) | Overlay::Approval(_) | Overlay::Form(_)) | None => None,
+        Some(Overlay::Palette(_) | Overlay::Approval(_) | Overlay::Form(_) | Overlay::KeyLog(_)) | None => {
+            None
+        }
     }
 }
 
@@ -200,6 +202,7 @@ pub fn actions(model: &ConsoleModel) -> Vec<Action> {
         (Some(Overlay::Form(form)), _) if form.types() => &[A::NextPane, A::Back],
         (Some(Overlay::Form(_)), _) => &[A::NextPane, A::Open, A::Back],
         (Some(Overlay::Why(_) | Overlay::Film(_) | Overlay::Replay(_)), _) => &[A::Back],
+        (Some(Overlay::KeyLog(_)), _) => &[A::Up, A::Down, A::Back],
         (None, View::Overview) => &[
             A::Go,
             A::Open,

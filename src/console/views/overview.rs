@@ -13,6 +13,7 @@
 //! ```
 
 use ratatui::layout::Rect;
+use unicode_width::UnicodeWidthStr as _;
 
 use super::{event_log, families, pipeline, robot, status, tabs, waits};
 use crate::formatters::{approvals, duration};
@@ -33,6 +34,9 @@ const WIDE_ROWS: u16 = 30;
 
 /// The width from which the pipeline names the seven stages.
 const STRIP_WIDTH: u16 = 62;
+
+/// The least columns for the name of a version that waits.
+const NAME_MIN: usize = 12;
 
 /// Lines that the pipeline keeps beside any number of families: its heading, two candidates, the queue.
 const PIPELINE_ROWS_MIN: u16 = 6;
@@ -103,7 +107,9 @@ fn versions_and_pipeline(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
     let focused = model.view_state.pane() == PIPELINE_PANE;
     let cursor = if focused { model.row() } else { 0 };
     pen.hit(area, Hit::Pane(PIPELINE_PANE));
-    let inside = pen.pane(bottom, "Pipeline", focused, &pipeline::extent(model, cursor, bottom.width));
+    let title = "Pipeline";
+    let extent = pipeline::extent(model, cursor, title, bottom.width);
+    let inside = pen.pane(bottom, title, focused, &extent);
     pipeline::draw(model, pen, inside, focused);
 }
 
@@ -198,26 +204,32 @@ fn alarm_row(model: &ConsoleModel, item: AlarmItem<'_>, pen: &Pen<'_>) -> Row {
 
 /// One waiting request, in a line.
 #[must_use]
-pub fn waiting_row(model: &ConsoleModel, item: &PendingApprovalItem<'_>, pen: &Pen<'_>) -> Row {
+pub fn waiting_row(model: &ConsoleModel, item: &PendingApprovalItem<'_>, pen: &Pen<'_>, width: usize) -> Row {
     let now_ms = model.engine_ms();
     let glyph = pen.look.glyph(Glyph::Waiting);
     match item {
         PendingApprovalItem::MonitorQuestion(question) => {
-            Row::of(ThemeRole::Waiting, &format!("{glyph} question "))
-                .with(ThemeRole::Text, &question.version.to_string())
-                .with(
-                    ThemeRole::Muted,
-                    &format!("  rolled back in {}", time_left(question.deadline_ms, now_ms)),
-                )
+            let head = Row::of(ThemeRole::Waiting, &format!("{glyph} question "));
+            let left = format!("  rolled back in {}", time_left(question.deadline_ms, now_ms));
+            let room = name_room(width, &head, &left);
+            let name = super::cut_middle(&question.version.to_string(), room);
+            head.with(ThemeRole::Text, &name).with(ThemeRole::Muted, &left)
         }
         PendingApprovalItem::Approval(prompt) => {
             let (count, next) = approvals(prompt, model.is_stopped(), model.time());
             let role = if prompt.granted { ThemeRole::Text } else { ThemeRole::Muted };
-            Row::of(ThemeRole::Waiting, &format!("{glyph} approval "))
-                .with(ThemeRole::Text, &format!("{}  {count}", prompt.version))
-                .with(role, &format!("  {next}"))
+            let head = Row::of(ThemeRole::Waiting, &format!("{glyph} approval "));
+            let (count, next) = (format!("  {count}"), format!("  {next}"));
+            let room = name_room(width, &head, &count);
+            let name = super::cut_middle(&prompt.version.to_string(), room);
+            head.with(ThemeRole::Text, &format!("{name}{count}")).with(role, &next)
         }
     }
+}
+
+/// Columns for the name of a version between the head of its row and the text that must not be cut.
+fn name_room(width: usize, head: &Row, behind: &str) -> usize {
+    width.saturating_sub(head.width() + behind.width()).max(NAME_MIN)
 }
 
 /// The time until a deadline.

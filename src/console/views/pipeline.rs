@@ -22,10 +22,11 @@ use crate::formatters::{
 use crate::look::{Glyph, Look, ThemeRole};
 use crate::model::{ConsoleModel, StageProgress};
 use crate::rows::CandidateRank;
+use crate::state_filter::{StateFilter, counts_and_place};
 use crate::theme::StateMark;
 use crate::widgets::bar::progress;
 use crate::widgets::list::{GUTTER, place};
-use crate::widgets::pen::{Hit, Pen, below};
+use crate::widgets::pen::{Hit, Pen, below, heading_room};
 use crate::widgets::row::{Row, wrap};
 use holdpoint_governance::lifecycle::State;
 use holdpoint_governance::version_status::{VersionCondition, VersionStatus};
@@ -64,7 +65,7 @@ pub fn draw(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect, focused: bool) 
     // A cursor below the pinned candidates keeps a third of the lines.
     let kept = if cursor < pinned { 0 } else { area.height.div_ceil(3) };
     let room = area.height.saturating_sub(kept + u16::from(queue.is_some()));
-    let briefs = candidates.iter().take(pinned).map(|one| brief(model, one, look));
+    let briefs = candidates.iter().take(pinned).map(|one| brief(model, one, look, width));
     let blocks = shortened((0..pinned).map(block_of).zip(briefs).collect(), usize::from(room));
     let mut at = 0;
     for (index, rows) in blocks.iter().enumerate() {
@@ -150,22 +151,23 @@ fn block(
     rows
 }
 
-/// A pinned candidate in one line: how far it is stands before its state, which a narrow screen cuts.
-fn brief(model: &ConsoleModel, candidate: &CandidateView, look: &Look) -> Row {
+/// A pinned candidate in one line: how far it is stands before its state.
+fn brief(model: &ConsoleModel, candidate: &CandidateView, look: &Look, width: usize) -> Row {
     let families = model.engine_data.snapshot.iter().flat_map(|now| &now.families);
     let window = families
         .filter(|family| family.active.as_ref() == Some(&candidate.version))
         .find_map(|family| family.provisional);
     let count = match (current_progress(candidate), window) {
-        (Some(progress), _) => format!("  {} of {}", progress.done, progress.budget),
-        (None, Some((worked, needed))) => format!("  {worked} of {needed} tasks"),
+        (Some(progress), _) => format!("{} of {}  ", progress.done, progress.budget),
+        (None, Some((worked, needed))) => format!("{worked} of {needed} tasks  "),
         (None, None) => String::new(),
     };
-    let row = Row::of(ThemeRole::Title, &candidate.version.to_string())
-        .with(ThemeRole::Text, &format!("{count}  "))
-        .and(super::state_row(candidate.state, &candidate.flags, 0, look));
     let is_marked = model.view_state.marked_versions.contains(&candidate.version);
-    if is_marked { super::registry::lead(true, true, look).and(row) } else { row }
+    let lead = super::registry::lead(is_marked, true, look);
+    let state = super::state_row(candidate.state, &candidate.flags, 0, look);
+    let room = width.saturating_sub(lead.width());
+    let behind = Row::of(ThemeRole::Text, &count).and(state);
+    lead.and(super::named(&candidate.version.to_string(), behind, room))
 }
 
 /// The blocks with so many lines in all at most: the longest lose their last lines, and one that would keep its first alone
@@ -206,7 +208,7 @@ fn queue_line(model: &ConsoleModel, width: usize) -> Option<Row> {
         let names: Vec<String> = of.iter().map(|one| one.version.to_string()).collect();
         names.join(", ")
     };
-    let is_filtered = !model.filter().is_empty();
+    let is_filtered = !model.filter().is_empty() || model.view_state.state_filter != StateFilter::All;
     let mut row = Row::new();
     if is_filtered && !at_work.is_empty() {
         row.push(ThemeRole::Running, &format!("RUNS {}  ", names(&at_work)));
@@ -227,30 +229,35 @@ fn queue_line(model: &ConsoleModel, width: usize) -> Option<Row> {
     (row.width() > 0).then_some(row)
 }
 
-/// The cursor's place, in the heading of a pane of this width; a filtered list must not look complete.
+/// The counts by state and the cursor's place, for the heading of a pane of this title and width; a filtered list must not
+/// look complete.
 #[must_use]
-pub fn extent(model: &ConsoleModel, cursor: usize, width: u16) -> String {
+pub fn extent(model: &ConsoleModel, cursor: usize, title: &str, width: u16) -> String {
     let count = model.pipeline_rows().len();
+    let room = heading_room(title, width);
     let filter = model.filter();
     if filter.is_empty() {
-        return place(count, cursor);
+        return counts_and_place(model, &place(count, cursor), room);
     }
     let all = model.engine_data.snapshot.as_ref().map_or(0, |now| now.candidates.len());
     let here = if count == 0 { "none".to_owned() } else { place(count, cursor) };
+    let here = match model.view_state.state_filter {
+        StateFilter::All => here,
+        by_state => format!("[{}] {here}", by_state.name()),
+    };
     let filter_text = |width| super::short(filter, width);
     let wordings = [
         format!("{here} with {:?}, {all} in all", filter_text(24)),
         format!("{here} with {:?}", filter_text(24)),
         format!("{here} with {:?}", filter_text(6)),
     ];
-    let room = usize::from(width).saturating_sub(" Pipeline    ".len() + 1);
     let fits = wordings.iter().position(|text| text.width() <= room);
     wordings.into_iter().nth(fits.unwrap_or(2)).unwrap_or_default()
 }
 
 /// The first steps if there is no candidate yet.
 fn nothing(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
-    if !model.filter().is_empty() {
+    if !model.filter().is_empty() || model.view_state.state_filter != StateFilter::All {
         pen.text(area, 0, ThemeRole::Muted, "No candidate fits the filter");
         return;
     }
@@ -290,10 +297,8 @@ fn rows(
         candidate.provenance,
         candidate.risk
     );
-    let head = Row::of(ThemeRole::Title, &name)
-        .with(ThemeRole::Text, "  ")
-        .and(super::state_row(candidate.state, &candidate.flags, room, look))
-        .with(ThemeRole::Muted, &by);
+    let state = super::state_row(candidate.state, &candidate.flags, room, look);
+    let head = super::named(&name, state, width).with(ThemeRole::Muted, &by);
     let mut rows = vec![head];
     if !candidate.state.is_terminal() || chosen {
         rows.push(strip(candidate, look, width));

@@ -15,6 +15,7 @@ use crate::formatters::{duration, kappa_sign, reason_line, state_label};
 use crate::look::{Glyph, Look, ThemeRole};
 use crate::model::{ConsoleModel, SortBy, SortOrder};
 use crate::rows::RegistryItem;
+use crate::state_filter::{StateFilter, counts_and_place};
 use crate::widgets::bar::against_limit;
 use crate::widgets::list::{GUTTER, place};
 use crate::widgets::pen::{Fit, Pen, below, cut};
@@ -73,13 +74,14 @@ pub fn draw(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
     let shown = model.engine_data.registry.page.rows.len() as u64;
     let right = if total > shown { format!("{shown} of {total} read") } else { String::new() };
     let place = format!("{}  {right}", place(items.len(), cursor));
-    let place = Row::of(ThemeRole::Muted, place.trim_end());
     let width = usize::from(area.width);
+    let room = width.saturating_sub(tabs::panes(model).width() + 1);
+    let place = Row::of(ThemeRole::Muted, &counts_and_place(model, place.trim(), room));
     tabs::draw_panes(model, place, pen, area);
     let area = below(area, 1);
     if items.is_empty() {
-        let text =
-            if model.filter().is_empty() { "No version of this kind" } else { "No version fits the filter" };
+        let is_filtered = !model.filter().is_empty() || model.view_state.state_filter != StateFilter::All;
+        let text = if is_filtered { "No version fits the filter" } else { "No version of this kind" };
         pen.text(area, 0, ThemeRole::Muted, text);
         return;
     }
@@ -184,7 +186,7 @@ fn version(
     let lead = lead(marked, flat, look);
     let room = columns.name.saturating_sub(lead.width());
     let mut line = lead
-        .cell(ThemeRole::Text, &name, room)
+        .cell(ThemeRole::Text, &super::cut_middle(&name, room.saturating_sub(1)), room)
         .and(super::state_row(row.state, &row.flags, columns.state, look))
         .to_column(columns.name + columns.state)
         .with(ThemeRole::Text, " ");

@@ -16,9 +16,10 @@ use crate::look::Glyph;
 use crate::look::ThemeRole;
 use crate::model::{ConsoleModel, EVENT_LOG_PANE, MONITORS_PANE, Overlay, View};
 use crate::rows::{AlarmItem, RegistryItem};
+use crate::state_filter::{StateFilter, counts_and_place};
 use crate::theme::StateMark;
-use crate::widgets::list::place;
-use crate::widgets::pen::{Pen, above, below, cut};
+use crate::widgets::list::{GUTTER, place};
+use crate::widgets::pen::{Pen, above, below, cut, heading_room};
 use crate::widgets::row::Row;
 use holdpoint_protocol::snapshot::{Disagreement, Snapshot};
 
@@ -115,6 +116,7 @@ fn body(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
         Some(Overlay::Why(open)) => return super::why::draw(model, open, pen, area),
         Some(Overlay::Film(open)) => return super::film::draw(open, pen, area),
         Some(Overlay::Replay(open)) => return crate::replay::frame::draw(open, pen.look, area, pen.buf),
+        Some(Overlay::KeyLog(row)) => return super::key_log::draw(model, *row, pen, area),
         None => {}
     }
     let rest = attention(model, pen, area);
@@ -131,8 +133,9 @@ fn attention(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) -> Rect {
     // If the view has room below, only the most serious of both are shown here; their own views list the rest.
     let most = if height >= VIEW_ROWS_MIN { 2 } else { (height / 2).max(1) };
     let waiting = if model.view_state.view == View::Approvals { &[][..] } else { &waiting[..] };
+    let width = usize::from(area.width);
     let rows: Vec<Row> =
-        waiting.iter().take(most).map(|item| overview::waiting_row(model, item, pen)).collect();
+        waiting.iter().take(most).map(|item| overview::waiting_row(model, item, pen, width)).collect();
     let room = if height >= VIEW_ROWS_MIN { most } else { height.saturating_sub(rows.len()) };
     let room = if height >= VIEW_ROWS_MIN && model.view_state.view == View::Alarms { 0 } else { room };
     let alarms = alarms.iter().take(room).map(|item| alarm(*item, pen));
@@ -162,17 +165,23 @@ fn alarm(item: AlarmItem<'_>, pen: &Pen<'_>) -> Row {
 fn view(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
     let view = model.view_state.view;
     let pane = view.panes().get(model.view_state.pane()).copied().unwrap_or("");
-    let place = match (view, model.view_state.pane()) {
-        (View::Overview, pane) if !matches!(pane, overview::ROBOT_PANE | EVENT_LOG_PANE) => {
-            super::pipeline::extent(model, model.row(), area.width)
-        }
-        _ => place(model.row_count(), model.row()),
-    };
     let title = match view {
         // The mark of a filter needs the space of the view's title.
-        View::Overview if !model.filter().is_empty() => pane.to_owned(),
+        View::Overview if !model.filter().is_empty() || model.view_state.state_filter != StateFilter::All => {
+            pane.to_owned()
+        }
         _ if view.panes().len() > 1 => format!("{}: {pane}", view.title()),
         _ => view.title().to_owned(),
+    };
+    let place = match (view, model.view_state.pane()) {
+        (View::Overview, pane) if !matches!(pane, overview::ROBOT_PANE | EVENT_LOG_PANE) => {
+            super::pipeline::extent(model, model.row(), &title, area.width)
+        }
+        (View::Registry, _) => {
+            let place = place(model.row_count(), model.row());
+            counts_and_place(model, &place, heading_room(&title, area.width))
+        }
+        _ => place(model.row_count(), model.row()),
     };
     let inside = pen.pane(area, &title, true, &place);
     match (view, model.view_state.pane()) {
@@ -184,7 +193,7 @@ fn view(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
         (View::Health, _) => return super::health::draw_small(model, pen, inside),
         _ => {}
     }
-    let rows = rows(model, pen, usize::from(inside.width));
+    let rows = rows(model, pen, usize::from(inside.width.saturating_sub(GUTTER)));
     if rows.is_empty() {
         pen.text(inside, 0, ThemeRole::Muted, "Nothing here yet");
         return;
@@ -237,7 +246,7 @@ fn rows(model: &ConsoleModel, pen: &Pen<'_>, width: usize) -> Vec<Row> {
         }
         View::Alarms => model.alarm_rows().iter().map(|item| alarm(*item, pen)).collect(),
         View::Approvals => {
-            model.waiting_rows().iter().map(|item| overview::waiting_row(model, item, pen)).collect()
+            model.waiting_rows().iter().map(|item| overview::waiting_row(model, item, pen, width)).collect()
         }
         View::Audit => model.audit_rows().iter().map(super::audit::brief).collect(),
         View::Shadow => {
@@ -258,7 +267,7 @@ fn registry(model: &ConsoleModel, item: &RegistryItem<'_>, pen: &Pen<'_>, width:
         RegistryItem::Version(row) => {
             let marked = model.view_state.marked_versions.contains(&row.version);
             super::registry::lead(marked, false, pen.look)
-                .cell(ThemeRole::Text, &row.version.version.to_string(), 8)
+                .cell(ThemeRole::Text, &super::cut_middle(&row.version.version.to_string(), 7), 8)
                 .and(super::state_row(row.state, &row.flags, width.saturating_sub(12), pen.look))
         }
     }

@@ -4,6 +4,7 @@
 
 use ratatui::buffer::Buffer;
 use ratatui::layout::Rect;
+use unicode_width::UnicodeWidthStr as _;
 
 use super::row::{Row, wrap};
 use crate::look::{Glyph, Look, ThemeRole};
@@ -194,6 +195,13 @@ impl Pen<'_> {
         let second = Rect { x: area.x + left + gap, width: area.width - left - gap, ..area };
         (first, second)
     }
+}
+
+/// Columns for the text at the right end of a pane's heading with this title.
+#[must_use]
+pub fn heading_room(title: &str, width: u16) -> usize {
+    // The lead, the rule's end, and the blanks between them.
+    usize::from(width).saturating_sub(title.width() + 6)
 }
 
 /// The rest of an area below its first `rows` lines.
