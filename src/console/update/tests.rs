@@ -31,6 +31,7 @@ mod cursor_target;
 mod delivered_request;
 mod form_refresh;
 mod health;
+mod lists;
 mod lost_engine;
 mod marks;
 mod no_engine;
@@ -41,6 +42,7 @@ mod records;
 mod signing;
 mod stopping;
 mod stray_keys;
+mod undo;
 mod why;
 
 const CANDIDATE: &str = "grasp@1.3.0";

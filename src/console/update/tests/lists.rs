@@ -1,0 +1,240 @@
+//! Lists of versions: one filter by state in both, one search in all, and a state that no long name hides.
+
+use super::consistency::screen;
+use super::*;
+use crate::state_filter::StateFilter;
+use holdpoint_governance::lifecycle::{Stage, State, VersionFlags};
+use holdpoint_governance::record::VersionSummary;
+use holdpoint_protocol::command::Reply;
+use holdpoint_protocol::detail::RegistryPage;
+
+/// A version of 60 characters.
+fn long_version() -> String {
+    let version = format!("grasp@1.4.0-rc.{}", "7".repeat(45));
+    assert_eq!(version.len(), 60);
+    version
+}
+
+const PAUSED: VersionFlags = VersionFlags {
+    running: None,
+    paused: true,
+    awaiting_approval: false,
+    provisional: false,
+    restricted: false,
+    rollback_pending: false,
+};
+
+/// One version that runs, two that wait, two on hold and one rejected; `place@1.1.0` is the operator's own.
+fn versions() -> Vec<(&'static str, State, VersionFlags, &'static str)> {
+    let none = VersionFlags { paused: false, ..PAUSED };
+    let running = VersionFlags { running: Some(Stage::Sandbox), ..none };
+    let asked = VersionFlags { awaiting_approval: true, ..none };
+    vec![
+        ("align@1.1.0", State::Validated, running, "cora"),
+        ("align@1.2.0", State::Registered, none, "cora"),
+        (CANDIDATE, State::Shadowed, asked, "cora"),
+        ("place@1.1.0", State::Sandboxed, PAUSED, "ana"),
+        ("place@1.2.0", State::Demoted, none, "cora"),
+        ("place@1.3.0", State::Rejected, none, "cora"),
+    ]
+}
+
+fn console_with(versions: &[(&str, State, VersionFlags, &str)]) -> TestConsole {
+    let mut console = TestConsole::new(0);
+    let mut now = snapshot(0, 'e');
+    let first = now.candidates[0].clone();
+    let candidate = |(version, state, flags, author): &(&str, State, VersionFlags, &str)| {
+        let mut candidate = first.clone();
+        (candidate.version, candidate.state) = (version.parse().unwrap(), *state);
+        (candidate.flags, candidate.author) = (*flags, (*author).to_owned());
+        candidate
+    };
+    now.candidates = versions.iter().map(candidate).collect();
+    let row = |(version, state, flags, author): &(&str, State, VersionFlags, &str)| -> VersionSummary {
+        serde_json::from_value(json!({ "version": version, "state": state, "row_version": 1, "flags": flags,
+            "kappas": [null, null, null, null], "baseline": false, "author": author, "provenance": "manual",
+            "risk": "low", "changed_ms": 0 }))
+        .unwrap()
+    };
+    let rows: Vec<VersionSummary> = versions.iter().map(row).collect();
+    let total = u64::try_from(rows.len()).unwrap();
+    let page = RegistryPage { rows, total, thresholds: [0.95, 0.9, 0.85, 0.8], anchors: Vec::new() };
+    console.tell(MsgKind::Snapshot(Arc::new(now)));
+    console.tell(MsgKind::Resize(120, 36));
+    console.model.engine_data.registry.take(page);
+    console
+}
+
+fn overview(console: &TestConsole) -> Vec<String> {
+    let mut rows: Vec<String> =
+        console.model.pipeline_rows().iter().map(|row| row.version.to_string()).collect();
+    rows.sort();
+    rows
+}
+
+#[test]
+fn the_key_filters_overview_and_registry_by_state() {
+    let mut console = console_with(&versions());
+    assert_eq!(console.model.state_counts(), [6, 1, 2, 2, 1, 2]);
+    let text = screen(&console, 120, 36);
+    assert!(text.contains("running 1  waiting 2  held 2  rejected 1  mine 2"), "{text}");
+    let own = ["grasp@1.3.0", "place@1.1.0"];
+    for (filter, expected) in [
+        (StateFilter::Running, &["align@1.1.0"][..]),
+        (StateFilter::Waiting, &["align@1.2.0", CANDIDATE][..]),
+        (StateFilter::Held, &["place@1.1.0", "place@1.2.0"][..]),
+        (StateFilter::Rejected, &["place@1.3.0"][..]),
+        (StateFilter::Mine, &own[..]),
+    ] {
+        assert!(console.keys("i").is_empty());
+        assert_eq!(console.model.view_state.state_filter, filter);
+        assert_eq!(overview(&console), expected, "{filter:?}");
+        let mut registry = console.clone();
+        registry.keys("2");
+        let listed = registry.model.registry_rows();
+        let versions: Vec<String> = listed
+            .iter()
+            .filter_map(|item| match item {
+                crate::rows::RegistryItem::Version(row) => Some(row.version.to_string()),
+                crate::rows::RegistryItem::Family { .. } => None,
+            })
+            .collect();
+        assert_eq!(versions, expected, "{filter:?}");
+        for (columns, rows) in [(120, 36), (100, 30), (80, 24), (60, 16), (40, 12)] {
+            for console in [&console, &registry] {
+                let text = screen(console, columns, rows);
+                assert!(text.contains(&format!("[{} {}]", filter.name(), expected.len())), "{text}");
+            }
+        }
+    }
+    console.keys("i");
+    assert_eq!(overview(&console).len(), 6);
+}
+
+#[test]
+fn the_filter_by_state_is_typed_removed_and_refused_where_no_version_is_listed() {
+    let mut console = console_with(&versions());
+    console.keys(":filter held");
+    console.press(KeyCode::Enter);
+    assert_eq!(overview(&console).len(), 2);
+    console.keys("/1.2");
+    console.press(KeyCode::Enter);
+    assert_eq!(overview(&console), ["place@1.2.0"], "both filters apply");
+    let text = screen(&console, 120, 36);
+    assert!(text.contains("[held] 1 of 1 with \"1.2\", 6 in all"), "{text}");
+    console.press(KeyCode::Esc);
+    assert_eq!(overview(&console).len(), 2, "the typed filter goes first");
+    console.press(KeyCode::Esc);
+    assert_eq!(overview(&console).len(), 6);
+    console.keys("5i");
+    assert!(console.model.notice.as_ref().unwrap().bad);
+    assert_eq!(console.model.view_state.state_filter, StateFilter::All);
+    assert_eq!(console.model.alarm_rows().len(), 4);
+    // Without a version that fits, the list says so.
+    let mut console = console_with(&versions()[..1]);
+    console.keys(":filter rejected");
+    console.press(KeyCode::Enter);
+    let text = screen(&console, 80, 24);
+    assert!(text.contains("No candidate fits the filter") && text.contains("[rejected 0]  none"), "{text}");
+}
+
+#[test]
+fn an_answered_request_is_not_mine_any_more() {
+    let mut console = console_with(&versions());
+    let mut now = (**console.model.engine_data.snapshot.as_ref().unwrap()).clone();
+    now.prompts[0].approved_by = vec!["ana".to_owned()];
+    console.tell(MsgKind::Snapshot(Arc::new(now)));
+    console.model.view_state.state_filter = StateFilter::Mine;
+    assert_eq!(overview(&console), ["place@1.1.0"]);
+    console.model.session.operator = None;
+    assert!(overview(&console).is_empty(), "no operator is named");
+}
+
+#[test]
+fn a_long_version_leaves_its_state_whole() {
+    let name = long_version();
+    let provisional = VersionFlags { provisional: true, paused: false, ..PAUSED };
+    for (state, flags, label) in [
+        (State::Sandboxed, PAUSED, "held"),
+        (State::Rejected, VersionFlags { paused: false, ..PAUSED }, "rejected"),
+        (State::Active, provisional, "active, provisional"),
+        (State::Shadowed, VersionFlags { awaiting_approval: true, ..provisional }, "awaiting approval"),
+    ] {
+        let mut console = console_with(&[(name.as_str(), state, flags, "cora")]);
+        for key in ["1", "2"] {
+            console.keys(key);
+            for (columns, rows) in [(120, 36), (80, 24), (60, 16), (40, 16)] {
+                let text = screen(&console, columns, rows);
+                // The row of the version, above what a view says about it in full.
+                let is_row =
+                    |line: &&str| (line.contains("grasp@1") || line.contains("1.4")) && line.contains(label);
+                assert!(
+                    text.lines().any(|line| is_row(&line)),
+                    "{label}, {columns}x{rows}, view {key}:\n{text}"
+                );
+            }
+        }
+    }
+}
+
+#[test]
+fn one_search_text_is_found_in_every_list() {
+    let mut console = console_with(&versions());
+    console.keys("/place");
+    console.press(KeyCode::Enter);
+    assert_eq!(overview(&console).len(), 3);
+    // The same text, in a list that hides nothing for it.
+    console.press(KeyCode::Esc);
+    console.keys("2g");
+    console.keys("n");
+    let here = |console: &TestConsole| console.model.item_key(console.model.row());
+    let family = |name: &str| holdpoint_governance::ids::Family::new(name).unwrap();
+    assert_eq!(here(&console), Some(crate::model::ItemKey::Family(family("place"))));
+    console.keys("n");
+    assert_eq!(console.model.version_here().unwrap().to_string(), "place@1.1.0");
+    console.keys("5n");
+    let notice = console.model.notice.as_ref().unwrap();
+    assert!(notice.bad && notice.text.contains("\"place\" is not in this list"), "{notice:?}");
+}
+
+#[test]
+fn the_log_of_keys_has_each_effect_refusal_and_answer() {
+    let mut console = console_with(&versions());
+    let entries = |console: &TestConsole| -> Vec<(String, String)> {
+        console.model.key_log.entries.iter().map(|entry| (entry.key.clone(), entry.text.clone())).collect()
+    };
+    console.keys("jjgy");
+    assert_eq!(entries(&console).len(), 1, "moves are left out: {:?}", entries(&console));
+    console.keys("5i");
+    let refused = console.model.key_log.entries.back().unwrap().clone();
+    assert!(
+        refused.refused && refused.key == "i" && refused.text.contains("filtered by state"),
+        "{refused:?}"
+    );
+    console.keys("g");
+    let effects = console.press(KeyCode::Char(' '));
+    let Some(Effect::Ask { id, .. }) = effects.first() else { panic!("{effects:?}") };
+    assert!(console.model.key_log.entries.back().unwrap().is_waiting());
+    let reply = Reply::Accepted { text: "low:1 is acknowledged".to_owned(), version: None };
+    console.tell(MsgKind::Answer { id: id.clone(), reply: Box::new(reply) });
+    let answered = console.model.key_log.entries.back().unwrap().clone();
+    assert_eq!((answered.key.as_str(), answered.answer.as_str()), ("space", "low:1 is acknowledged"));
+    // What is typed into a field is in no entry; the line that ran is.
+    console.keys(":theme nowhere");
+    console.press(KeyCode::Enter);
+    assert_eq!(entries(&console).last().unwrap().0, ":theme nowhere");
+    let before = entries(&console).len();
+    console.keys("L");
+    assert_eq!(console.model.input.overlay, Some(Overlay::KeyLog(0)));
+    for (columns, rows) in [(120, 36), (80, 24), (40, 16)] {
+        let text = screen(&console, columns, rows);
+        assert!(text.contains(&format!("1 of {before}")) && text.contains(":theme"), "{text}");
+    }
+    console.keys("j");
+    assert_eq!(console.model.input.overlay, Some(Overlay::KeyLog(1)));
+    assert!(screen(&console, 80, 24).contains("the engine: low:1 is acknowledged"));
+    console.keys("G");
+    assert_eq!(console.model.input.overlay, Some(Overlay::KeyLog(before - 1)));
+    console.press(KeyCode::Esc);
+    assert!(console.model.input.overlay.is_none() && entries(&console).len() == before);
+}
