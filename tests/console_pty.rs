@@ -483,7 +483,7 @@ fn panic_of_the_engine_keeps_the_screen_and_latches_an_alarm() {
     let home = Home::new();
     let mut console = console_on_fresh_store(&home, &[("HOLDPOINT_TEST_PANIC", "engine")]);
     console.keys(":demo\r");
-    console.wait_for("the pipeline holds", |screen| screen.contents().contains("HOLDING"));
+    console.wait_for("the engine is halted", |screen| screen.contents().contains("ENGINE HALTED"));
     console.keys("5");
     console.wait_for_text("CRIT engine");
     // The terminal is still the console's, and its keys work.

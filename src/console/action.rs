@@ -161,7 +161,7 @@ actions! {
     Sort = "sort", Lists, ["s"];
     /// Reverse the order
     SortReverse = "sort-reverse", Lists, ["S"];
-    /// Mark or unmark this alarm or version; acknowledge, reject, hold and copy take all marked ones
+    /// Mark or unmark this alarm or version; acknowledge, reject, pause and copy take all marked ones
     Mark = "mark", Lists, ["m"];
     /// Find the next match
     FindNext = "find-next", Lists, ["n"];
@@ -171,9 +171,9 @@ actions! {
     OpenRecording = "open-recording", Version, ["o"];
     /// Open the live scene in 3D
     OpenLive = "open-live", Lists, ["O"];
-    /// Hold this candidate, or the promotion of a provisional version; reason required
+    /// Pause this candidate, or the promotion of a provisional version; reason required
     Pause = "pause", Version, ["p"];
-    /// Resume what is on hold, reason required
+    /// Resume what is paused or on hold, reason required
     Resume = "resume", Version, ["u"];
     /// Reject this candidate finally, reason required
     Refuse = "refuse", Version, ["F"];

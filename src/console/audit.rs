@@ -261,7 +261,7 @@ fn sentence_of_kind(kind: RecordKind, fields: &RecordFields<'_>) -> Option<Strin
             let kappas = fields.find("kappas")?.as_array()?;
             let values =
                 kappas.iter().map(|kappa| kappa.as_f64().map_or("?".to_owned(), |k| format!("{k:.3}")));
-            format!("kappa I, P, B, R: {}", values.collect::<Vec<_>>().join(", "))
+            format!("interface, policy, behavior, recovery: {}", values.collect::<Vec<_>>().join(", "))
         }
         RecordKind::ActiveSet => match fields.text("active") {
             Some(active) => format!(
@@ -501,7 +501,7 @@ mod tests {
             (
                 RecordKind::ScoresSet,
                 json!({ "change": { "kappas": [1.0, 0.5, null, null] } }),
-                "kappa I, P, B, R: 1.000, 0.500, ?, ?",
+                "interface, policy, behavior, recovery: 1.000, 0.500, ?, ?",
             ),
             (
                 RecordKind::ActiveSet,

@@ -1,12 +1,13 @@
 //! One formatter for each kind of word and number, shared by views, exports and prompts.
 
-use holdpoint_governance::decision::{Dimension, Reason};
+use holdpoint_governance::decision::Reason;
 use holdpoint_governance::lifecycle::{Stage, State, VersionFlags};
+use holdpoint_governance::submission::Provenance;
 use holdpoint_governance::wall_time::WallTime;
 use holdpoint_protocol::clock::clock_time;
 use holdpoint_protocol::console_presence::{AttachedConsoleView, ConsoleAccount};
 use holdpoint_protocol::event::DimensionResult;
-use holdpoint_protocol::snapshot::{ApprovalRequestView, Snapshot};
+use holdpoint_protocol::snapshot::{ApprovalRequestView, RequestKind, Snapshot};
 use holdpoint_text::Untrusted;
 
 pub use holdpoint_protocol::clock::time_of_day;
@@ -49,19 +50,15 @@ pub fn duration(ms: u64) -> String {
     }
 }
 
-/// A dimension's sign in Greek, or in letters alone.
+/// How a version came about, in words.
 #[must_use]
-pub const fn kappa_sign(dimension: Dimension, ascii: bool) -> &'static str {
-    match (dimension, ascii) {
-        (Dimension::Interface, false) => "κI",
-        (Dimension::Policy, false) => "κP",
-        (Dimension::Behavior, false) => "κB",
-        (Dimension::Recovery, false) => "κR",
-        (Dimension::Interface, true) => "kI",
-        (Dimension::Policy, true) => "kP",
-        (Dimension::Behavior, true) => "kB",
-        (Dimension::Recovery, true) => "kR",
-        (other, _) => other.name(),
+pub const fn origin(of: Provenance) -> &'static str {
+    match of {
+        Provenance::Rl => "reinforcement learning",
+        Provenance::Llm => "language model",
+        Provenance::Imitation => "imitation",
+        Provenance::Manual => "manual",
+        Provenance::Optimiser => "optimizer",
     }
 }
 
@@ -107,7 +104,7 @@ pub fn state_label(state: State, flags: &VersionFlags) -> String {
 #[must_use]
 pub fn pipeline_idle_reason(now: &Snapshot) -> Option<&'static str> {
     if now.holding.is_some() {
-        Some("the engine holds")
+        Some("the engine is halted")
     } else {
         now.stopped.is_some().then_some("the cell is stopped")
     }
@@ -123,7 +120,7 @@ pub const fn takeover_time(cell_is_stopped: bool) -> &'static str {
     }
 }
 
-/// The number of approvals, and the outcome of the request.
+/// The number of approvals, and until when the request stands, with what follows then.
 #[must_use]
 pub fn approvals(prompt: &ApprovalRequestView, cell_is_stopped: bool, now: WallTime) -> (String, String) {
     let have = prompt.approved_by.len();
@@ -133,7 +130,14 @@ pub fn approvals(prompt: &ApprovalRequestView, cell_is_stopped: bool, now: WallT
     let next = if prompt.granted {
         takeover_time(cell_is_stopped).to_owned()
     } else {
-        format!("held at {}", prompt.until.as_deadline(now))
+        let then = match prompt.purpose {
+            RequestKind::Activation => "on hold",
+            RequestKind::Release => "it stays restricted",
+            RequestKind::Review => "it is rolled back",
+            RequestKind::Emergency => "it is void",
+        };
+        let then = if prompt.until > now { format!(", then {then}") } else { String::new() };
+        format!("until {}{then}", prompt.until.as_deadline(now))
     };
     (count, next)
 }

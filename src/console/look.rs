@@ -51,6 +51,7 @@ glyphs! {
     Ahead = "·" or ".";
     Returned = "↩" or "r";
     Latched = "■" or "#";
+    Marked = "★" or "M";
     // Alarms' priorities.
     Critical = "▲" or "^";
     High = "◆" or "*";

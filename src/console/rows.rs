@@ -520,7 +520,7 @@ pub fn search_text(item: &CandidateItem<'_>) -> String {
             });
             let rest = decision.change.iter().chain(&decision.then).cloned();
             let all: Vec<String> = reasons.chain(rest).collect();
-            format!("{} {} {}", row_key_text(item), decision.rule.name(), all.join(" "))
+            format!("{} {}", row_key_text(item), all.join(" "))
         }
         CandidateItem::Difference(difference) => {
             let value = |value: &Option<serde_json::Value>| {

@@ -70,7 +70,7 @@ pub enum ConsoleError {
     #[error("cannot use this terminal: {0}")]
     Terminal(#[from] io::Error),
     /// A fault of the console itself; its message was printed before.
-    #[error("the console failed; the engine was left holding")]
+    #[error("the console failed; the engine was left halted")]
     Failed,
 }
 

@@ -153,6 +153,7 @@ fn take_in(model: &mut ConsoleModel, msg: Msg) -> Vec<Effect> {
             Vec::new()
         }
         MsgKind::Theme(name) => {
+            show_message(model, format!("theme {name}"), false);
             model.settings.theme = name;
             Vec::new()
         }

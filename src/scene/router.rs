@@ -34,6 +34,8 @@ struct RecordingPreamble {
     seed: Option<u64>,
     scenery: Scenery,
     digests: BTreeMap<CapabilityId, Digest>,
+    /// The registrations of versions in the queue: their recordings begin with them.
+    registered: BTreeMap<CapabilityId, Event>,
     active: BTreeMap<Family, CapabilityId>,
 }
 
@@ -138,8 +140,11 @@ impl Router {
 
     fn event(&mut self, event: &Event, dropped: (u64, u64)) {
         if let Some(version) = labels::version_of(&event.kind).cloned() {
-            if let EventKind::Registered { digest, .. } = &event.kind {
+            if let EventKind::Registered { digest, parent, .. } = &event.kind {
                 self.known.digests.insert(version.clone(), *digest);
+                if parent.is_some() {
+                    self.known.registered.insert(version.clone(), event.clone());
+                }
             }
             if begins(&event.kind) && !self.writers.contains_key(&version) && !self.failed.contains(&version)
             {
@@ -167,9 +172,14 @@ impl Router {
         }
         let head = self.known.head(version, digest);
         let place = self.place(&file_stem(version, &digest));
+        let registered = self.known.registered.remove(version);
+        let at_ms = registered.as_ref().map_or(at_ms, |event| event.at_ms);
         match RecordingWriter::begin(head, place, self.wall_clock, at_ms, &self.open) {
             Ok(writer) => {
                 self.writers.insert(version.clone(), writer);
+                if let Some(event) = registered {
+                    self.with(version, |writer| writer.event(&event));
+                }
             }
             Err(error) => self.fail(version, cannot_write(&error)),
         }
@@ -221,6 +231,7 @@ impl Router {
 
     fn close(&mut self, version: &CapabilityId, outcome: UpgradeEnd, dropped: (u64, u64)) {
         self.failed.remove(version);
+        self.known.registered.remove(version);
         let Some(writer) = self.writers.remove(version) else { return };
         match writer.end(Some(outcome), dropped) {
             Ok(Some(closed)) => {
@@ -328,13 +339,12 @@ impl RecordingPreamble {
     }
 }
 
-/// Whether a version's recording begins with an event. A version without a parent, such as a commissioned one, is
-/// recorded only once it is evaluated.
+/// Whether a version's recording is opened by an event. A queued version has none: it would take the place of one that
+/// is evaluated.
 const fn begins(kind: &EventKind) -> bool {
     matches!(
         kind,
-        EventKind::Registered { parent: Some(_), .. }
-            | EventKind::StageStarted { .. }
+        EventKind::StageStarted { .. }
             | EventKind::Decided { .. }
             | EventKind::Monitor { .. }
             | EventKind::Rung { .. }

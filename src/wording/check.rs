@@ -40,6 +40,10 @@ pub fn deciding_fact(of: &DecidingFact) -> String {
         DecidingFact::InFavor { kappa, support } => {
             let value = kappa.map_or_else(String::new, |kappa| format!("{:.3}: ", kappa.get()));
             match support {
+                // A failure of the candidate alone is never "nothing".
+                Support::NearestToLimit(finding) if fails_alone(finding) => {
+                    format!("{value}{}; within the limits", finding_clause(finding))
+                }
                 Support::NearestToLimit(finding) => {
                     let nearest = finding_clause(finding);
                     format!("{value}nothing speaks against it; nearest to a limit: {nearest}")
@@ -84,6 +88,19 @@ pub fn worst_work(of: FilmSubject, number: u32, count: u32, beyond: u32, why: Se
     }
     let more = if beyond > 0 { format!(" on record, {beyond} more failed") } else { String::new() };
     format!("the worst {what} is number {number} of {count}{more}: {reason}")
+}
+
+/// Whether the version failed drills that the active version passed.
+const fn fails_alone(of: &CheckFinding) -> bool {
+    match of {
+        CheckFinding::Drills(DrillComparison { candidate, active, .. }) => {
+            candidate.failed_alone > 0 || candidate.failed > active.failed
+        }
+        CheckFinding::Component(_)
+        | CheckFinding::Harm(_)
+        | CheckFinding::Sequences { .. }
+        | CheckFinding::Reason(_) => false,
+    }
 }
 
 /// A finding as a clause of its own. What the version does gets its subject.
@@ -216,6 +233,7 @@ pub(crate) fn number(value: f64) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use holdpoint_governance::evidence::{DrillKind, DrillTally};
     use holdpoint_governance::explanation::ReasonContent;
 
     #[test]
@@ -241,6 +259,24 @@ mod tests {
             of(Some(DecidingBound::Unbounded)),
             "; its bound decides: so few episodes exclude nothing"
         );
+    }
+
+    /// Regression: 3 of 40 failed abort drills stood behind "nothing speaks against it".
+    #[test]
+    fn a_drill_that_the_candidate_alone_fails_is_never_nothing() {
+        let of = |failed| {
+            let tally = |failed| DrillTally { passed: 40 - failed, failed, ..DrillTally::default() };
+            let drills = DrillComparison {
+                kind: DrillKind::Abort,
+                phase: None,
+                candidate: tally(failed),
+                active: tally(0),
+            };
+            let support = Support::NearestToLimit(CheckFinding::Drills(drills));
+            deciding_fact(&DecidingFact::InFavor { kappa: None, support })
+        };
+        assert_eq!(of(3), "it fails 3 of 40 abort drills, the active version 0 of 40; within the limits");
+        assert!(of(0).starts_with("nothing speaks against it; nearest to a limit: it fails 0 of 40"));
     }
 
     #[test]

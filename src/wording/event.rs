@@ -7,8 +7,10 @@ use std::fmt::Write as _;
 use crate::harm::harm_past;
 use crate::past_limit::{after_event, past_limit};
 use crate::{failure_cause, notice};
+use holdpoint_governance::outcome::StageOutcome;
 use holdpoint_governance::profile::titled;
-use holdpoint_protocol::event::{DimensionResult, Event, EventKind};
+use holdpoint_protocol::clock::ms_of;
+use holdpoint_protocol::event::{DimensionResult, Event, EventKind, TaskSummary};
 use holdpoint_protocol::snapshot::RequestKind;
 use holdpoint_text::{SafeText, Untrusted};
 
@@ -75,20 +77,22 @@ fn text(kind: &EventKind) -> String {
             stage,
             outcome,
             dimensions,
-            composite,
+            composite: _,
             reasons,
             conditions,
             deployment,
         } => {
+            let outcome = match *outcome {
+                // Shadow and the gate are still ahead.
+                StageOutcome::Activate => "eligible for activation",
+                other => other.name(),
+            };
             let mut line = format!("decide   {version}: {} -> {outcome}", stage.name());
             if let Some(deployment) = deployment {
                 let _ = write!(line, " ({deployment})");
             }
             for dimension in dimensions {
-                let _ = write!(line, " {}", kappa(dimension));
-            }
-            if let Some(composite) = composite {
-                let _ = write!(line, " composite={composite:.3}");
+                let _ = write!(line, ", {}", kappa(dimension));
             }
             for reason in reasons.iter().take(4) {
                 let _ = write!(line, "; {}", crate::line(reason));
@@ -150,10 +154,24 @@ fn text(kind: &EventKind) -> String {
             format!("confirm  {version}: {episodes} episodes without a trip")
         }
         EventKind::Sequence { index, success, tasks, refused } => {
-            let mut line =
-                format!("work     sequence {index}: {}", if *success { "done" } else { "not done" });
+            // A task that a stop cut short has no cause of a failure.
+            let is_cut_short =
+                |task: &TaskSummary| refused.is_some() && !task.success && task.failure.is_none();
+            let is_stopped = tasks.last().is_some_and(is_cut_short);
+            let result = match (*success, is_stopped) {
+                (true, _) => "done",
+                (false, true) => "stopped",
+                (false, false) => "not done",
+            };
+            let mut line = format!("work     sequence {index}: {result}");
             for task in tasks {
-                let mark = if task.success { "ok" } else { "failed" };
+                let mark = if task.success {
+                    "ok"
+                } else if is_cut_short(task) {
+                    "cut short"
+                } else {
+                    "failed"
+                };
                 let cause =
                     task.failure.map_or_else(String::new, |cause| format!(" ({})", failure_cause(cause)));
                 let _ = write!(line, ", {} {mark}{cause} {:.1} s", task.version, task.time_secs);
@@ -171,7 +189,8 @@ fn text(kind: &EventKind) -> String {
                 }
             }
             if let Some(refused) = refused {
-                let _ = write!(line, "; not started: {refused}");
+                let what = if is_stopped { "" } else { "not started: " };
+                let _ = write!(line, "; {what}{refused}");
             }
             line
         }
@@ -246,7 +265,9 @@ fn text(kind: &EventKind) -> String {
             let why = if reason.is_empty() { String::new() } else { format!(" ({reason})") };
             format!("STOP     the cell is stopped by {by}, {caller}{why}")
         }
-        EventKind::ArmStands { ticks } => format!("stands   at standstill {ticks} ticks after the stop"),
+        EventKind::ArmStands { ticks } => {
+            format!("stands   at standstill {} ms after the stop", ms_of(*ticks))
+        }
         EventKind::CellReleased { by, caller, reason } => {
             format!("go       the cell is started by {by}, {caller} ({reason})")
         }
@@ -314,29 +335,17 @@ fn listed<T: ToString>(items: &[T]) -> String {
 }
 
 fn kappa(dimension: &DimensionResult) -> String {
-    use holdpoint_governance::decision::Dimension;
-    let name = match dimension.dimension {
-        Dimension::Interface => "kI",
-        Dimension::Policy => "kP",
-        Dimension::Behavior => "kB",
-        Dimension::Recovery => "kR",
-        Dimension::Composition
-        | Dimension::Shadow
-        | Dimension::Gate
-        | Dimension::Approval
-        | Dimension::Monitor => "k",
-    };
+    let name = dimension.dimension.name();
     let estimate = if dimension.measured { "" } else { "~" };
     match dimension.kappa {
-        Some(value) => format!("{name}={estimate}{value:.2}({})", dimension.outcome),
-        None => format!("{name}=-({})", dimension.outcome),
+        Some(value) => format!("{name} {estimate}{value:.2} ({})", dimension.outcome),
+        None => format!("{name} ({})", dimension.outcome),
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use holdpoint_protocol::event::TaskSummary;
 
     /// Regression: a failed task was `failed 3.4 s anomaly`, and nothing said why.
     #[test]
@@ -357,6 +366,37 @@ mod tests {
             let line = sentence(&Event { seq: 1, at_ms: 0, kind }, LINE_WIDTH_MAX);
             assert!(line.as_str().ends_with(text), "{}", line.as_str());
         }
+    }
+
+    /// Regression: a stopped task read as failed, and a decision of the sandbox as an activation.
+    #[test]
+    fn a_stop_is_told_as_a_stop_and_a_decision_in_plain_words() {
+        let line = |kind: &str| {
+            let kind: EventKind = serde_json::from_str(kind).unwrap();
+            sentence(&Event { seq: 1, at_ms: 0, kind }, LINE_WIDTH_MAX).as_str().to_owned()
+        };
+        let sequence = |refused: &str| {
+            line(&format!(
+                r#"{{"event":"sequence","index":3,"success":false,"refused":{refused},"tasks":[{{"version":"grasp@1.0.0",
+                    "success":false,"violation":false,"anomaly":false,"recovery":false,"retries":0,"time_secs":3.4}}]}}"#
+            ))
+        };
+        assert_eq!(
+            sequence(r#""the arm was stopped""#),
+            "work     sequence 3: stopped, grasp@1.0.0 cut short 3.4 s; the arm was stopped"
+        );
+        assert_eq!(sequence("null"), "work     sequence 3: not done, grasp@1.0.0 failed 3.4 s");
+        let decided = r#"{"event":"decided","version":"grasp@1.1.0","stage":"sandbox","outcome":"activate","dimensions":
+            [{"dimension":"behavior","outcome":"compatible","kappa":0.93,"interval":null,"threshold":0.85,"measured":true}],
+            "composite":0.9,"reasons":[],"conditions":[]}"#;
+        assert_eq!(
+            line(decided),
+            "decide   grasp@1.1.0: sandbox -> eligible for activation, behavior 0.93 (compatible)"
+        );
+        assert_eq!(
+            line(r#"{"event":"arm-stands","ticks":17}"#),
+            "stands   at standstill 71 ms after the stop"
+        );
     }
 
     #[test]

@@ -4,7 +4,6 @@ use crate::harm::{self, percent};
 use crate::twin;
 use holdpoint_body::CodeFault;
 use holdpoint_governance::behavior::SequenceMeasure;
-use holdpoint_governance::decision::Dimension;
 use holdpoint_governance::distribution_shift::ShiftSignal;
 use holdpoint_governance::early_stop::EarlyStopReason;
 use holdpoint_governance::evidence::{DrillKind, HardStop};
@@ -280,8 +279,8 @@ pub fn finding(found: &Finding) -> String {
         F::DimensionSkipped { of } => format!("{of}: skipped, which only experiments may do"),
         F::LeftOut => "left out by an experiment".into(),
         F::ReviewWithoutApprover => "a review is needed and the profile has no approver".into(),
-        F::NotMeasured { of } => format!("{} is an estimate; only measured values open the gate", kappa(*of)),
-        F::NoValue { of } => format!("{} has no value", kappa(*of)),
+        F::NotMeasured { of } => format!("{of} is an estimate; only measured values open the gate"),
+        F::NoValue { of } => format!("{of} has no value"),
         F::NoEvidence => "there is no evidence".into(),
         F::EvidenceStale => {
             "evidence of another version, profile, policy, environment, active version or fallback".into()
@@ -478,16 +477,6 @@ const fn vote_flaw(flaw: VoteFlaw) -> &'static str {
         VoteFlaw::Author => "they wrote the version, and so cannot approve it",
         VoteFlaw::AskedBy => "they asked for this themselves, and so cannot approve it",
         VoteFlaw::Role => "the role does not reach this risk class",
-    }
-}
-
-const fn kappa(of: Dimension) -> &'static str {
-    match of {
-        Dimension::Interface => "kappa_I",
-        Dimension::Policy => "kappa_P",
-        Dimension::Behavior => "kappa_B",
-        Dimension::Recovery => "kappa_R",
-        other => other.name(),
     }
 }
 

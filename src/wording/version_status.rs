@@ -78,7 +78,7 @@ pub fn status_end(version: &CapabilityId, of: &VersionStatus) -> String {
 
 fn obstacle_sentence(version: &CapabilityId, of: &Obstacle) -> String {
     match of {
-        Obstacle::EngineHalted => "waits: the engine holds".to_owned(),
+        Obstacle::EngineHalted => "waits: the engine is halted".to_owned(),
         Obstacle::CellStopped => "waits: the cell is stopped".to_owned(),
         Obstacle::NoActiveVersion => {
             format!("waits until {} has an active version to compare it with", version.family)

@@ -21,6 +21,7 @@ use holdpoint::governance::closed_set::Lenient;
 use holdpoint::governance::decision::Dimension;
 use holdpoint::governance::evidence::StaleCause;
 use holdpoint::governance::outcome::DimensionOutcome;
+use holdpoint::governance::lifecycle::State;
 use holdpoint::governance::profile::ProfileName;
 use holdpoint::protocol::approval_document::ApprovalFacts;
 use holdpoint::protocol::detail::AuditVerification;
@@ -315,6 +316,21 @@ fn stale_evidence_is_shown_where_the_candidate_is_decided_on() {
 }
 
 #[test]
+fn a_shadow_before_a_restart_is_not_told_as_one_to_come() {
+    let mut model = support::at(View::Shadow);
+    let mut snapshot = support::snapshot();
+    for candidate in &mut snapshot.candidates {
+        (candidate.state, candidate.shadow, candidate.progress) = (State::Shadowed, None, None);
+    }
+    model.engine_data.snapshot = Some(Arc::new(snapshot));
+    for size in SIZES {
+        let text = shown(&model, size);
+        assert!(text.contains("o opens the recording"), "{size:?}:\n{text}");
+        assert!(!text.contains("has been shadowed yet"), "{size:?}:\n{text}");
+    }
+}
+
+#[test]
 fn every_window_shows_the_most_urgent_alarm_and_the_key_to_leave() {
     let mut models: Vec<ConsoleModel> = View::ALL.into_iter().map(support::at).collect();
     models.extend(occasions().into_iter().map(|(_, model)| model));
@@ -334,7 +350,8 @@ fn every_window_shows_the_most_urgent_alarm_and_the_key_to_leave() {
         }
     }
     let text = shown(&support::at(View::Registry), (30, 4));
-    assert!(text.contains("q quits") && text.contains("2 wait"), "{text}");
+    assert!(text.contains("q back") && text.contains("2 wait"), "{text}");
+    assert!(shown(&support::at(View::Overview), (30, 4)).contains("q quits"));
 }
 
 /// Texts that would deceive a terminal or a reader.
@@ -465,7 +482,7 @@ fn colors_add_no_information() {
         "2◆ HIGH",
         "3● LOW",
         "⚠ unacknowledged",
-        "↩ returned",
+        "↩ ended",
         "✔ acknowledged",
         "■ latched",
         "‖ shelved",

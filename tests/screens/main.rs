@@ -10,6 +10,7 @@ mod console;
 mod live;
 mod overview;
 mod replay;
+mod situations;
 mod support;
 
 #[path = "../support/health.rs"]

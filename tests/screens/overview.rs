@@ -95,7 +95,7 @@ fn nothing_that_runs_or_waits_leaves_the_screen_under_200_candidates() {
                 assert!(text.contains("Waits for you (7)"), "{at}");
                 assert!(line("answer").is_some_and(|line| line.contains("grasp@1.0.0")), "{at}");
                 assert!(line("sign").is_some_and(|line| line.contains("align@2.0.0")), "{at}");
-                let kinds = ["stopped", "paused", "held", "demoted", "reset"];
+                let kinds = ["stopped", "paused", "on hold", "demoted", "reset"];
                 for kind in kinds {
                     let is_counted = text.contains(&format!("1 {kind}"));
                     assert!(line(kind).is_some() || is_counted, "{kind}, {at}");
@@ -228,4 +228,20 @@ fn what_drives_the_arm_stands_in_the_line_of_state() {
         }
     });
     assert!(shown(&model, (80, 24)).lines().nth(2).unwrap().starts_with(" RUNNING grasp@1.0.0"));
+}
+
+/// A long name once left no column for what the version is.
+#[test]
+fn a_long_name_leaves_the_state_on_the_screen() {
+    let mut model = support::at(View::Overview);
+    edit(&mut model, |now| {
+        let long = format!("{}@1.0.0", "n".repeat(32));
+        let waits = VersionFlags { awaiting_approval: true, ..VersionFlags::default() };
+        now.candidates = vec![like(&now.candidates[3], &long, State::Shadowed, waits)];
+        now.prompts.clear();
+    });
+    for size in SIZES {
+        let text = shown(&model, size);
+        assert!(text.contains("◷ awaiting approval"), "{size:?}:\n{text}");
+    }
 }

@@ -41,7 +41,7 @@ impl StateMark {
     pub const fn alarm_state(state: AlarmState) -> Self {
         match state {
             AlarmState::Unacknowledged => mark(Glyph::Warning, "unacknowledged", ThemeRole::Text),
-            AlarmState::ReturnedUnacknowledged => mark(Glyph::Returned, "returned", ThemeRole::Text),
+            AlarmState::ReturnedUnacknowledged => mark(Glyph::Returned, "ended", ThemeRole::Text),
             AlarmState::Acknowledged => mark(Glyph::Good, "acknowledged", ThemeRole::Quiet),
             AlarmState::Latched => mark(Glyph::Latched, "latched", ThemeRole::Warning),
             AlarmState::Shelved => mark(Glyph::Paused, "shelved", ThemeRole::Quiet),
@@ -77,7 +77,7 @@ impl StateMark {
             State::Rejected => mark(Glyph::Bad, "rejected", ThemeRole::Bad),
             State::RolledBack => mark(Glyph::Bad, "rolled back", ThemeRole::Bad),
             State::Superseded => mark(Glyph::Neutral, "superseded", ThemeRole::Muted),
-            _ if flags.paused => mark(Glyph::Paused, "held", ThemeRole::Held),
+            _ if flags.paused => Self::PAUSED,
             _ if flags.awaiting_approval => mark(Glyph::Waiting, "awaiting approval", ThemeRole::Waiting),
             State::Demoted => mark(Glyph::Warning, "demoted", ThemeRole::Warning),
             _ if flags.running.is_some() => mark(Glyph::Running, "running", ThemeRole::Running),
@@ -128,8 +128,8 @@ impl StateMark {
     /// Of something that waits for a person.
     pub const WAITING: Self = mark(Glyph::Waiting, "waits", ThemeRole::Waiting);
 
-    /// Of something a person holds.
-    pub const HELD: Self = mark(Glyph::Paused, "held", ThemeRole::Held);
+    /// Of something a person paused.
+    pub const PAUSED: Self = mark(Glyph::Paused, "paused", ThemeRole::Held);
 
     /// Of something not measured.
     pub const UNKNOWN: Self = mark(Glyph::Unknown, "no data", ThemeRole::Unknown);

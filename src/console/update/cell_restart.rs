@@ -25,7 +25,7 @@ pub(super) fn may_go(model: &ConsoleModel) -> Result<&StoppedView, String> {
     let now = model.engine_data.snapshot.as_deref();
     if let Some(why) = now.and_then(|now| now.holding.as_ref()) {
         // A halted engine refuses it.
-        return Err(format!("the engine holds, and lets nothing work before it is started again: {why}"));
+        return Err(format!("the engine is halted, and lets nothing work before it is started again: {why}"));
     }
     now.and_then(|now| now.stopped.as_ref()).ok_or_else(|| "the cell is not stopped".to_owned())
 }

@@ -8,6 +8,7 @@ use crate::form::{Abort, ConfirmedOperation, Form, Intent, NO_IDENTITY_TEXT};
 use crate::formatters::state_label;
 use crate::line::EditLine;
 use crate::model::{ConsoleModel, EngineLink, EngineState, Overlay, RequestSubject};
+use crate::rows::CandidateRank;
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::lifecycle::{State, VersionFlags};
 use holdpoint_governance::profile::ProfileName;
@@ -183,7 +184,7 @@ pub(super) fn intent(
             (Intent::Pause(of), what.to_owned())
         }
         Action::Pause => {
-            return wrong("only a candidate or a provisional version that is not held can be held");
+            return wrong("only a candidate or a provisional version that is not paused can be paused");
         }
         Action::Resume if state.may_resume(&flags, is_held(model, id)) => {
             let what = if state == State::Active {
@@ -193,7 +194,7 @@ pub(super) fn intent(
             };
             (Intent::Resume(of), what.to_owned())
         }
-        Action::Resume => return wrong("only what is held can be resumed"),
+        Action::Resume => return wrong("only what is paused or on hold can be resumed"),
         Action::Refuse if is_candidate => {
             (Intent::Reject(of), "It never comes back under this version".to_owned())
         }
@@ -209,7 +210,7 @@ pub(super) fn intent(
             (Intent::Vacate(of), leaves(model, id, state, "An operator has to reactivate the family"))
         }
         Action::Rollback if state == State::Active => {
-            (Intent::Rollback(of), leaves(model, id, state, "It does not come back by itself"))
+            (Intent::Rollback(of), leaves(model, id, state, "It never comes back under this version"))
         }
         Action::Rollback => return wrong("only an active version can be rolled back"),
         Action::Restrict if state == State::Active && !flags.restricted => {
@@ -341,7 +342,7 @@ fn profile_lines(model: &ConsoleModel, id: &CapabilityId, profile: ProfileName, 
         (true, true) => {
             leaves(model, id, State::Active, "It is active under this profile, so it is rolled back")
         }
-        (true, false) => format!("Under {} the gate holds it; its state does not change", profile.name()),
+        (true, false) => format!("Under {} it is not activated; its state does not change", profile.name()),
         (false, _) => format!("Under {} the gate looks at it again", profile.name()),
     };
     vec![consequence]
@@ -377,7 +378,7 @@ fn rollback_target<'a>(model: &'a ConsoleModel, id: &CapabilityId) -> Option<&'a
 }
 
 /// The most urgent target of an abort, with its consequences: an active version in question, an unsettled one, the
-/// candidate under the cursor, a running candidate, a waiting one.
+/// candidate under the cursor that is not queued, a running candidate, a waiting one.
 pub(super) fn abort(model: &ConsoleModel) -> Option<(Abort, Vec<String>)> {
     let snapshot = model.engine_data.snapshot.as_ref()?;
     let unsettled = |flags: &VersionFlags| flags.provisional || flags.restricted;
@@ -397,10 +398,16 @@ pub(super) fn abort(model: &ConsoleModel) -> Option<(Abort, Vec<String>)> {
     let under_way = |id: &&CapabilityId| is_under_way(model, id);
     let candidates = || snapshot.candidates.iter().map(|candidate| &candidate.version).filter(under_way);
     let settled_active = active.as_ref().is_some_and(|id| !open().any(|o| o == id) && escalation != Some(id));
+    let is_queued = |id: &CapabilityId| {
+        model.candidate(id).is_some_and(|c| CandidateRank::of(c) == CandidateRank::Queued)
+    };
+    // On a queued candidate, too, it means the one that runs: a pause is for the queue.
     let candidate = here
         .as_ref()
-        .filter(under_way)
+        .filter(|id| under_way(id) && !is_queued(id))
         .or_else(|| candidates().find(|id| model.candidate(id).is_some_and(|c| c.progress.is_some())))
+        .or_else(|| candidates().find(|id| !is_queued(id)))
+        .or_else(|| here.as_ref().filter(under_way))
         .or_else(|| candidates().next());
     let what = match (active, candidate) {
         (Some(id), None) => Abort::Active(id),
@@ -428,7 +435,7 @@ fn abort_lines(model: &ConsoleModel, what: &Abort) -> Result<Vec<String>, String
             if matches!(what, Abort::Last(_)) == rollback_target(model, id).is_some() {
                 return Err(format!("the version that takes over from {id} has changed: look again"));
             }
-            vec![leaves(model, id, State::Active, "It does not come back by itself")]
+            vec![leaves(model, id, State::Active, "It never comes back under this version")]
         }
         Abort::Candidate(id) if !is_under_way(model, id) => {
             let status = model.version_state(id);
@@ -436,7 +443,7 @@ fn abort_lines(model: &ConsoleModel, what: &Abort) -> Result<Vec<String>, String
                 status.map_or_else(|| "gone".to_owned(), |(state, flags)| state_label(state, &flags));
             return Err(format!("{id} is {status} by now: look again"));
         }
-        Abort::Candidate(id) => vec![format!("{id} is held in its state; active versions continue")],
+        Abort::Candidate(id) => vec![format!("{id} is paused in its state; active versions continue")],
     };
     let versions = snapshot.candidates.iter().map(|candidate| &candidate.version);
     let rest = versions.filter(|id| is_under_way(model, id));

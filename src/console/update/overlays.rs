@@ -1,6 +1,6 @@
 //! Keys inside the palette, an approval prompt and a form.
 
-use ratatui::crossterm::event::{KeyCode, KeyEvent};
+use ratatui::crossterm::event::{KeyCode, KeyEvent, KeyModifiers};
 
 use super::{act, engine_requests, operations, show_message, text_entry};
 use crate::action::Action;
@@ -294,6 +294,11 @@ pub(super) fn form_key(model: &mut ConsoleModel, key: KeyEvent, action: Option<A
         KeyCode::Right | KeyCode::Down if form.line_mut().is_none() => form.step(true),
         KeyCode::Char('y') if one_key => return confirm(model),
         KeyCode::Char('n') if one_key => leave_undone(model),
+        // A control key edits the field.
+        KeyCode::Char(sign)
+            if form.focus == FormFocus::Minutes
+                && !sign.is_ascii_digit()
+                && !key.modifiers.contains(KeyModifiers::CONTROL) => {}
         _ => {
             if let Some(line) = form.line_mut() {
                 text_entry::into_line(line, key);

@@ -65,7 +65,7 @@ fn announce_selection(model: &mut ConsoleModel) {
     let text = match model.view_state.marked_versions.len() {
         0 => "nothing is marked".to_owned(),
         count => format!(
-            "{count} marked: {} rejects, {} holds, {} copies them, {} takes the marks away",
+            "{count} marked: {} rejects, {} pauses, {} copies them, {} takes the marks away",
             key(Action::Refuse),
             key(Action::Pause),
             key(Action::Copy),

@@ -107,7 +107,7 @@ fn row(item: AlarmItem<'_>, marked: bool, since: usize, model: &ConsoleModel, lo
         text = format!("{glyph} {count} alarms, the first: {text}");
     }
     // Beside the priority: all marked alarms are acknowledged together.
-    let mark = if marked { look.glyph(Glyph::Neutral) } else { "" };
+    let mark = if marked { look.glyph(Glyph::Marked) } else { "" };
     Row::new()
         .with(role, &priority_label(look, alarm.priority))
         .with(ThemeRole::Focus, mark)

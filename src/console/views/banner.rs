@@ -1,7 +1,7 @@
 //! The first line: profile, robot, operator, and how far the shown data can be trusted.
 //!
 //! ```text
-//!  ◇ SIM   arm-1 · seed 42 · operator ada (operator)          READ-ONLY  HOLDING paused  STALE 12 s  00:12:41
+//!  ◇ SIM   arm-1 · seed 42 · operator ada (operator)          READ-ONLY  ENGINE HALTED …  STALE 12 s
 //! ```
 
 use ratatui::layout::Rect;
@@ -115,7 +115,7 @@ fn warnings(model: &ConsoleModel, pen: &Pen<'_>, width: usize) -> Row {
     }
     if let Some(why) = model.engine_data.snapshot.as_ref().and_then(|snapshot| snapshot.holding.as_deref()) {
         let why = super::short(why, width / 4);
-        say(ThemeRole::Held, &format!("{} HOLDING {why}", pen.look.glyph(Glyph::Paused)));
+        say(ThemeRole::Held, &format!("{} ENGINE HALTED {why}", pen.look.glyph(Glyph::Paused)));
     }
     if model.engine_data.snapshot.as_ref().is_some_and(|snapshot| snapshot.unauthorized.is_some()) {
         say(ThemeRole::Held, &format!("{} PROFILE NOT AUTHORIZED", pen.look.glyph(Glyph::Paused)));

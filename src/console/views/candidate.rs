@@ -3,8 +3,8 @@
 //! ```text
 //! align@2.0.0 against align@1.0.0  ◷ awaiting approval  ada, refined, risk medium
 //! [Checks]  Difference  Sandbox  Drills  Timeline  Audit             1 of 9
-//! ▸ ✔ κI interface  1.000 ██████┃                at least 0.90  compatible
-//!   ⚠ κR recovery   0.821 █████░┃ [0.790, 0.845] at least 0.85  suspicious
+//! ▸ ✔ interface 1.000 ██████┃                  limit 0.90 compatible
+//!   ⚠ recovery  0.821 █████░┃ [0.790, 0.845]  limit 0.85 suspicious
 //!   recovery-conditional: recovery is above the floor …
 //! ```
 
@@ -15,7 +15,7 @@ use super::candidate_rows::item;
 use super::status::priority_label;
 use super::{pipeline, tabs};
 use crate::action::Action;
-use crate::formatters::seconds;
+use crate::formatters::{origin, seconds};
 use crate::look::{Glyph, Look, ThemeRole};
 use crate::model::{ConsoleModel, View};
 use crate::rows::CandidateItem;
@@ -101,7 +101,7 @@ fn heading(model: &ConsoleModel, detail: &Detail, look: &Look, width: usize, fit
     let short = super::short;
     first.push(
         ThemeRole::Muted,
-        &format!("  {}, {}, risk {}", short(&detail.author, 20), detail.provenance, detail.risk),
+        &format!("  {}, {}, risk {}", short(&detail.author, 20), origin(detail.provenance), detail.risk),
     );
     let mut rows = vec![first];
     let now = model.engine_data.snapshot.as_deref();
@@ -133,17 +133,8 @@ fn heading(model: &ConsoleModel, detail: &Detail, look: &Look, width: usize, fit
     let counted = candidate.and_then(|candidate| candidate.counted.as_ref());
     let counted = counted.map(|counted| counted_try(&detail.version.family, counted));
     rows.extend(counted.map(|line| Row::of(ThemeRole::Muted, &short(&line, width))));
-    let mut outcome = Row::new();
     if let Some(deployment) = candidate.and_then(|candidate| candidate.deployment) {
-        outcome.push(ThemeRole::Text, &format!("deployment {deployment}"));
-    }
-    if let Some(composite) = detail.composite {
-        let gap = if outcome.width() > 0 { "  " } else { "" };
-        let text = format!("{gap}composite {composite:.3}, reported and never decisive");
-        outcome.push(ThemeRole::Muted, &text);
-    }
-    if outcome.width() > 0 {
-        rows.push(outcome);
+        rows.push(Row::of(ThemeRole::Text, &format!("deployment {deployment}")));
     }
     rows
 }

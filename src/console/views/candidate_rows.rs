@@ -1,6 +1,6 @@
 //! The rows of the candidate view: each kind of fact in one to a few lines.
 
-use crate::formatters::{kappa_sign, reason_line, seconds};
+use crate::formatters::{reason_line, seconds};
 use crate::look::{Glyph, Look, ThemeRole};
 use crate::rows::CandidateItem;
 use crate::theme::state_mark::{of_dimension, of_ruling};
@@ -24,8 +24,7 @@ pub fn item(item: &CandidateItem<'_>, look: &Look, width: usize) -> Vec<Row> {
         CandidateItem::Measure(measure) => vec![measured(measure, width)],
         CandidateItem::Reason(reason) => text(ThemeRole::Text, &reason_line(reason), width),
         CandidateItem::Unproven(reason, measure) => {
-            let [low, high] = measure.interval.unwrap_or_default();
-            let caveat = format!("not established: worse by {low:+.3}..{high:+.3}");
+            let caveat = format!("not established: {}", change(measure.interval.unwrap_or_default()));
             text(ThemeRole::Text, &format!("{}; {caveat}", reason_line(reason)), width)
         }
         CandidateItem::Condition(condition) => {
@@ -63,8 +62,7 @@ fn text(role: ThemeRole, text: &str, width: usize) -> Vec<Row> {
 fn dimension(result: &DimensionResult, look: &Look, width: usize) -> Row {
     let (glyph, role) = of_dimension(result.outcome);
     let value = result.kappa.map_or_else(|| "  ?  ".to_owned(), |kappa| format!("{kappa:.3}"));
-    let sign = kappa_sign(result.dimension, look.ascii());
-    let mut row = Row::of(role, &format!("{} {sign} ", look.glyph(glyph)))
+    let mut row = Row::of(role, &format!("{} ", look.glyph(glyph)))
         .cell(ThemeRole::Text, result.dimension.name(), 10)
         .with(ThemeRole::Value, &format!("{value} "));
     let interval = result.interval.map_or_else(String::new, |[low, high]| format!(" [{low:.3}, {high:.3}]"));
@@ -87,7 +85,7 @@ fn worsened(measure: &MeasuredValue, look: &Look, width: usize) -> Row {
         row.push(ThemeRole::Muted, "  not compared");
         return row;
     };
-    row.push(ThemeRole::Muted, &format!(" worse by {low:+.3}..{high:+.3}"));
+    row.push(ThemeRole::Muted, &format!(" {}", change([low, high])));
     if let Some(limit) = measure.limit {
         // The rules judge; a value that may lie beyond the limit is only marked.
         if high > limit {
@@ -96,6 +94,17 @@ fn worsened(measure: &MeasuredValue, look: &Look, width: usize) -> Row {
         row.push(ThemeRole::Limit, &format!(" max {limit:.3}"));
     }
     row
+}
+
+/// An interval of a worsening without signs: a negative one is an improvement.
+fn change([low, high]: [f64; 2]) -> String {
+    if high < 0.0 {
+        format!("better by {:.3}..{:.3}", -high, -low)
+    } else if low < 0.0 {
+        format!("{:.3} better to {high:.3} worse", -low)
+    } else {
+        format!("worse by {low:.3}..{high:.3}")
+    }
 }
 
 /// A measured value of the candidate, with its interval, beside the active version's.
@@ -164,7 +173,7 @@ fn drilled(drill: &DrillView, look: &Look, width: usize) -> Row {
     row.and(against_limit(look, share(drill.candidate), limit, bar)).and(tail)
 }
 
-/// A decision with its rule, its reasons, what would change it, and its result.
+/// A decision with its reasons, what would change it, and its result.
 fn decision_rows(decision: &DecisionExplanation, look: &Look, width: usize) -> Vec<Row> {
     let (glyph, role) = of_ruling(&decision.ruling);
     let mut rows = vec![
@@ -176,10 +185,7 @@ fn decision_rows(decision: &DecisionExplanation, look: &Look, width: usize) -> V
         let lines = wrap(line, width.saturating_sub(4), LINES_MAX);
         rows.extend(lines.iter().map(|line| Row::of(role, &format!("  {line}"))));
     };
-    say(
-        ThemeRole::Muted,
-        &format!("rule {} ({}), record {}", decision.rule.name(), decision.rule.source(), decision.record),
-    );
+    say(ThemeRole::Muted, &format!("record {}", decision.record));
     for reason in &decision.reasons {
         let sign = if reason.in_favour { "+" } else { "-" };
         let measured = reason.measured.as_deref().map(|text| format!(" ({text})")).unwrap_or_default();
@@ -196,4 +202,17 @@ fn decision_rows(decision: &DecisionExplanation, look: &Look, width: usize) -> V
         say(ThemeRole::Muted, &format!("then: {then}"));
     }
     rows
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// An improvement of success was "worse by -0.357..-0.201".
+    #[test]
+    fn an_improvement_is_not_told_as_a_negative_worsening() {
+        assert_eq!(change([-0.357, -0.201]), "better by 0.201..0.357");
+        assert_eq!(change([-0.010, 0.030]), "0.010 better to 0.030 worse");
+        assert_eq!(change([0.0, 0.030]), "worse by 0.000..0.030");
+    }
 }

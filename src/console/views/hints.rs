@@ -351,7 +351,6 @@ fn label(model: &ConsoleModel, action: Action) -> String {
         (Action::Go, _, _) => "start the cell",
         (Action::Freeze, _, _) if model.view_state.frozen.is_some() => "let run",
         (Action::Open, None, View::Audit) => "raw record",
-        (Action::Pause, _, _) => "hold",
         (Action::Resume, _, _) => "resume",
         (Action::Quit, None, _) if model.absence().is_some() => "quit",
         (Action::Quit, None, View::Overview) if !model.ends_engine() => "leave it on",

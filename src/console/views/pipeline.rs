@@ -17,7 +17,7 @@ use unicode_width::UnicodeWidthStr as _;
 use super::{indented, watched};
 use crate::action::Action;
 use crate::formatters::{
-    MONITOR_PLACE, STAGES, approvals, duration, pipeline_idle_reason, stage_place, stages_done,
+    MONITOR_PLACE, STAGES, approvals, duration, origin, pipeline_idle_reason, stage_place, stages_done,
 };
 use crate::look::{Glyph, Look, ThemeRole};
 use crate::model::{ConsoleModel, StageProgress};
@@ -42,6 +42,9 @@ const NEXT_NAMED: usize = 2;
 
 /// Columns of the name of what runs, beside the time.
 const WHAT_MIN: usize = 8;
+
+/// Columns that a long name leaves to the state behind it.
+const STATE_WIDTH_MIN: usize = 22;
 
 /// Rows for the status of the chosen version.
 const STATUS_ROWS_MAX: usize = 3;
@@ -289,12 +292,12 @@ fn rows(
     width: usize,
     chosen: bool,
 ) -> Vec<Row> {
-    let name = candidate.version.to_string();
-    let room = width.saturating_sub(name.len() + 2);
+    let name = super::short(&candidate.version.to_string(), width.saturating_sub(STATE_WIDTH_MIN));
+    let room = width.saturating_sub(name.width() + 2);
     let by = format!(
         "  {}, {}, risk {}",
         super::short(&candidate.author, 24),
-        candidate.provenance,
+        origin(candidate.provenance),
         candidate.risk
     );
     let state = super::state_row(candidate.state, &candidate.flags, room, look);
@@ -366,7 +369,7 @@ fn stage_mark(candidate: &CandidateView, place: usize) -> StateMark {
     let works = candidate.state == State::Active;
     let held = if works { MONITOR_PLACE + 1 } else { running.unwrap_or(done) };
     if candidate.flags.paused && place == held {
-        StateMark::HELD
+        StateMark::PAUSED
     } else if candidate.flags.awaiting_approval && !works && place == running.unwrap_or(done) {
         // The gate has passed; the approvers decide next.
         StateMark::WAITING
@@ -403,7 +406,7 @@ pub fn strip(candidate: &CandidateView, look: &Look, width: usize) -> Row {
     let mut is_named = false;
     for (mark, stage) in marks {
         row.push(mark.role, look.glyph(mark.glyph));
-        if !is_named && mark != StateMark::DONE || mark == StateMark::HELD {
+        if !is_named && mark != StateMark::DONE || mark == StateMark::PAUSED {
             row.push(mark.role, &format!(" {stage} {} ", mark.label));
             is_named = true;
         }

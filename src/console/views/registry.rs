@@ -1,8 +1,8 @@
-//! View 2: families and versions as a tree, each with its state, its four kappas against their limits, and its age.
+//! View 2: families and versions as a tree, each with state, the four values against their limits, and age.
 //!
 //! ```text
 //! [All]  Active  Candidates  History                            3 of 8
-//!   version        state                κI ░░░░┃ κP ░░░░┃ κB ░░░░┃ κR ░░░░┃  age
+//!   version        state                interface  policy     behavior  …        age
 //! ▾ grasp (3)
 //! ▸  1.1.0         ◌ running            1.00 ███┃ 0.97 ███┃ 0.91 …          7 min
 //! reason: behavior-established-worse: …
@@ -11,7 +11,7 @@
 use ratatui::layout::Rect;
 
 use super::tabs;
-use crate::formatters::{duration, kappa_sign, reason_line, state_label};
+use crate::formatters::{duration, origin, reason_line, state_label};
 use crate::look::{Glyph, Look, ThemeRole};
 use crate::model::{ConsoleModel, SortBy, SortOrder};
 use crate::rows::RegistryItem;
@@ -129,8 +129,10 @@ fn header(columns: &RegistryColumns, has_age: bool, sort: SortOrder, look: &Look
         .cell(ThemeRole::Muted, &heading(SortBy::Tree, "version"), columns.name)
         .cell(ThemeRole::Muted, &heading(SortBy::State, "state"), columns.state)
         .with(ThemeRole::Text, " ");
+    // A gap and the sign of the order stand behind a name.
+    let room = columns.kappa().saturating_sub(2);
     for (place, dimension) in DIMENSIONS.into_iter().enumerate() {
-        let name = heading(SortBy::Kappa(place), kappa_sign(dimension, look.ascii()));
+        let name = heading(SortBy::Kappa(place), &super::short(dimension.name(), room));
         row = row.cell(ThemeRole::Muted, &name, columns.kappa());
     }
     let age = if has_age { heading(SortBy::Age, " age") } else { String::new() };
@@ -145,7 +147,7 @@ fn header(columns: &RegistryColumns, has_age: bool, sort: SortOrder, look: &Look
 
 /// The author, and the deciding reason, for a wide screen.
 fn extra_columns(model: &ConsoleModel, row: &VersionSummary, columns: &RegistryColumns) -> Row {
-    let by = format!("{}, {}, {}", super::short(&row.author, 14), row.provenance, row.risk);
+    let by = format!("{}, {}, {}", super::short(&row.author, 14), origin(row.provenance), row.risk);
     let room = columns.by.saturating_sub(1);
     let cause = holdpoint_wording::status_cause(&status(model, row)).unwrap_or_default();
     Row::new().cell(ThemeRole::Muted, &super::short(&by, room), columns.by).with(ThemeRole::Text, &cause)
@@ -213,7 +215,7 @@ fn version(
 #[must_use]
 pub fn lead(marked: bool, flat: bool, look: &Look) -> Row {
     if marked {
-        Row::of(ThemeRole::Focus, look.glyph(Glyph::Neutral)).with(ThemeRole::Text, " ")
+        Row::of(ThemeRole::Focus, look.glyph(Glyph::Marked)).with(ThemeRole::Text, " ")
     } else if flat {
         Row::new()
     } else {
@@ -250,14 +252,13 @@ fn detail(model: &ConsoleModel, item: Option<&RegistryItem<'_>>, pen: &mut Pen<'
             duration(model.engine_ms().saturating_sub(row.changed_ms)),
             if model.engine_data.registry.page.anchors.contains(&row.version) { "anchor, " } else { "" },
             super::short(&row.author, 24),
-            row.provenance,
+            origin(row.provenance),
             row.risk
         ),
     );
-    for (dimension, limit) in DIMENSIONS.into_iter().zip(limits) {
-        let sign = kappa_sign(dimension, pen.look.ascii());
-        sentence.push(ThemeRole::Muted, &format!("  {sign} at least {limit:.2}"));
-    }
+    let limits = DIMENSIONS.into_iter().zip(limits);
+    let limits: Vec<String> = limits.map(|(of, limit)| format!("{} {limit:.2}", of.name())).collect();
+    sentence.push(ThemeRole::Muted, &format!("  limits: {}", limits.join(", ")));
     pen.row(inside, 0, &sentence);
     let told = holdpoint_wording::version_status(&row.version, &status(model, row));
     let taken = pen.text(below(inside, 1), 0, ThemeRole::Text, &told);

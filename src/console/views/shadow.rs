@@ -12,7 +12,8 @@
 use ratatui::layout::Rect;
 
 use super::tabs;
-use crate::formatters::reason_line;
+use crate::action::Action;
+use crate::formatters::{reason_line, stage_place, stages_done};
 use crate::look::{Glyph, ThemeRole};
 use crate::model::{ConsoleModel, MONITORS_PANE};
 use crate::widgets::bar::against_limit;
@@ -22,7 +23,7 @@ use crate::widgets::pen::{Fit, Hit, Pen, below, cut};
 use crate::widgets::row::{Row, wrap};
 use holdpoint_engine::explain::is_in_favor;
 use holdpoint_governance::decision::{Dimension, Reason};
-use holdpoint_governance::lifecycle::State;
+use holdpoint_governance::lifecycle::{Stage, State};
 use holdpoint_protocol::monitor_chart::ChartView;
 use holdpoint_protocol::snapshot::{CandidateView, MonitorView, ShadowView};
 
@@ -121,7 +122,7 @@ fn zoomed<T>(series: &[T], zoom: u8) -> &[T] {
 
 fn charts(model: &ConsoleModel, shadow: Option<&ShadowView>, pen: &mut Pen<'_>, area: Rect) {
     let Some(shadow) = shadow.filter(|shadow| !shadow.series.is_empty()) else {
-        pen.text(area, 0, ThemeRole::Muted, "No sequence has been shadowed yet");
+        pen.text(area, 0, ThemeRole::Muted, &absent_series(model));
         return;
     };
     let means = [shadow.output, shadow.governance, shadow.envelope];
@@ -138,6 +139,19 @@ fn charts(model: &ConsoleModel, shadow: Option<&ShadowView>, pen: &mut Pen<'_>, 
         let values: Vec<f32> = series.iter().filter_map(|three| three.get(place).copied()).collect();
         Chart { values: &values, limit }.draw(pen, inside);
     }
+}
+
+/// Why the subject has no series: an engine keeps those of its own session alone.
+pub(super) fn absent_series(model: &ConsoleModel) -> String {
+    let subject = model.subject();
+    let candidates = model.charted().map_or(&[][..], |snapshot| &snapshot.candidates);
+    let ours = candidates.iter().find(|candidate| Some(&candidate.version) == subject.as_ref());
+    let done = ours.map_or(0, |one| stages_done(one.state, one.left, one.ran, &one.flags));
+    if done > stage_place(Stage::Shadow) {
+        let key = model.keymap.key(Action::OpenRecording);
+        return format!("Its shadow is over, not in memory: {key} opens the recording");
+    }
+    "No sequence has been shadowed yet".to_owned()
 }
 
 /// How a distance is judged: by its mean, or by the values that replace a single number.
@@ -290,7 +304,7 @@ fn list(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect, focused: bool) {
         let ours = candidates.iter().find(|candidate| Some(&candidate.version) == subject.as_ref());
         let sequences = ours.and_then(|candidate| candidate.shadow.as_ref()).map_or(0, |shadow| shadow.n);
         let text = match sequences {
-            0 => "No sequence has been shadowed yet: there is nothing to agree on".to_owned(),
+            0 => absent_series(model),
             1 => "The one sequence so far ended alike in twin and live world".to_owned(),
             n => format!("All {n} sequences so far ended alike in twin and live world"),
         };

@@ -82,9 +82,10 @@ fn footer(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
         return;
     }
     let key = |action| model.keymap.key(action);
+    let leads_back = model.absence().is_none() && model.view_state.view != View::Overview;
     let row = hints::stop(model)
         .with(ThemeRole::Key, &format!("  {}", key(Action::Quit)))
-        .with(ThemeRole::Text, " quits  ")
+        .with(ThemeRole::Text, if leads_back { " back  " } else { " quits  " })
         .with(ThemeRole::Key, &key(Action::Help))
         .with(ThemeRole::Text, " keys  ");
     let row = if model.absence().is_some() {
@@ -218,7 +219,7 @@ fn shadow(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
     let mut rows = vec![Row::of(ThemeRole::Title, &version.to_string())];
     let candidate = model.candidate(&version);
     match candidate.and_then(|candidate| candidate.shadow.as_ref()) {
-        None => rows.push(Row::of(ThemeRole::Muted, "no sequence has been shadowed yet")),
+        None => rows.push(Row::of(ThemeRole::Muted, &super::shadow::absent_series(model))),
         Some(shadow) => {
             let means = [shadow.output, shadow.governance, shadow.envelope];
             for ((name, mean), limit) in super::shadow::NAMES.iter().zip(means).zip(shadow.limits) {

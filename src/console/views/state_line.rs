@@ -135,7 +135,7 @@ fn text(model: &ConsoleModel, now: &Snapshot, state: OverridingState) -> String 
             format!("STARTING, {reading}; only {stop} works")
         }
         OverridingState::Holding => {
-            format!("HOLDING, no version is evaluated: {}", now.holding.as_deref().unwrap_or_default())
+            format!("ENGINE HALTED, no version is evaluated: {}", now.holding.as_deref().unwrap_or_default())
         }
         OverridingState::Unauthorized => {
             format!("PROFILE NOT AUTHORIZED: {}", now.unauthorized.as_deref().unwrap_or_default())
@@ -256,7 +256,7 @@ mod tests {
         edit(&mut model, |now| now.stopped = None);
         assert!(line(&model).contains("3 of 9 records read; only X works"), "{}", line(&model));
         edit(&mut model, |now| now.reading = None);
-        assert_eq!(line(&model), "HOLDING, no version is evaluated: the disk is full");
+        assert_eq!(line(&model), "ENGINE HALTED, no version is evaluated: the disk is full");
         edit(&mut model, |now| now.holding = None);
         assert_eq!(line(&model), "PROFILE NOT AUTHORIZED: no administrator did");
         edit(&mut model, |now| now.unauthorized = None);

@@ -105,9 +105,9 @@ fn head_text(snapshot: &Snapshot) -> String {
     snapshot.foremost_alarm().map_or_else(
         || "no alarm".to_owned(),
         |alarm| {
-            // A returned alarm stays until an operator acknowledges it; an acknowledged one until its condition ends.
+            // An ended one stays until it is acknowledged; an acknowledged one until its condition ends.
             let state_note = match alarm.state {
-                AlarmState::ReturnedUnacknowledged => " (returned)",
+                AlarmState::ReturnedUnacknowledged => " (ended)",
                 AlarmState::Acknowledged => " (acknowledged)",
                 AlarmState::Latched => " (latched)",
                 AlarmState::Normal | AlarmState::Unacknowledged | AlarmState::Shelved => "",

@@ -15,7 +15,7 @@ pub fn sentence(model: &ConsoleModel) -> Option<&'static str> {
 const fn of(view: View) -> &'static str {
     match view {
         View::Overview => "Candidates walk seven stages beside the live arm; X stops it",
-        View::Registry => "Bars: the four kappas against their limits; l opens a family",
+        View::Registry => "Bars: the four values against their limits; l opens a family",
         View::Candidate => "Why it is in this state; tab leads on to the evidence",
         View::Shadow => "The twin against the live arm on the same sequences; f freezes",
         View::Alarms => "Space says that you have seen an alarm, and resumes nothing",

@@ -3,8 +3,8 @@
 //! ```text
 //! ─ Waits for you (4) ─────────────────────────────────────────────
 //! answer   grasp@1.0.0  or it is rolled back in 43 s: the monitor …  6
-//! sign     align@2.0.0  1 of 2 (grace), held at 08:41:43 UTC, 29 m…  6
-//! held     place@1.3.8  on hold: nothing runs until it is resumed    u
+//! sign     align@2.0.0  1 of 2 (grace), until 08:41:43 UTC, 29 mi…  6
+//! paused   place@1.3.8  paused by mia: odd noise                     u
 //! reset    rollback     since 08:05:00: the rollback took 1.9 s      5
 //! ```
 
@@ -60,7 +60,11 @@ pub fn items(model: &ConsoleModel) -> Vec<WaitingItem> {
             items.push(WaitingItem {
                 what: "review",
                 subject: review.version.to_string(),
-                text: format!("one person activated it; due {}", review.until.as_deadline(model.time())),
+                text: format!(
+                    "until {}{}; one person activated it",
+                    review.until.as_deadline(model.time()),
+                    if review.overdue { "" } else { ", then it is rolled back" }
+                ),
                 action: Action::ShowApprovals,
             });
         }
@@ -68,7 +72,10 @@ pub fn items(model: &ConsoleModel) -> Vec<WaitingItem> {
             items.push(WaitingItem {
                 what: "stopped",
                 subject: family.family.to_string(),
-                text: "no version of it works until one is activated again".to_owned(),
+                text: format!(
+                    "no version works until one is reactivated ({})",
+                    model.keymap.key(Action::Rearm)
+                ),
                 action: Action::ShowRegistry,
             });
         }
@@ -128,7 +135,7 @@ fn kept(now: &Snapshot, candidate: &CandidateView) -> Option<WaitingItem> {
     let status = now.status(candidate);
     let (what, action) = match status.condition {
         VersionCondition::Paused | VersionCondition::PromotionPaused => ("paused", Action::Resume),
-        VersionCondition::Held => ("held", Action::Resume),
+        VersionCondition::Held => ("on hold", Action::Resume),
         VersionCondition::Demoted => ("demoted", Action::Repeat),
         VersionCondition::Queued
         | VersionCondition::Running

@@ -1,8 +1,8 @@
 //! The explanation of a check's result: the deciding sentence, what would change it, and the measured values.
 //!
 //! ```text
-//! grasp@1.1.0 against grasp@1.0.0        1 of 4: interface  policy [behaviour] recovery
-//! ✖ κB behaviour 0.412, at least 0.85: incompatible
+//! grasp@1.1.0 against grasp@1.0.0        1 of 4: interface  policy [behavior] recovery
+//! ✖ behavior 0.412 (at least 0.85) incompatible
 //!
 //! passes a limit in 38 of 120 episodes, the active version in 0; at most 5 % more is tolerated
 //!
@@ -14,7 +14,7 @@
 
 use ratatui::layout::Rect;
 
-use crate::formatters::{kappa_line, kappa_sign};
+use crate::formatters::kappa_line;
 use crate::look::{Glyph, Look, ThemeRole};
 use crate::model::{ConsoleModel, WhyScreen};
 use crate::theme::state_mark::of_dimension;
@@ -82,8 +82,7 @@ pub fn rows(detail: &Detail, why: &RationaleView, look: &Look, width: usize) -> 
     match outcome {
         Some(result) => {
             let (glyph, role) = of_dimension(result.outcome);
-            let sign = kappa_sign(result.dimension, look.ascii());
-            rows.push(Row::of(role, &format!("{} {sign} {}", look.glyph(glyph), kappa_line(result))));
+            rows.push(Row::of(role, &format!("{} {}", look.glyph(glyph), kappa_line(result))));
         }
         None => rows.push(Row::of(ThemeRole::Title, why.about.name())),
     }

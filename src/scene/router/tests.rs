@@ -68,6 +68,25 @@ fn version_without_new_events_has_no_recording() {
     assert!(router.reports().is_empty());
 }
 
+/// 16 versions in the queue took every place, and what was evaluated later had no recording.
+#[test]
+fn a_queued_version_opens_no_file_and_its_recording_begins_with_its_registration() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut router = router(folder.path(), plain());
+    for number in 1..=40 {
+        let queued = registered(&format!("grasp@1.{number}.0"), Some("grasp@1.0.0"));
+        router.events(&[event(number, 5, queued)], None, (0, 0));
+    }
+    assert!(recordings(folder.path()).is_empty());
+    router.events(&[event(41, 10, shadow("grasp@1.40.0"))], None, (0, 0));
+    router.events(&[event(42, 20, closed("grasp@1.40.0"))], None, (0, 0));
+    let reports = router.reports();
+    let [SinkReport::Closed(ended)] = reports.as_slice() else { panic!("{reports:?}") };
+    let events = crate::read(&folder.path().join(&ended.file)).unwrap().events;
+    let numbers: Vec<u64> = events.iter().map(|event| event.seq).collect();
+    assert_eq!(numbers, [40, 41, 42]);
+}
+
 #[test]
 fn a_full_disk_ends_one_recording_with_one_report() {
     let folder = tempfile::tempdir().unwrap();

@@ -38,7 +38,7 @@ fn an_approved_request_names_its_takeover() {
         let screen = screen_text(&console);
         assert!(screen.contains(&format!("{CANDIDATE} is approved and {takeover}")), "{screen}");
         assert!(screen.contains(&format!("2 of 2 {takeover}")), "{screen}");
-        assert!(!screen.contains("held at"), "{screen}");
+        assert!(!screen.contains("2 of 2 until"), "{screen}");
     }
 }
 

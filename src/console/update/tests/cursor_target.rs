@@ -210,3 +210,24 @@ fn the_palette_runs_its_item_and_no_decision() {
     console.press(KeyCode::Enter);
     assert_eq!(console.model.view_state.view, View::Audit);
 }
+
+/// On a queued row the key paused that one, and the one that ran went on.
+#[test]
+fn an_abort_on_a_queued_row_means_the_candidate_that_runs() {
+    use holdpoint_governance::lifecycle::{Stage, VersionFlags};
+    let mut console = TestConsole::new(0);
+    let mut now = snapshot(0, 'e');
+    now.prompts.clear();
+    now.candidates[0].flags = VersionFlags::default();
+    let mut running = now.candidates[0].clone();
+    running.version = "place@2.0.0".parse().unwrap();
+    running.flags.running = Some(Stage::Sandbox);
+    now.candidates.push(running);
+    console.tell(MsgKind::Snapshot(Arc::new(now)));
+    console.keys("g");
+    console.press(KeyCode::Down);
+    assert_eq!(console.model.version_here().unwrap().to_string(), CANDIDATE);
+    console.keys("x");
+    let Some(Overlay::Form(form)) = &console.model.input.overlay else { panic!("no form") };
+    assert_eq!(form.intent, Intent::Abort(Abort::Candidate("place@2.0.0".parse().unwrap())));
+}

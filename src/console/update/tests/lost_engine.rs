@@ -182,7 +182,7 @@ fn a_lost_engine_has_no_consoles_and_is_searched_for() {
         // The hints offer nothing of that engine, not even ending it.
         console.keys("1");
         let screen = screen_text(&console, SIZES[0]);
-        for gone in ["x abort", "p hold", "leave it", "end engine", "00:02:00"] {
+        for gone in ["x abort", "p pause", "leave it", "end engine", "00:02:00"] {
             assert!(!screen.contains(gone), "{gone}: {screen}");
         }
         assert!(screen.contains("q quit"), "{screen}");

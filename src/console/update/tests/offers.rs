@@ -71,7 +71,7 @@ fn hints_follow_the_state_of_the_version() {
     // Help keeps a disabled key in its place, with the reason.
     console.keys("?resume");
     let text = screen(&console, 120, 36);
-    assert!(text.contains("resume") && text.contains("(off: ") && text.contains("is held"), "{text}");
+    assert!(text.contains("resume") && text.contains("(off: ") && text.contains("is paused"), "{text}");
     let possible = ActionAvailability::of(&console.model);
     assert!(possible.why_not(Action::Go).is_some_and(|why| why.contains("not stopped")));
 }
@@ -290,7 +290,7 @@ fn a_queued_candidate_names_its_wait() {
     // A candidate that waits for approvers is not at the beginning of a stage.
     with(&mut console, |now| now.candidates[0].flags.running = Some(Stage::Activation));
     let text = screen(&console, 120, 36);
-    assert!(text.contains("0 of 2 approved") && text.contains("held at"), "{text}");
+    assert!(text.contains("0 of 2 approved, until "), "{text}");
     assert!(!text.contains("begins"), "{text}");
 }
 

@@ -147,7 +147,8 @@ fn goal_needs_a_reason() {
 #[test]
 fn leaving_a_form_reports_that_nothing_was_done() {
     let is_told = |console: &TestConsole| {
-        console.model.notice.as_ref().is_some_and(|notice| !notice.bad && notice.text.ends_with("not held"))
+        let notice = console.model.notice.as_ref();
+        notice.is_some_and(|notice| !notice.bad && notice.text.ends_with("not paused"))
     };
     let mut console = TestConsole::new(0);
     console.keys("pit drops what it holds");

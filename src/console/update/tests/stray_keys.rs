@@ -159,7 +159,7 @@ fn a_form_that_takes_authority_away_confirms_at_once() {
     }
 }
 
-/// `u` on a version that is not held opened no form, and the reason that followed held, rejected and left as keys.
+/// `u` on a version that is not paused opened no form, and the reason that followed acted as keys.
 #[test]
 fn a_reason_typed_for_a_refused_form_acts_as_no_key() {
     let mut console = TestConsole::new(0);
@@ -180,4 +180,23 @@ fn a_reason_typed_for_a_refused_form_acts_as_no_key() {
     console.now_ms += GUARD_MS;
     console.keys("F");
     assert!(matches!(&console.model.input.overlay, Some(Overlay::Form(_))));
+}
+
+/// A letter in the field of minutes showed only at the end that the form refuses it.
+#[test]
+fn a_field_of_minutes_takes_digits_alone() {
+    let mut console = TestConsole::new(0);
+    let form = crate::form::Form::new(Intent::Shelve("low:1".to_owned()), Vec::new());
+    console.model.input.overlay = Some(Overlay::Form(Box::new(form)));
+    console.keys("x4y");
+    let Some(Overlay::Form(form)) = &console.model.input.overlay else { panic!("the form is closed") };
+    assert_eq!(form.minutes.text(), "304");
+}
+
+/// The next theme came without its name.
+#[test]
+fn a_new_theme_is_named() {
+    let mut console = TestConsole::new(0);
+    console.tell(MsgKind::Theme("mono".to_owned()));
+    assert!(console.model.notice.as_ref().is_some_and(|notice| notice.text == "theme mono"));
 }
