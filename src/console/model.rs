@@ -145,9 +145,14 @@ impl ConsoleModel {
         match &self.input.overlay {
             Some(Overlay::Film(watched)) => watched.player.runs(),
             Some(Overlay::Replay(replay)) => replay.playing,
-            Some(Overlay::Palette(_) | Overlay::Approval(_) | Overlay::Form(_) | Overlay::Why(_)) | None => {
-                false
-            }
+            Some(
+                Overlay::Palette(_)
+                | Overlay::Approval(_)
+                | Overlay::Form(_)
+                | Overlay::Why(_)
+                | Overlay::KeyLog(_),
+            )
+            | None => false,
         }
     }
 
