@@ -16,12 +16,12 @@ use std::path::Path;
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
-use holdpoint::engine::cell::Cell;
 use holdpoint::engine::pipeline::SliceOutcome;
-use holdpoint::engine::trial::cache::EpisodeCache;
 use holdpoint::engine::{Config, Engine};
 use holdpoint::governance::profile::ProfileName;
 use holdpoint::registry::{CacheSecret, ResultCache, check_invariants};
+use holdpoint::trials::cache::EpisodeCache;
+use holdpoint::trials::cell::Cell;
 use holdpoint_sim::SimCells;
 use tempfile::TempDir;
 
@@ -98,7 +98,7 @@ fn recovers(data: &Path, cache: &Cache, when: &str) {
     let mut engine = Engine::start(Config {
         data,
         profile: ProfileName::Sim.into(),
-        seeds: holdpoint_engine::trial::seeds::EpisodeSeeds::OfRun(5),
+        seeds: holdpoint_trials::seeds::EpisodeSeeds::OfRun(5),
         jobs: 2,
         scripted: true,
         cell: Cell::of(&SimCells, None).unwrap(),

@@ -12,10 +12,6 @@ use holdpoint_governance::finding::EvidenceGap;
 use super::BenchError;
 use super::measure::{Figure, FigureClock, FigureEffort, FigureUnit, MeasuredFigure};
 use super::subjects::{CANDIDATE, Subjects, seed};
-use holdpoint_engine::cell::Conditions;
-use holdpoint_engine::trial::episodes::episode;
-use holdpoint_engine::trial::seeds::SeedPurpose;
-use holdpoint_engine::trial::worker::Worker;
 use holdpoint_governance::ablation::AblatedParts;
 use holdpoint_governance::approval::Requester;
 use holdpoint_governance::behavior;
@@ -36,6 +32,10 @@ use holdpoint_governance::wall_time::WallTime;
 use holdpoint_runtime::agent::ActiveView as _;
 use holdpoint_runtime::capability::Capability;
 use holdpoint_text::Hint;
+use holdpoint_trials::cell::Conditions;
+use holdpoint_trials::episodes::episode;
+use holdpoint_trials::seeds::SeedPurpose;
+use holdpoint_trials::worker::Worker;
 
 /// Calls in a sample of what takes some ten microseconds.
 const CALLS: u64 = 50;

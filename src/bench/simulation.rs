@@ -13,17 +13,17 @@ use serde::Serialize;
 use super::BenchError;
 use super::measure::{Figure, FigureClock, FigureEffort, FigureUnit, MeasuredFigure, median, quantile};
 use super::subjects::{Subjects, seed};
-use holdpoint_engine::cell::Conditions;
-use holdpoint_engine::trial::drills::{DrillResult, DrillVersions, drill};
-use holdpoint_engine::trial::episodes::episode;
-use holdpoint_engine::trial::seeds::SeedPurpose;
-use holdpoint_engine::trial::worker::Worker;
 use holdpoint_engine::world::live::LiveStation;
 use holdpoint_engine::world::shadow::Shadow;
 use holdpoint_governance::evidence::DrillKind;
 use holdpoint_runtime::agent::ActiveView as _;
 use holdpoint_runtime::harm::HarmMeter;
 use holdpoint_runtime::task::{self, Supervision};
+use holdpoint_trials::cell::Conditions;
+use holdpoint_trials::drills::{DrillResult, DrillVersions, drill};
+use holdpoint_trials::episodes::episode;
+use holdpoint_trials::seeds::SeedPurpose;
+use holdpoint_trials::worker::Worker;
 
 /// Number format of the physics that decisions rest on: the arm's own dynamics, and the engine's ticks.
 pub const PHYSICS_NUMBERS: &str = "f64, in the engine f32";

@@ -7,9 +7,6 @@ use holdpoint_body::TaskKind;
 
 use super::BenchError;
 use crate::cells::CELLS;
-use holdpoint_engine::cell::Cell;
-use holdpoint_engine::embedded;
-use holdpoint_engine::trial::seeds::{CALIBRATION_FROM_RUN, SeedPurpose, episode_seed};
 use holdpoint_governance::decision::DecisionContext;
 use holdpoint_governance::evidence::EvidenceBinding;
 use holdpoint_governance::ids::{Digest, Family};
@@ -20,6 +17,9 @@ use holdpoint_governance::submission::Package;
 use holdpoint_runtime::agent::ActiveView;
 use holdpoint_runtime::capability::Capability;
 use holdpoint_runtime::terms::SkillTerms;
+use holdpoint_trials::cell::Cell;
+use holdpoint_trials::embedded;
+use holdpoint_trials::seeds::{CALIBRATION_FROM_RUN, SeedPurpose, episode_seed};
 
 /// Name of the embedded candidate that is measured: the demonstration.
 pub(super) const CANDIDATE: &str = "align-improved";
@@ -56,7 +56,7 @@ impl Subjects {
         let profile = Profile::builtin(ProfileName::Sim)?;
         let table = Arc::new(PolicyTable::builtin(&profile)?);
         let terms = SkillTerms::new(&profile, table.clone(), cell.geometry.clone(), cell.zones.clone());
-        let active = holdpoint_engine::embedded::baselines()?;
+        let active = holdpoint_trials::embedded::baselines()?;
         let active = active.into_iter().map(|capability| (capability.id().family, capability)).collect();
         let candidate = Capability::load(CANDIDATE, Self::candidate_package()?)?;
         Ok(Self { cell, profile, table, terms, active: ActiveByFamily(active), candidate })

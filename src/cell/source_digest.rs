@@ -54,10 +54,10 @@ impl SourceDigest {
     }
 }
 
-/// Adds a file, or the files of a folder sorted by name, without tests.
+/// Adds a file, or the files of a folder sorted by name, without tests. One that is not there is an error.
 fn add(digest: &mut Sha256, root: &Path, path: &Path) -> io::Result<()> {
     let full = root.join(path);
-    if full.is_dir() {
+    if fs::metadata(&full)?.is_dir() {
         let mut names = fs::read_dir(&full)?
             .map(|entry| entry.map(|entry| entry.file_name()))
             .collect::<io::Result<Vec<_>>>()?;

@@ -17,7 +17,6 @@ use crate::cli::engine_verbs::EngineVerbs;
 use crate::cli::output::CommandOutput;
 use crate::error::{CliError, Exit};
 use holdpoint_approvals::SignedAuthorship;
-use holdpoint_engine::cell::Cell;
 use holdpoint_engine::check::{self, ProfileFindings, RegisteredVersions, UnmetFallback};
 use holdpoint_engine::explain::difference::differences;
 use holdpoint_engine::tryout::Tryout;
@@ -33,6 +32,7 @@ use holdpoint_governance::time_excess::TimeExcess;
 use holdpoint_registry::Layout;
 use holdpoint_runtime::capability::{self, Capability, PackageError, ParsedPackage};
 use holdpoint_text::{ErrorReason, Untrusted};
+use holdpoint_trials::cell::Cell;
 
 /// The arguments of `candidate`.
 #[derive(Clone, Debug, PartialEq, Eq, Args)]

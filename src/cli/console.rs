@@ -19,9 +19,7 @@ use holdpoint_console::keymap::{self, Keymap};
 use holdpoint_console::options::{self, Options, SettingsFile};
 use holdpoint_console::run::{ConsoleError, ConsoleSetup, EngineLocation, ExitCause};
 use holdpoint_engine::control_socket::{Client, ControlSocketError, SHOWN_TO_NOBODY};
-use holdpoint_engine::embedded;
 use holdpoint_engine::engine_handle::{EngineEndError, EngineHandle, LaunchConfig};
-use holdpoint_engine::trial::seeds::EpisodeSeeds;
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::submission::Package;
 use holdpoint_protocol::command::Command;
@@ -29,6 +27,8 @@ use holdpoint_protocol::console_presence::ConsolePresence;
 use holdpoint_registry::Layout;
 use holdpoint_runtime::capability::shown;
 use holdpoint_text::{ErrorDetails, ErrorReason, Hint as _, Problem, shell_word};
+use holdpoint_trials::embedded;
+use holdpoint_trials::seeds::EpisodeSeeds;
 
 /// Whether `run` opens the console: no option excludes it, and input and output are terminals.
 pub(super) fn fits(args: &RunArgs, json: bool) -> bool {

@@ -4,8 +4,8 @@ use clap::Args;
 
 use super::run::{EngineArgs, LivePace, parse_pace};
 use crate::error::CliError;
-use holdpoint_engine::trial::seeds::EpisodeSeeds;
 use holdpoint_text::ErrorReason;
+use holdpoint_trials::seeds::EpisodeSeeds;
 
 /// The seed of the demonstration.
 const SEED_DEFAULT: u32 = 1;

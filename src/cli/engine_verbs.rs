@@ -14,13 +14,13 @@ use crate::error::{CliError, Exit};
 use crate::headless::{
     PlainWork, RunPlain, RunScript, RunStage, ServiceSetup, run_plain, run_script, run_stage,
 };
-use holdpoint_engine::embedded;
 use holdpoint_engine::engine_handle::LaunchConfig;
-use holdpoint_engine::trial::seeds::EpisodeSeeds;
 use holdpoint_governance::lifecycle::Stage;
 use holdpoint_governance::submission::Package;
 use holdpoint_protocol::command::Command;
 use holdpoint_runtime::capability::shown;
+use holdpoint_trials::embedded;
+use holdpoint_trials::seeds::EpisodeSeeds;
 
 /// The verbs that need the engine. Each prints its answer and returns the exit code.
 pub trait EngineVerbs {

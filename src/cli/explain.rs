@@ -12,7 +12,6 @@ use super::data;
 use crate::cli::context::CliContext;
 use crate::cli::output::CommandOutput;
 use crate::error::{CliError, Exit};
-use holdpoint_engine::embedded;
 use holdpoint_engine::explain;
 use holdpoint_governance::explanation::ExplanationSummary;
 use holdpoint_governance::ids::{CapabilityId, Family};
@@ -20,6 +19,7 @@ use holdpoint_protocol::explanation::{DecisionExplanation, ExplainedReason, Expl
 use holdpoint_registry::Views;
 use holdpoint_runtime::capability::PackageError;
 use holdpoint_text::ErrorReason;
+use holdpoint_trials::embedded;
 use holdpoint_wording::explanation::{cached_results, permission_use};
 use holdpoint_wording::explanation_summary::{
     SummaryLines, omitted_reasons, repeated_reasons, summary_lines,

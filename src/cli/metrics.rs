@@ -14,7 +14,6 @@ use crate::cells::CELLS;
 use crate::cli::context::CliContext;
 use crate::cli::output::CommandOutput;
 use crate::error::{CliError, Exit};
-use holdpoint_engine::cell::Cell;
 use holdpoint_engine::health_series::PresentTime;
 use holdpoint_engine::store_identity;
 use holdpoint_engine::store_metrics::{self, Coverage, Since, StoreMetrics};
@@ -22,6 +21,7 @@ use holdpoint_governance::metrics::Proportion;
 use holdpoint_governance::metrics::store_metrics::{MeanWithStdDev, ObservedMetrics, ReplayOutcome};
 use holdpoint_protocol::health::HealthClock;
 use holdpoint_registry::{Layout, TelemetryViews, Views};
+use holdpoint_trials::cell::Cell;
 
 /// The longest span, days.
 const DAYS_MAX: u64 = 36_500;

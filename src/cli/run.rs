@@ -17,11 +17,11 @@ use crate::scenes::{self, SceneOptions};
 use holdpoint_console::look::ColorChoice;
 #[cfg(feature = "console")]
 use holdpoint_console::options::CommandLineFlags;
-use holdpoint_engine::site::LoadedSite;
 use holdpoint_governance::profile::ProfileName;
 use holdpoint_governance::site_profile::ChosenProfile;
 use holdpoint_protocol::command::PACE_ALLOWED;
 use holdpoint_registry::StoreError;
+use holdpoint_trials::site::LoadedSite;
 
 /// The longest time an engine runs without an attached console, s: a day. `holdpoint serve` has no limit.
 pub(super) const LINGER_SECS_MAX: i64 = 24 * 60 * 60;

@@ -13,11 +13,11 @@ use crate::cli::context::CliContext;
 use crate::cli::output::CommandOutput;
 use crate::error::{CliError, Exit};
 use crate::headless::cell;
-use holdpoint_engine::site::LoadedSite;
 use holdpoint_governance::ids::{CapabilityId, Digest, Family};
 use holdpoint_governance::profile::{ProfileName, SiteName, titled};
 use holdpoint_governance::site::SiteCell;
 use holdpoint_text::Untrusted;
+use holdpoint_trials::site::LoadedSite;
 
 /// The arguments of `site`.
 #[derive(Clone, Debug, PartialEq, Eq, Args)]

@@ -6,11 +6,11 @@ use std::sync::Arc;
 use super::data;
 use super::profile_choice::RequestedProfile;
 use crate::error::CliError;
-use holdpoint_engine::site::LoadedSite;
 use holdpoint_engine::store_identity;
 use holdpoint_registry::Layout;
 use holdpoint_runtime::capability::shown;
 use holdpoint_text::shell_word;
+use holdpoint_trials::site::LoadedSite;
 
 /// The site file that the store was last used with, unchanged, because another one voids its measurements. `None` for
 /// the built-in site, and for a new store.

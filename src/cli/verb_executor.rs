@@ -12,18 +12,18 @@ use crate::cli::context::CliContext;
 use crate::cli::output::CommandOutput;
 use crate::error::{CliError, Exit, refusal_reason, start_error};
 use holdpoint_approvals::{Identity, Nonce, SignedCall, SignedFacts};
-use holdpoint_engine::cell::Cell;
 use holdpoint_engine::control_socket::{Client, ControlSocketError, UnverifiedOrigin};
 use holdpoint_engine::pump::Pump;
 use holdpoint_engine::store_identity;
-use holdpoint_engine::trial::cache::EpisodeCache;
-use holdpoint_engine::trial::seeds::EpisodeSeeds;
 use holdpoint_engine::{Config, Engine};
 use holdpoint_protocol::approval_document::ApprovalDocument;
 use holdpoint_protocol::command::{Command, Refusal, Reply, Request};
 use holdpoint_protocol::snapshot::{ApprovalRequestView, Snapshot};
 use holdpoint_registry::Layout;
 use holdpoint_text::{ErrorDetails, ErrorReason, Problem};
+use holdpoint_trials::cache::EpisodeCache;
+use holdpoint_trials::cell::Cell;
+use holdpoint_trials::seeds::EpisodeSeeds;
 use serde::Serialize;
 
 /// The engine that runs a verb.

@@ -204,7 +204,7 @@ pub fn complete(typed: &str, known: &KnownNames<'_>) -> Vec<String> {
         }
         return best(typed, commands.into_iter().map(|name| (name.to_owned(), name.to_owned())).collect());
     };
-    let demos: Vec<String> = holdpoint_engine::embedded::names().map(ToOwned::to_owned).collect();
+    let demos: Vec<String> = holdpoint_trials::embedded::names().map(ToOwned::to_owned).collect();
     let profiles = ProfileName::ALL.map(|profile| profile.name().to_owned());
     let owned = |values: &[&str]| values.iter().map(|value| (*value).to_owned()).collect::<Vec<_>>();
     let (goals, paces, drifts) = (owned(&GOALS), owned(&PACES), drifts());

@@ -26,12 +26,12 @@ use holdpoint_protocol::detail::VersionDiff;
 use holdpoint_registry::Views;
 use holdpoint_runtime::capability::{Capability, PackageError};
 
-use crate::embedded::baselines;
 use crate::evidence_file::StaticAssessment;
 use crate::explain::difference::version_differences;
 use crate::version_origin;
 use crate::version_table::{VersionTableError, load_member};
 use holdpoint_text::{ErrorDetails, ErrorReason, Hint};
+use holdpoint_trials::embedded::baselines;
 use serde::Serialize;
 
 /// What helps with a family that does not exist, at a check as at a registration.

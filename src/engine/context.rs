@@ -10,10 +10,10 @@ use holdpoint_governance::profile::{Profile, SiteName};
 use holdpoint_governance::site_profile::ProfileTexts;
 use holdpoint_runtime::seeds::SeedKey;
 use holdpoint_runtime::terms::SkillTerms;
+use holdpoint_trials::cell::Cell;
+use holdpoint_trials::site::StoreSite;
 use serde::{Deserialize, Serialize};
 
-use crate::cell::Cell;
-use crate::site::StoreSite;
 use crate::store_robot::StoreRobot;
 
 /// The content of a store's context record: the digests its decisions were made under. Fields are sorted by name.

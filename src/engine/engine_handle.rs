@@ -37,8 +37,6 @@ use super::control_socket::{
 };
 use super::pump::Pump;
 use crate::bootstrap::{EngineBootstrap, LOOK_PATIENCE, ReadProgressFn};
-use crate::cell::Cell;
-use crate::trial::cache::EpisodeCache;
 use crate::world::stop_switch::{StopRequest, StopSwitch};
 use holdpoint_protocol::account_role::AccountRole;
 use holdpoint_protocol::command::{Command, Request};
@@ -47,6 +45,8 @@ use holdpoint_protocol::sink::ServeScene;
 use holdpoint_protocol::snapshot::Snapshot;
 use holdpoint_protocol::video_frame::VideoFrame;
 use holdpoint_registry::Layout;
+use holdpoint_trials::cache::EpisodeCache;
+use holdpoint_trials::cell::Cell;
 
 /// How long the front end waits for an engine in another process to serve the live scene.
 const SCENE_PATIENCE: Duration = Duration::from_millis(500);
@@ -515,9 +515,9 @@ fn start(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::trial::seeds::EpisodeSeeds;
     use holdpoint_protocol::command::Reply;
     use holdpoint_registry::Store;
+    use holdpoint_trials::seeds::EpisodeSeeds;
 
     fn config(data: PathBuf, jobs: usize) -> LaunchConfig {
         LaunchConfig {

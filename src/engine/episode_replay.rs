@@ -14,24 +14,24 @@ use holdpoint_protocol::film::{Film, FilmRefusal, FilmRequest, FilmSubject, Film
 use holdpoint_runtime::capability::Capability;
 use holdpoint_runtime::task::TaskRecord;
 use holdpoint_runtime::terms::SkillTerms;
+use holdpoint_trials::cell::Conditions;
+use holdpoint_trials::drills::{DrillCase, DrillResult, DrillVersions};
+use holdpoint_trials::episodes::alone;
+use holdpoint_trials::pair_spot::PairSpot;
+use holdpoint_trials::sequences::TrialTeam;
+use holdpoint_trials::stress;
+use holdpoint_trials::trial_subject::TrialSubject;
+use holdpoint_trials::undisturbed_run::TrialCase;
+use holdpoint_trials::worker::Worker;
 use holdpoint_wording::film::{REFUSAL_HINT, refusal, replay_difference, selection_reason};
 
 use self::episode_selection::{SelectedEpisode, SelectedWork};
 use self::film_render::FilmedWork;
-use crate::cell::Conditions;
 use crate::context::Context;
 use crate::evidence_binding::{binding, fallback, measured_terms_of, terms_under, trial_team};
 use crate::evidence_file::{EvidenceFile, EvidenceFiles};
 use crate::fault::EngineFault;
 use crate::recorder::EngineRecorder;
-use crate::trial::drills::{DrillCase, DrillResult, DrillVersions};
-use crate::trial::episodes::alone;
-use crate::trial::pair_spot::PairSpot;
-use crate::trial::sequences::TrialTeam;
-use crate::trial::stress;
-use crate::trial::trial_subject::TrialSubject;
-use crate::trial::undisturbed_run::TrialCase;
-use crate::trial::worker::Worker;
 use crate::view::full_evidence_file;
 use crate::world::cell_frame;
 

@@ -12,11 +12,11 @@ use holdpoint_governance::evidence::EvidenceBinding;
 use holdpoint_governance::ids::{CapabilityId, Digest};
 use holdpoint_governance::record::{AuditRecord, RecordKind};
 use holdpoint_registry::{AuditBody, AuditFilter, StoreError, Views};
+use holdpoint_trials::seeds::{EpisodeSeeds, SeedSource};
 use serde::de::DeserializeOwned;
 
 use crate::fault::EngineFault;
 use crate::recorder::EngineRecorder;
-use crate::trial::seeds::{EpisodeSeeds, SeedSource};
 
 /// Sequences of the live cell under one key. Its key stays secret until the key after it is in use.
 pub const LIVE_KEY_SEQUENCES: u64 = 100;

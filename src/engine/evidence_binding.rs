@@ -19,12 +19,12 @@ use holdpoint_governance::rules_version::RulesVersion;
 use holdpoint_governance::start_domain::StartDomain;
 use holdpoint_runtime::capability::Capability;
 use holdpoint_runtime::terms::SkillTerms;
+use holdpoint_trials::sequences::TrialTeam;
+use holdpoint_trials::trial_lab::TrialSubject;
 
 use crate::context::Context;
 use crate::evidence_file::{EvidenceFile, EvidenceFiles};
 use crate::monitors::Monitors;
-use crate::trial::sequences::TrialTeam;
-use crate::trial::trial_lab::TrialSubject;
 use crate::version_table::VersionTable;
 
 /// The terms a version runs under: the profile, capped by its manifest and its conditions, and tighter if its monitor or an

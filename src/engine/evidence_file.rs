@@ -7,7 +7,6 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use serde::{Deserialize, Serialize};
 
-use crate::trial::mode_metrics::ModeMetrics;
 use crate::version_concern::{self, Confirmation, ReEvaluationEvidence, VersionConcern};
 use holdpoint_governance::behavior::{BehaviorAssessment, SequenceEvidence};
 use holdpoint_governance::cached_result::CachedResultUse;
@@ -39,6 +38,7 @@ use holdpoint_protocol::event::DimensionResult;
 use holdpoint_protocol::snapshot::ProgressView;
 use holdpoint_runtime::capability::Capability;
 use holdpoint_runtime::task::TaskRecord;
+use holdpoint_trials::mode_metrics::ModeMetrics;
 
 /// The result of stage 2 for a candidate, against the version active at the time.
 pub struct StaticAssessment {

@@ -8,6 +8,7 @@ use holdpoint_protocol::command::Refusal;
 use holdpoint_registry::StoreError;
 
 use holdpoint_text::{ErrorDetails, ErrorReason, Hint, Problem};
+use holdpoint_trials::fault::TrialFault;
 
 use crate::version_table::VersionTableError;
 
@@ -30,6 +31,17 @@ pub enum EngineFault {
     /// A state that should be impossible.
     #[error("{0}")]
     Impossible(String),
+}
+
+impl From<TrialFault> for EngineFault {
+    fn from(fault: TrialFault) -> Self {
+        match fault {
+            TrialFault::Store(error) => Self::Store(error),
+            TrialFault::Cell(error) => Self::Cell(error),
+            TrialFault::Canonical(error) => Self::Canonical(error),
+            TrialFault::Impossible(text) => Self::Impossible(text),
+        }
+    }
 }
 
 impl EngineFault {

@@ -5,13 +5,12 @@
 
 mod alarms;
 pub mod bootstrap;
+pub mod build_digest;
 pub mod caller;
-pub mod cell;
 pub mod check;
 pub mod clock_mismatch;
 pub mod context;
 pub mod control_socket;
-pub mod embedded;
 pub mod engine_handle;
 mod episode_replay;
 pub mod evaluation_keys;
@@ -38,13 +37,11 @@ pub mod recorder;
 pub mod recordings;
 mod restart;
 mod shift_note;
-pub mod site;
 pub mod stages;
 mod stop_mark;
 pub mod store_identity;
 pub mod store_metrics;
 pub mod store_robot;
-pub mod trial;
 pub mod tryout;
 pub mod version_concern;
 mod version_origin;
@@ -58,7 +55,6 @@ use std::collections::VecDeque;
 use std::path::Path;
 use std::sync::{Arc, atomic::AtomicBool};
 
-use crate::cell::Cell;
 use crate::control_socket::ControlSocketError;
 use crate::fault::EngineFault;
 use crate::health_series::PresentTime;
@@ -68,8 +64,6 @@ use crate::pipeline::concurrent::CommandTiming;
 use crate::pipeline::{Pipeline, PipelineSettings, SliceOutcome};
 use crate::record_query::{QueryQueue, RecordQuery};
 use crate::store_robot::StoreRobot;
-use crate::trial::cache::EpisodeCache;
-use crate::trial::seeds::EpisodeSeeds;
 use crate::version_table::{VersionTable, VersionTableError};
 use crate::wall_clock::{SystemClocks, WallClock};
 use crate::world::stop_switch::{Controls, StopRequest, StopSwitch};
@@ -88,6 +82,9 @@ use holdpoint_registry::{Store, StoreError};
 use holdpoint_runtime::capability::{Capability, PackageError};
 use holdpoint_runtime::skill::component::keep_compiled_in;
 use holdpoint_text::{ErrorDetails, ErrorReason, Hint, Problem};
+use holdpoint_trials::cache::EpisodeCache;
+use holdpoint_trials::cell::Cell;
+use holdpoint_trials::seeds::EpisodeSeeds;
 
 const ANSWERS_KEPT: usize = 1024;
 

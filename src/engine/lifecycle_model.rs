@@ -176,10 +176,10 @@ fn family() -> Family {
 /// The family's first version, or a later one.
 fn capability(number: usize) -> Capability {
     if number == 0 {
-        let baselines = crate::embedded::baselines().unwrap();
+        let baselines = holdpoint_trials::embedded::baselines().unwrap();
         return baselines.into_iter().find(|capability| capability.id().family == family()).unwrap();
     }
-    let mut package = crate::embedded::package("align-improved").unwrap();
+    let mut package = holdpoint_trials::embedded::package("align-improved").unwrap();
     package.manifest = package.manifest.replacen("1.1.0", &format!("1.{number}.0"), 1);
     Capability::load("align-improved", package).unwrap()
 }

@@ -18,12 +18,12 @@ use holdpoint_protocol::event::EventKind;
 use holdpoint_registry::{AuditBody, Change, StoreError};
 use holdpoint_runtime::capability::Capability;
 use holdpoint_text::{Hint, Problem};
+use holdpoint_trials::seeds::EpisodeSeeds;
 
 use crate::alarms::RaisedAlarms;
 use crate::evaluation_keys::KeyLedger;
 use crate::fault::EngineFault;
 use crate::store_metrics::session_tally::SessionTally;
-use crate::trial::seeds::EpisodeSeeds;
 use crate::version_table::{StateMove, TransitionNote, VersionOrigin, VersionTable};
 use crate::wall_clock::WallClock;
 

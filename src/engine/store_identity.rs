@@ -14,10 +14,10 @@ use holdpoint_governance::record::RecordKind;
 use holdpoint_governance::site_profile::ProfileTexts;
 use holdpoint_registry::{AuditBody, Change, ContextRules, ProfileHistory, StoreError, Views};
 use holdpoint_text::Hint as _;
+use holdpoint_trials::site::StoreSite;
 
 use crate::context::{Context, ContextRecord};
 use crate::fault::EngineFault;
-use crate::site::StoreSite;
 use crate::store_robot::StoreRobot;
 use crate::version_table::{TransitionNote, VersionTable};
 

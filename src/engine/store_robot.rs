@@ -3,9 +3,8 @@
 use std::path::PathBuf;
 
 use holdpoint_cell::{CellError, CellSource};
+use holdpoint_trials::cell::Cell;
 use serde::{Deserialize, Serialize};
-
-use crate::cell::Cell;
 
 /// A robot in a store's record.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]

@@ -8,11 +8,11 @@ use holdpoint_governance::wall_time::WallTime;
 use holdpoint_protocol::clock::Clock;
 use holdpoint_registry::Store;
 use holdpoint_sim::SimCells;
+use holdpoint_trials::cache::EpisodeCache;
+use holdpoint_trials::cell::Cell;
+use holdpoint_trials::seeds::{CALIBRATION_FROM_RUN, EpisodeSeeds};
 
-use crate::cell::Cell;
 use crate::pipeline::{Pipeline, PipelineSettings};
-use crate::trial::cache::EpisodeCache;
-use crate::trial::seeds::{CALIBRATION_FROM_RUN, EpisodeSeeds};
 use crate::version_table::VersionTable;
 use crate::wall_clock::WallClock;
 use crate::world::stop_switch::Controls;
@@ -61,7 +61,7 @@ pub(crate) fn pipeline_in(
         controls: Controls::default(),
         omitted: holdpoint_governance::ablation::AblatedParts::default(),
     };
-    let baselines = crate::embedded::baselines().unwrap();
+    let baselines = holdpoint_trials::embedded::baselines().unwrap();
     let wall = wall(store.opening().newest_record);
     Pipeline::new(settings, VersionTable::open(store, wall).unwrap(), clock, baselines).unwrap()
 }

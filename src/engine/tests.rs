@@ -31,21 +31,21 @@ use holdpoint_runtime::agent::Agent;
 use holdpoint_runtime::capability::{self, Capability};
 use holdpoint_sim::SimCells;
 
-use crate::cell::Cell;
 use crate::people::persons::enrolled;
 use crate::pipeline::{Pipeline, SliceOutcome};
 pub(crate) use crate::test_pipeline::pipeline;
-use crate::trial::cache::EpisodeCache;
-use crate::trial::seeds::CALIBRATION_FROM_RUN;
 use crate::version_table::TransitionNote;
 use crate::{Config, Engine, StartError};
 use holdpoint_text::Hint;
+use holdpoint_trials::cache::EpisodeCache;
+use holdpoint_trials::cell::Cell;
+use holdpoint_trials::seeds::CALIBRATION_FROM_RUN;
 
 pub(crate) fn config<'a>(folder: &'a Path, robot: &str) -> Config<'a> {
     Config {
         data: folder,
         profile: ProfileName::Sim.into(),
-        seeds: crate::trial::seeds::EpisodeSeeds::OfRun(CALIBRATION_FROM_RUN),
+        seeds: holdpoint_trials::seeds::EpisodeSeeds::OfRun(CALIBRATION_FROM_RUN),
         jobs: 1,
         scripted: true,
         cell: Cell::new(SimCells.builtin(Some(robot)).unwrap()).unwrap(),
@@ -352,7 +352,7 @@ fn stale_evidence_is_reported_with_its_cause() {
     drop(second);
     let head = || Store::open(folder.path()).unwrap().opening().head.seq;
     let before = head();
-    let seeds = crate::trial::seeds::EpisodeSeeds::Secret;
+    let seeds = holdpoint_trials::seeds::EpisodeSeeds::Secret;
     let live = Config { scripted: false, seeds, ..config(folder.path(), "arm7") };
     let refused = Engine::start(live).err().unwrap();
     assert!(matches!(refused, StartError::Store(StoreError::UnauthorizedProfile { .. })), "{refused}");

@@ -11,17 +11,17 @@ use holdpoint_runtime::skill::Skill;
 use holdpoint_runtime::task::TaskRecord;
 use holdpoint_runtime::terms::SkillTerms;
 use holdpoint_text::Hint as _;
+use holdpoint_trials::cell::{Cell, Conditions};
+use holdpoint_trials::embedded::baselines;
+use holdpoint_trials::episodes::{alone, alone_with};
+use holdpoint_trials::tick_time::median_tick_us;
+use holdpoint_trials::undisturbed_run::TrialCase;
+use holdpoint_trials::worker::Worker;
 
-use crate::cell::{Cell, Conditions};
 use crate::check::{self, CheckError, UnknownFamily};
 use crate::context::Context;
-use crate::embedded::baselines;
 use crate::episode_replay::film_render::FilmedWork;
 use crate::evidence_binding::terms_under;
-use crate::trial::episodes::{alone, alone_with};
-use crate::trial::tick_time::median_tick_us;
-use crate::trial::undisturbed_run::TrialCase;
-use crate::trial::worker::Worker;
 use crate::world::cell_frame;
 
 /// Why a candidate cannot be tried.

@@ -28,12 +28,12 @@ use holdpoint_protocol::event::TaskSummary;
 use holdpoint_protocol::sink::VideoFrameSink;
 use holdpoint_protocol::snapshot::StoppedView;
 use holdpoint_protocol::video_frame::Scenery;
+use holdpoint_trials::cell::Cell;
 
 use self::live::LiveStation;
 use self::sequence::StoppedTask;
 use self::stop_switch::StopSwitch;
 use self::thread::LiveThread;
-use crate::cell::Cell;
 use crate::halt::UnwrittenStops;
 
 /// Sequences whose success is stored for display.

@@ -10,7 +10,6 @@ use super::printer::Printer;
 use super::script::{DecisionStep, DriftStep, ExpectStep, LiveStep, ProfileStep, ScriptStep, WaitStep};
 use super::scripted_approver;
 use crate::error::{CliError, Exit, refusal_reason};
-use holdpoint_engine::embedded;
 use holdpoint_engine::pipeline::SliceOutcome;
 use holdpoint_engine::pump::Pump;
 use holdpoint_governance::alarms::AlarmKey;
@@ -24,6 +23,7 @@ use holdpoint_protocol::event::{Event, EventKind};
 use holdpoint_protocol::scenario_state::{Decider, ScenarioState};
 use holdpoint_protocol::snapshot::CandidateView;
 use holdpoint_text::{ErrorReason, Hint as _, Problem};
+use holdpoint_trials::embedded;
 
 /// The end of a step.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -9,11 +9,7 @@ use super::printer::Printer;
 use super::script::{SCRIPT_BYTES_MAX, Script};
 use crate::cells::CELLS;
 use crate::error::{CliError, Exit, start_error};
-use holdpoint_engine::cell::Cell;
 use holdpoint_engine::pump::Pump;
-use holdpoint_engine::site::LoadedSite;
-use holdpoint_engine::trial::cache::EpisodeCache;
-use holdpoint_engine::trial::seeds::EpisodeSeeds;
 use holdpoint_engine::{Config, Engine};
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::lifecycle::Stage;
@@ -22,6 +18,10 @@ use holdpoint_protocol::sink::MakeSink;
 use holdpoint_registry::ResultCache;
 use holdpoint_runtime::capability::shown;
 use holdpoint_text::{ErrorDetails, ErrorReason, shell_word};
+use holdpoint_trials::cache::EpisodeCache;
+use holdpoint_trials::cell::Cell;
+use holdpoint_trials::seeds::EpisodeSeeds;
+use holdpoint_trials::site::LoadedSite;
 
 pub struct RunScript<'a> {
     pub script: &'a Path,

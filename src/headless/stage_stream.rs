@@ -16,12 +16,8 @@ use super::scenario_run::cell;
 use crate::error::{CliError, Exit, refusal_reason, start_error};
 use holdpoint_engine::bootstrap::{EngineBootstrap, LOOK_PATIENCE};
 use holdpoint_engine::control_socket::{ControlSocket, SignalHandling};
-use holdpoint_engine::embedded;
 use holdpoint_engine::pipeline::SliceOutcome;
 use holdpoint_engine::pump::Pump;
-use holdpoint_engine::site::LoadedSite;
-use holdpoint_engine::trial::cache::EpisodeCache;
-use holdpoint_engine::trial::seeds::EpisodeSeeds;
 use holdpoint_engine::{Config, Engine};
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::site_profile::ChosenProfile;
@@ -31,6 +27,10 @@ use holdpoint_protocol::event::{Event, EventKind};
 use holdpoint_protocol::sink::MakeSink;
 use holdpoint_protocol::snapshot::{CandidateView, Snapshot};
 use holdpoint_text::{ErrorReason, Hint as _, Problem};
+use holdpoint_trials::cache::EpisodeCache;
+use holdpoint_trials::embedded;
+use holdpoint_trials::seeds::EpisodeSeeds;
+use holdpoint_trials::site::LoadedSite;
 
 /// The versions that are taken through the stages.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

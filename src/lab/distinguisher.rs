@@ -12,12 +12,7 @@ use std::path::PathBuf;
 use std::time::Instant;
 
 use holdpoint_body::TaskKind;
-use holdpoint_engine::cell::Cell;
 use holdpoint_engine::context::Context;
-use holdpoint_engine::trial::pair_spot::PairSpot;
-use holdpoint_engine::trial::sequences::TrialTeam;
-use holdpoint_engine::trial::trial_lab::TrialSubject;
-use holdpoint_engine::trial::worker::Worker;
 use holdpoint_engine::world::listener::NoListener;
 use holdpoint_engine::world::live::LiveStation;
 use holdpoint_governance::ids::Family;
@@ -26,6 +21,11 @@ use holdpoint_runtime::capability::Capability;
 use holdpoint_runtime::terms::SkillTerms;
 use holdpoint_sim::SimCells;
 use holdpoint_text::Hint;
+use holdpoint_trials::cell::Cell;
+use holdpoint_trials::pair_spot::PairSpot;
+use holdpoint_trials::sequences::TrialTeam;
+use holdpoint_trials::trial_lab::TrialSubject;
+use holdpoint_trials::worker::Worker;
 use serde::{Deserialize, Serialize};
 
 use self::features::NamedFeature;
@@ -158,7 +158,7 @@ impl DistinguisherBench {
     fn new() -> Result<Self, ExperimentError> {
         let cell = Cell::of(&SimCells, None)?;
         let context = judging_context(cell.clone())?;
-        let baselines = holdpoint_engine::embedded::baselines()
+        let baselines = holdpoint_trials::embedded::baselines()
             .map_err(|error| ExperimentError::Unexpected(error.sentence()))?;
         // The family that parks the arm has no task of its own.
         let in_sequence = |version: &Capability| {
@@ -313,6 +313,6 @@ mod tests {
     fn seeds_of_origins_are_disjoint_from_each_other_and_from_practice() {
         let ends = TaskOrigin::ALL.map(|origin| (seed(origin, 0), seed(origin, ORIGIN_SEEDS - 1)));
         assert!(ends.windows(2).all(|two| two[0].1 < two[1].0), "{ends:?}");
-        assert!(ends[2].1 < holdpoint_engine::trial::seeds::PRACTICE_FROM);
+        assert!(ends[2].1 < holdpoint_trials::seeds::PRACTICE_FROM);
     }
 }

@@ -34,9 +34,7 @@ use crate::pipeline_experiments::candidate_run::{CandidateEnd, ThresholdScale};
 use crate::pipeline_experiments::per_candidate::{self, CandidateJob};
 use crate::pipeline_experiments::{ExperimentError, ProgressFn, cached_result, scratch};
 use holdpoint_engine::Experiment;
-use holdpoint_engine::cell::Cell;
 use holdpoint_engine::context::Context;
-use holdpoint_engine::trial::worker::Worker;
 use holdpoint_governance::ids::Digest;
 use holdpoint_governance::policy::PolicyTable;
 use holdpoint_governance::profile::{Profile, ProfileName};
@@ -44,6 +42,8 @@ use holdpoint_registry::{CacheSecret, ResultCache};
 use holdpoint_runtime::capability::Capability;
 use holdpoint_sim::SimCells;
 use holdpoint_text::Hint;
+use holdpoint_trials::cell::Cell;
+use holdpoint_trials::worker::Worker;
 
 /// Pairs of whole sequences, of stops and of rollbacks; each run once.
 const PAIRS: u64 = 100;
@@ -161,7 +161,7 @@ impl TruthBench {
             Some(cache) => cache.clone(),
             None => ResultCache::in_folder(scratch.to_owned(), CacheSecret::fresh()?),
         };
-        let baselines = holdpoint_engine::embedded::baselines()
+        let baselines = holdpoint_trials::embedded::baselines()
             .map_err(|error| ExperimentError::Unexpected(error.sentence()))?;
         Self::with_team(Cell::of(&SimCells, None)?, cache, baselines, plan.most)
     }

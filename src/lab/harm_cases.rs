@@ -8,11 +8,6 @@ use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
 use holdpoint_body::TaskKind;
-use holdpoint_engine::cell::{Cell, Conditions};
-use holdpoint_engine::embedded;
-use holdpoint_engine::trial::episodes::batch;
-use holdpoint_engine::trial::seeds::{CALIBRATION_FROM_RUN, SeedPurpose, episode_seed};
-use holdpoint_engine::trial::worker_pool::WorkerPool;
 use holdpoint_governance::behavior::{self, BehaviorAssessment};
 use holdpoint_governance::evidence::{EvidenceBinding, Pair, PairedEvidence};
 use holdpoint_governance::harm::HarmKind;
@@ -24,6 +19,11 @@ use holdpoint_runtime::capability::Capability;
 use holdpoint_runtime::task::TaskRecord;
 use holdpoint_runtime::terms::SkillTerms;
 use holdpoint_sim::SimCells;
+use holdpoint_trials::cell::{Cell, Conditions};
+use holdpoint_trials::embedded;
+use holdpoint_trials::episodes::batch;
+use holdpoint_trials::seeds::{CALIBRATION_FROM_RUN, SeedPurpose, episode_seed};
+use holdpoint_trials::worker_pool::WorkerPool;
 use toml::{Table, Value};
 
 use crate::candidate_pool::draft::Draft;

@@ -27,11 +27,11 @@ pub mod sections;
 
 use std::time::Instant;
 
-use holdpoint_engine::cell::Cell;
 use holdpoint_governance::profile::{Profile, ProfileName};
 use holdpoint_registry::ResultCache;
 use holdpoint_sim::SimCells;
 use holdpoint_text::Hint;
+use holdpoint_trials::cell::Cell;
 
 pub use arm::{Arm, Fork};
 pub use pool_screening::{ScreenRow, Variant, screen};

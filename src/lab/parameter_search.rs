@@ -25,9 +25,9 @@ use self::package::PackageDraft;
 use self::search::{Evaluator, SearchProgress};
 use self::settings::{EPISODES_MAX, GENERATIONS_MAX, JOBS_MAX, RefineError, SearchSettings};
 use self::space::Space;
-use holdpoint_engine::embedded::baselines;
 use holdpoint_governance::ids::{CapabilityId, Family};
 use holdpoint_runtime::capability::Capability;
+use holdpoint_trials::embedded::baselines;
 
 /// A parameter that was changed.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]

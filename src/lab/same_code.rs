@@ -7,14 +7,14 @@ use std::time::Instant;
 use holdpoint_body::{Command, Observation};
 use holdpoint_cell::CellError;
 use holdpoint_cell::EpisodeSetup;
-use holdpoint_engine::cell::Cell;
-use holdpoint_engine::trial::worker::Worker;
 use holdpoint_governance::component::ComponentBytes;
 use holdpoint_governance::manifest::BundleSource;
 use holdpoint_runtime::capability::{Capability, PackageError};
 use holdpoint_runtime::skill::{ConfinementReport, Hook, Skill};
 use holdpoint_runtime::task::{self, Supervision, is_same};
 use holdpoint_runtime::terms::SkillTerms;
+use holdpoint_trials::cell::Cell;
+use holdpoint_trials::worker::Worker;
 
 /// The engine's own controllers as a component.
 pub const CONTROLLERS: &[u8] = include_bytes!("../sdk/prebuilt/controllers.wasm");
@@ -117,10 +117,10 @@ pub fn compare(
 
 #[cfg(test)]
 mod tests {
-    use holdpoint_engine::trial::seeds::{CALIBRATION_FROM_RUN, SeedPurpose, episode_seed};
     use holdpoint_governance::policy::PolicyTable;
     use holdpoint_governance::profile::{Profile, ProfileName};
     use holdpoint_sim::SimCells;
+    use holdpoint_trials::seeds::{CALIBRATION_FROM_RUN, SeedPurpose, episode_seed};
 
     use crate::pipeline_experiments::candidate_run::{CandidateSetting, run_candidate};
     use holdpoint_registry::{CacheSecret, ResultCache};
@@ -135,7 +135,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let cache = ResultCache::in_folder(folder.path().to_owned(), CacheSecret::fresh().unwrap());
         let setting = CandidateSetting::calibration(&cell, &cache);
-        let native = holdpoint_engine::embedded::package("grasp-improved").unwrap();
+        let native = holdpoint_trials::embedded::package("grasp-improved").unwrap();
         let native = Capability::load("grasp", native).unwrap();
         let component = with_code(&native, CONTROLLERS).unwrap();
         let one = run_candidate(&setting, "grasp", (*native.package).clone()).unwrap();
@@ -152,7 +152,7 @@ mod tests {
         let terms = SkillTerms::new(&profile, table, cell.geometry.clone(), cell.zones.clone());
         let seeds = (0..6).map(|place| episode_seed(CALIBRATION_FROM_RUN, SeedPurpose::Perturbation, place));
         let seeds: Vec<u64> = seeds.collect();
-        for version in holdpoint_engine::embedded::baselines().unwrap() {
+        for version in holdpoint_trials::embedded::baselines().unwrap() {
             if version.id().family.as_str() == "park" {
                 continue;
             }

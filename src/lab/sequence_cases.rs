@@ -9,14 +9,6 @@ use std::sync::atomic::AtomicBool;
 
 use holdpoint_body::TaskKind;
 use holdpoint_cell::rng::Stream;
-use holdpoint_engine::cell::{Cell, Conditions};
-use holdpoint_engine::embedded;
-use holdpoint_engine::trial::episodes::batch;
-use holdpoint_engine::trial::seeds::{CALIBRATION_FROM_RUN, SeedPurpose, episode_seed};
-use holdpoint_engine::trial::sequences::{TrialTeam, run_sequence};
-use holdpoint_engine::trial::trial_lab::TrialSubject;
-use holdpoint_engine::trial::worker::Worker;
-use holdpoint_engine::trial::worker_pool::{PoolJob, WorkerPool};
 use holdpoint_governance::behavior::{
     self, BehaviorAssessment, SequenceComparison, SequenceEvidence, SequencePair, SequenceStep,
 };
@@ -31,6 +23,14 @@ use holdpoint_runtime::capability::Capability;
 use holdpoint_runtime::task::TaskRecord;
 use holdpoint_runtime::terms::SkillTerms;
 use holdpoint_sim::SimCells;
+use holdpoint_trials::cell::{Cell, Conditions};
+use holdpoint_trials::embedded;
+use holdpoint_trials::episodes::batch;
+use holdpoint_trials::seeds::{CALIBRATION_FROM_RUN, SeedPurpose, episode_seed};
+use holdpoint_trials::sequences::{TrialTeam, run_sequence};
+use holdpoint_trials::trial_lab::TrialSubject;
+use holdpoint_trials::worker::Worker;
+use holdpoint_trials::worker_pool::{PoolJob, WorkerPool};
 use toml::{Table, Value};
 
 use crate::candidate_pool::draft::Draft;

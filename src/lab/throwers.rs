@@ -10,13 +10,14 @@ mod package;
 use std::path::PathBuf;
 use std::time::Instant;
 
-use holdpoint_engine::cell::{Cell, decided_by};
-use holdpoint_engine::trial::seeds::EpisodeSeeds;
+use holdpoint_engine::build_digest::decided_by;
 use holdpoint_governance::ids::Digest;
 use holdpoint_governance::profile::{Profile, ProfileName};
 use holdpoint_registry::ResultCache;
 use holdpoint_sim::SimCells;
 use holdpoint_text::Hint;
+use holdpoint_trials::cell::Cell;
+use holdpoint_trials::seeds::EpisodeSeeds;
 use serde::{Deserialize, Serialize};
 
 use self::live_run::ThrowerJob;

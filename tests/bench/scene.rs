@@ -17,8 +17,6 @@ use std::sync::mpsc::sync_channel;
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
-use holdpoint::engine::cell::Cell;
-use holdpoint::engine::trial::cache::EpisodeCache;
 use holdpoint::engine::{Config, Engine};
 use holdpoint::governance::ids::{CapabilityId, Digest};
 use holdpoint::governance::lifecycle::Stage;
@@ -26,6 +24,8 @@ use holdpoint::governance::profile::ProfileName;
 use holdpoint::protocol::event::{Event, EventKind};
 use holdpoint::protocol::video_frame::VideoFrame;
 use holdpoint::scene::{SceneConfig, SceneSink};
+use holdpoint::trials::cache::EpisodeCache;
+use holdpoint::trials::cell::Cell;
 use holdpoint_sim::SimCells;
 use rustix::time::{ClockId, clock_gettime};
 
@@ -108,7 +108,7 @@ fn turn(output: SceneOutput) -> Turn {
     let mut engine = Engine::start(Config {
         data: data.path(),
         profile: ProfileName::Sim.into(),
-        seeds: holdpoint_engine::trial::seeds::EpisodeSeeds::OfRun(SEED),
+        seeds: holdpoint_trials::seeds::EpisodeSeeds::OfRun(SEED),
         jobs: 1,
         scripted: true,
         cell: Cell::of(&SimCells, None).unwrap(),

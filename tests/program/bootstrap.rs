@@ -7,10 +7,8 @@ use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::time::{Duration, Instant};
 
 use holdpoint::engine::bootstrap::{EngineBootstrap, ReadProgressFn};
-use holdpoint::engine::cell::Cell;
 use holdpoint::engine::control_socket::{Client, ControlSocketError, SignalHandling, socket_path};
 use holdpoint::engine::engine_handle::{EngineHandle, EngineUpdate, LaunchConfig};
-use holdpoint::engine::trial::cache::EpisodeCache;
 use holdpoint::engine::{Config, StartError};
 use holdpoint::governance::profile::ProfileName;
 use holdpoint::governance::record::RecordKind;
@@ -19,6 +17,8 @@ use holdpoint::protocol::console_presence::ConsolePresence;
 use holdpoint::protocol::snapshot::Snapshot;
 use holdpoint::registry::{AuditBody, AuditFilter, Layout, Store, StoreError, Transaction, Views};
 use holdpoint::runtime::capability;
+use holdpoint::trials::cache::EpisodeCache;
+use holdpoint::trials::cell::Cell;
 use holdpoint_sim::SimCells;
 use rusqlite::Connection;
 
@@ -64,7 +64,7 @@ fn start(folder: &Path, watch: ReadProgressFn) -> EngineHandle {
     let config = LaunchConfig {
         data: folder.to_owned(),
         profile: ProfileName::Sim.into(),
-        seeds: holdpoint_engine::trial::seeds::EpisodeSeeds::OfRun(1),
+        seeds: holdpoint_trials::seeds::EpisodeSeeds::OfRun(1),
         jobs: 1,
         cells: std::sync::Arc::new(SimCells),
         robot: None,
@@ -216,7 +216,7 @@ fn no_engine_starts_if_another_program_wrote_meanwhile() {
         let config = Config {
             data: folder.path(),
             profile: ProfileName::Sim.into(),
-            seeds: holdpoint_engine::trial::seeds::EpisodeSeeds::OfRun(1),
+            seeds: holdpoint_trials::seeds::EpisodeSeeds::OfRun(1),
             jobs: 1,
             scripted: false,
             cell: Cell::of(&SimCells, None).unwrap(),

@@ -11,11 +11,9 @@ use std::sync::mpsc::channel;
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-use holdpoint::engine::cell::Cell;
 use holdpoint::engine::control_socket::{Client, SignalHandling};
 use holdpoint::engine::pipeline::SliceOutcome;
 use holdpoint::engine::pump::Pump;
-use holdpoint::engine::trial::cache::EpisodeCache;
 use holdpoint::engine::world::stop_switch::StopSwitch;
 use holdpoint::engine::{Config, Engine};
 use holdpoint::governance::ids::CapabilityId;
@@ -24,6 +22,8 @@ use holdpoint::protocol::command::{Command, Reply, StopPersistence};
 use holdpoint::protocol::event::EventKind;
 use holdpoint::registry::{Layout, verify};
 use holdpoint::runtime::capability;
+use holdpoint::trials::cache::EpisodeCache;
+use holdpoint::trials::cell::Cell;
 use holdpoint_sim::SimCells;
 
 use crate::host::{Front, operation};
@@ -46,7 +46,7 @@ fn start_engine(folder: &Path) -> (JoinHandle<()>, Arc<StopSwitch>) {
         let config = Config {
             data: &folder,
             profile: ProfileName::Sim.into(),
-            seeds: holdpoint_engine::trial::seeds::EpisodeSeeds::OfRun(1),
+            seeds: holdpoint_trials::seeds::EpisodeSeeds::OfRun(1),
             jobs: 1,
             scripted: false,
             cell: Cell::of(&SimCells, None).unwrap(),

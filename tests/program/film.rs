@@ -2,8 +2,6 @@
 
 use std::path::Path;
 
-use holdpoint::engine::cell::Cell;
-use holdpoint::engine::trial::cache::EpisodeCache;
 use holdpoint::engine::{Config, Engine};
 use holdpoint::governance::decision::Dimension;
 use holdpoint::governance::evidence::DrillKind;
@@ -12,6 +10,8 @@ use holdpoint::protocol::command::{Command, Refusal, Reply, Request};
 use holdpoint::protocol::detail::{Detail, FindingVerdict};
 use holdpoint::protocol::film::{Film, FilmRequest, FilmSubject};
 use holdpoint::runtime::capability;
+use holdpoint::trials::cache::EpisodeCache;
+use holdpoint::trials::cell::Cell;
 use holdpoint_sim::SimCells;
 
 struct FilmBench {
@@ -24,7 +24,7 @@ impl FilmBench {
         let config = Config {
             data,
             profile: ProfileName::Sim.into(),
-            seeds: holdpoint_engine::trial::seeds::EpisodeSeeds::OfRun(1),
+            seeds: holdpoint_trials::seeds::EpisodeSeeds::OfRun(1),
             jobs: 1,
             scripted: true,
             cell: Cell::of(&SimCells, None).unwrap(),

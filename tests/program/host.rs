@@ -41,7 +41,7 @@ impl Front {
         let host = EngineHandle::start(LaunchConfig {
             data,
             profile,
-            seeds: holdpoint_engine::trial::seeds::EpisodeSeeds::OfRun(1),
+            seeds: holdpoint_trials::seeds::EpisodeSeeds::OfRun(1),
             jobs: 1,
             cells: std::sync::Arc::new(SimCells),
             robot: None,

@@ -3,8 +3,6 @@
 use std::path::Path;
 
 use holdpoint::approvals::{Approval, Identity, Nonce};
-use holdpoint::engine::cell::Cell;
-use holdpoint::engine::trial::cache::EpisodeCache;
 use holdpoint::engine::{Config, Engine};
 use holdpoint::governance::alarms::AlarmState;
 use holdpoint::governance::approval::ApprovalDecision;
@@ -14,6 +12,8 @@ use holdpoint::governance::record::{RecordKind, VersionGroup};
 use holdpoint::protocol::command::{Command, Operation, Refusal, Reply, Request};
 use holdpoint::protocol::detail::PAGE_MAX;
 use holdpoint::runtime::capability;
+use holdpoint::trials::cache::EpisodeCache;
+use holdpoint::trials::cell::Cell;
 use holdpoint_sim::SimCells;
 
 struct EngineBench {
@@ -28,7 +28,7 @@ impl EngineBench {
         let config = Config {
             data: folder.path(),
             profile: ProfileName::Sim.into(),
-            seeds: holdpoint_engine::trial::seeds::EpisodeSeeds::OfRun(1),
+            seeds: holdpoint_trials::seeds::EpisodeSeeds::OfRun(1),
             jobs: 1,
             scripted: true,
             cell: Cell::of(&SimCells, None).unwrap(),

@@ -4,13 +4,13 @@ use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
-use holdpoint::engine::cell::{Cell, Conditions};
-use holdpoint::engine::trial::episodes::batch;
-use holdpoint::engine::trial::worker_pool::WorkerPool;
 use holdpoint::governance::policy::PolicyTable;
 use holdpoint::governance::profile::{Profile, ProfileName};
 use holdpoint::runtime::capability::{self, Capability};
 use holdpoint::runtime::terms::SkillTerms;
+use holdpoint::trials::cell::{Cell, Conditions};
+use holdpoint::trials::episodes::batch;
+use holdpoint::trials::worker_pool::WorkerPool;
 use holdpoint_sim::robot::RobotModel;
 use holdpoint_sim::{SimCells, SimFactory};
 

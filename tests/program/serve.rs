@@ -208,7 +208,7 @@ fn the_demonstration_leaves_the_users_store_alone() {
 fn demonstration_without_new_candidates_confirms_no_version() {
     let root = tempfile::tempdir().unwrap();
     let store = root.path().join("store");
-    for name in holdpoint::engine::embedded::names() {
+    for name in holdpoint::trials::embedded::names() {
         let registered = on(&store, &["candidate", "register", name]);
         assert!(registered.status.success(), "{}", text(&registered));
     }

@@ -8,11 +8,9 @@ use std::time::Duration;
 
 use holdpoint::approvals::keyfile::KeyEncoding;
 use holdpoint::approvals::{Identity, KdfCost, Passphrase, SignedCall};
-use holdpoint::engine::cell::Cell;
 use holdpoint::engine::control_socket::{Client, SignalHandling};
 use holdpoint::engine::pipeline::SliceOutcome;
 use holdpoint::engine::pump::Pump;
-use holdpoint::engine::trial::cache::EpisodeCache;
 use holdpoint::engine::{Config, Engine};
 use holdpoint::governance::approval::Role;
 use holdpoint::governance::profile::ProfileName;
@@ -20,6 +18,8 @@ use holdpoint::governance::record::RecordKind;
 use holdpoint::protocol::command::{Command, Operation, Refusal, Reply};
 use holdpoint::protocol::snapshot::{SigningView, Snapshot};
 use holdpoint::registry::{AuditFilter, Change, Layout, Store, Transaction, Views};
+use holdpoint::trials::cache::EpisodeCache;
+use holdpoint::trials::cell::Cell;
 use holdpoint_sim::SimCells;
 use serde_json::Value;
 use tempfile::TempDir;
@@ -70,7 +70,7 @@ pub fn engine(folder: &Path, profile: ProfileName) -> JoinHandle<()> {
         let config = Config {
             data: &folder,
             profile: profile.into(),
-            seeds: holdpoint_engine::trial::seeds::EpisodeSeeds::OfRun(1),
+            seeds: holdpoint_trials::seeds::EpisodeSeeds::OfRun(1),
             jobs: 1,
             scripted: false,
             cell: Cell::of(&SimCells, None).unwrap(),

@@ -10,14 +10,12 @@ use std::sync::mpsc::channel;
 use std::thread::JoinHandle;
 use std::time::Duration;
 
-use holdpoint::engine::cell::Cell;
 use holdpoint::engine::control_socket::{
     ASKING_MAX, Client, ControlSocket, ControlSocketError, EVENTS_KEPT, IDLE_MAX, Notification,
     OBSERVERS_MAX, SignalHandling, socket_path,
 };
 use holdpoint::engine::pipeline::SliceOutcome;
 use holdpoint::engine::pump::Pump;
-use holdpoint::engine::trial::cache::EpisodeCache;
 use holdpoint::engine::{Config, Engine};
 use holdpoint::governance::profile::ProfileName;
 use holdpoint::governance::record::UpgradeEnd;
@@ -27,6 +25,8 @@ use holdpoint::protocol::event::{Event, EventKind};
 use holdpoint::protocol::wire::{CALL_BYTES_MAX, ServerMessage};
 use holdpoint::registry::Layout;
 use holdpoint::runtime::capability;
+use holdpoint::trials::cache::EpisodeCache;
+use holdpoint::trials::cell::Cell;
 use holdpoint_sim::SimCells;
 use holdpoint_text::Hint as _;
 use serde_json::{Value, json};
@@ -49,7 +49,7 @@ pub(crate) fn engine(folder: &Path) -> JoinHandle<()> {
         let config = Config {
             data: &folder,
             profile: ProfileName::Sim.into(),
-            seeds: holdpoint_engine::trial::seeds::EpisodeSeeds::OfRun(1),
+            seeds: holdpoint_trials::seeds::EpisodeSeeds::OfRun(1),
             jobs: 1,
             scripted: false,
             cell: Cell::of(&SimCells, None).unwrap(),
@@ -290,7 +290,7 @@ fn a_shutdown_during_a_sequence_is_accepted() {
         let config = Config {
             data: &folder_of_engine,
             profile: ProfileName::Sim.into(),
-            seeds: holdpoint_engine::trial::seeds::EpisodeSeeds::OfRun(1),
+            seeds: holdpoint_trials::seeds::EpisodeSeeds::OfRun(1),
             jobs: 1,
             scripted: false,
             cell: Cell::of(&SimCells, None).unwrap(),

@@ -68,6 +68,27 @@ fn crates_of(program: &str, format: &str) -> String {
     run_cargo(&[&tree[..], &["-p", program, "--format", format]].concat())
 }
 
+/// Evidence is bound to the name of the build, so a change of what computes an episode voids it.
+#[test]
+fn the_name_of_the_build_covers_what_computes_an_episode() {
+    let script = fs::read_to_string(root().join("src/trials/build.rs")).unwrap();
+    let (_, list) = script.split_once("const COMPUTES").unwrap();
+    let (list, _) = list.split_once("];").unwrap();
+    let named: BTreeSet<&str> = list.split('"').skip(1).step_by(2).collect();
+    // These carry and keep values, and compute none of an episode.
+    let others = ["approvals", "protocol", "registry", "text"];
+    let text = crates_of("holdpoint-trials", "{p}");
+    let mut used: BTreeSet<String> = text
+        .lines()
+        .filter_map(|line| line.split_whitespace().next()?.strip_prefix("holdpoint-"))
+        .filter(|name| !others.contains(name))
+        .map(|name| format!("src/{name}"))
+        .collect();
+    assert!(used.len() > 5, "{used:?}");
+    used.extend(["Cargo.lock", "src/engine/world", "src/sdk/wit"].map(str::to_owned));
+    assert_eq!(named, used.iter().map(String::as_str).collect::<BTreeSet<&str>>());
+}
+
 /// The operator's program is built without the laboratory, the optimizer, and the engine's feature for experiments.
 #[test]
 fn only_the_laboratory_can_experiment() {

@@ -12,9 +12,7 @@ use crate::cli::context::CliContext;
 use crate::cli::output::CommandOutput;
 use crate::error::{CliError, Exit};
 use holdpoint_body::CodeFault;
-use holdpoint_engine::cell::Cell;
 use holdpoint_engine::check::{ProfileFindings, RegisteredVersions};
-use holdpoint_engine::trial::worker::Worker;
 use holdpoint_engine::tryout::{Tryout, TryoutError};
 use holdpoint_governance::failure_cause::FailureCause;
 use holdpoint_governance::manifest::FUEL_PER_US;
@@ -24,6 +22,8 @@ use holdpoint_governance::site_profile::ChosenProfile;
 use holdpoint_protocol::film::Film;
 use holdpoint_runtime::capability::Capability;
 use holdpoint_runtime::task::TaskRecord;
+use holdpoint_trials::cell::Cell;
+use holdpoint_trials::worker::Worker;
 use holdpoint_wording::failure_cause;
 
 /// Episodes of a test.

@@ -10,6 +10,8 @@ use crate::trial::seeds::EpisodeSeeds;
 use holdpoint_cell::CellSource;
 use holdpoint_governance::site_profile::ChosenProfile;
 use holdpoint_protocol::sink::MakeSink;
+use holdpoint_trials::seeds::EpisodeSeeds;
+use holdpoint_trials::site::LoadedSite;
 
 /// The settings of a host.
 pub struct LaunchConfig {

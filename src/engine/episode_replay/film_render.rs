@@ -18,11 +18,11 @@ use holdpoint_runtime::recovery::StoppedBy;
 use holdpoint_runtime::task::TaskRecord;
 use holdpoint_runtime::terms::SkillTerms;
 use holdpoint_runtime::watcher::RaisedSignal;
+use holdpoint_trials::cell::Cell;
+use holdpoint_trials::drills::DrillResult;
+use holdpoint_trials::worker::Worker;
 use holdpoint_wording::film::{marked_event, outcome};
 
-use crate::cell::Cell;
-use crate::trial::drills::DrillResult;
-use crate::trial::worker::Worker;
 use crate::world::cell_frame::{self, narrow};
 
 /// Number of limits that a headline names, the one that is exceeded most first; it counts the others.

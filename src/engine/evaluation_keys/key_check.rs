@@ -10,12 +10,12 @@ use holdpoint_governance::ids::{CapabilityId, Digest, Family};
 use holdpoint_governance::record::{AuditRecord, RecordKind};
 use holdpoint_registry::store_terms::EvidenceKind;
 use holdpoint_registry::{EvidenceEntry, StoreError, Views};
+use holdpoint_trials::live_start;
+use holdpoint_trials::seeds::{KEYED_FROM, SeedPurpose, SeedSource};
 use serde::Serialize;
 
 use super::read;
 use crate::evidence_file::EvidenceFile;
-use crate::trial::live_start;
-use crate::trial::seeds::{KEYED_FROM, SeedPurpose, SeedSource};
 use crate::version_concern::Confirmation;
 
 /// Tries for each pair in a sandbox: an episode without a valid start is run again on the next seed.

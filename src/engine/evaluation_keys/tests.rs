@@ -130,7 +130,7 @@ fn key_is_committed_before_the_first_pair_and_revealed_after_the_last() {
     assert!(reveal.is_sound());
     let given: Vec<u64> = (0..200)
         .map(|index| {
-            SeedSource::Keyed(reveal.key).seed(crate::trial::seeds::SeedPurpose::Perturbation, index)
+            SeedSource::Keyed(reveal.key).seed(holdpoint_trials::seeds::SeedPurpose::Perturbation, index)
         })
         .collect();
     assert!(seeds.iter().all(|seed| given.contains(seed)), "the key gives the seeds again");

@@ -13,7 +13,6 @@ use super::Pipeline;
 use crate::Engine;
 use crate::evidence_binding::terms_of;
 use crate::fault::EngineFault;
-use crate::trial::seeds::{SeedPurpose, episode_seed};
 use crate::world::listener::NoListener;
 use crate::world::live::{SequenceReport, TaskTruth};
 use holdpoint_governance::ids::{CapabilityId, Family};
@@ -21,6 +20,7 @@ use holdpoint_governance::monitor::Rate;
 use holdpoint_protocol::event::EventKind;
 use holdpoint_runtime::capability::Capability;
 use holdpoint_runtime::terms::SkillTerms;
+use holdpoint_trials::seeds::{SeedPurpose, episode_seed};
 
 /// A pipeline in the hands of an experiment.
 pub struct ExperimentPipeline(Pipeline);

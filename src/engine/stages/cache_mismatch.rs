@@ -5,11 +5,11 @@ use holdpoint_governance::cached_result::{CachedResultMismatch, SeedRange};
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::notice::Notice;
 use holdpoint_governance::record::RecordKind;
+use holdpoint_trials::Trials;
+use holdpoint_trials::reuse::Reuse;
 
 use crate::fault::EngineFault;
 use crate::recorder::EngineRecorder;
-use crate::trial::Trials;
-use crate::trial::reuse::Reuse;
 
 /// Records the mismatch of a version's comparison, deletes the cached results, and raises the alarm. The caller
 /// restarts the comparison.

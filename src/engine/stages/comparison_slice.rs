@@ -5,19 +5,19 @@ use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::lifecycle::Stage;
 use holdpoint_protocol::work_unit::WorkUnit;
 use holdpoint_runtime::capability::Capability;
+use holdpoint_trials::Trials;
+use holdpoint_trials::cell::Cell;
+use holdpoint_trials::evaluation::{Evaluation, EvaluationPlan};
+use holdpoint_trials::seeds::SeedSource;
+use holdpoint_trials::trace::{EpisodeTrace, keep_trace};
 
 use super::closing::progress;
 use super::shared_stops::alarm_since;
-use crate::cell::Cell;
 use crate::context::Context;
 use crate::evidence_binding::{trial_subject, trial_team};
 use crate::evidence_file::EvidenceFiles;
 use crate::fault::EngineFault;
 use crate::recorder::EngineRecorder;
-use crate::trial::Trials;
-use crate::trial::evaluation::{Evaluation, EvaluationPlan};
-use crate::trial::seeds::SeedSource;
-use crate::trial::trace::{EpisodeTrace, keep_trace};
 
 /// The comparison and its cell.
 pub(super) struct ComparisonSlice<'a> {

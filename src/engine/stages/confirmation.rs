@@ -17,6 +17,10 @@ use holdpoint_protocol::work_unit::WorkUnit;
 use holdpoint_registry::Change;
 use holdpoint_registry::store_terms::EvidenceKind;
 use holdpoint_runtime::capability::Capability;
+use holdpoint_trials::Trials;
+use holdpoint_trials::evaluation::{Evaluation, EvaluationPlan};
+use holdpoint_trials::scene_stops::SceneStops;
+use holdpoint_trials::seeds::SeedSource;
 
 use super::cache_mismatch::invalidate_cache;
 use super::closing::{note_spent_time, progress};
@@ -27,10 +31,6 @@ use crate::evidence_file::EvidenceFiles;
 use crate::fault::EngineFault;
 use crate::monitors::Monitors;
 use crate::recorder::EngineRecorder;
-use crate::trial::Trials;
-use crate::trial::evaluation::{Evaluation, EvaluationPlan};
-use crate::trial::scene_stops::SceneStops;
-use crate::trial::seeds::SeedSource;
 use crate::version_concern::Confirmation;
 use crate::version_table::VersionTable;
 

@@ -15,6 +15,7 @@ use holdpoint_governance::record::RecordKind;
 use holdpoint_governance::tries::{CountedTry, SpentTries, TryLedger};
 use holdpoint_registry::store_terms::EvidenceKind;
 use holdpoint_runtime::capability::Capability;
+use holdpoint_trials::seeds::SeedSource;
 
 use super::closing::{close_rejected, first_reason, put_on_hold, report_decision, stage_note};
 use crate::context::Context;
@@ -22,7 +23,6 @@ use crate::evidence_binding::{binding, made_under};
 use crate::evidence_file::{EvidenceFile, EvidenceFiles};
 use crate::fault::EngineFault;
 use crate::recorder::EngineRecorder;
-use crate::trial::seeds::SeedSource;
 
 /// The terms of the try that a candidate's sandbox is or would be; else why it runs no pair.
 ///

@@ -19,22 +19,22 @@ use holdpoint_governance::notice::Notice;
 use holdpoint_protocol::event::EventKind;
 use holdpoint_protocol::work_unit::WorkUnit;
 use holdpoint_runtime::capability::Capability;
+use holdpoint_trials::Trials;
+use holdpoint_trials::cell::Cell;
+use holdpoint_trials::evaluation::{Evaluation, EvaluationPlan};
+use holdpoint_trials::scene_stops::SceneStops;
+use holdpoint_trials::seeds::SeedSource;
 
 use super::cache_mismatch::invalidate_cache;
 use super::closing::{abort_stage, note_spent_time, progress};
 use super::comparison_slice::{ComparisonSlice, run_slice};
 use super::shadow::{self, ShadowRun};
-use crate::cell::Cell;
 use crate::context::Context;
 use crate::evidence_binding::binding;
 use crate::evidence_file::EvidenceFiles;
 use crate::fault::EngineFault;
 use crate::monitors::Monitors;
 use crate::recorder::EngineRecorder;
-use crate::trial::Trials;
-use crate::trial::evaluation::{Evaluation, EvaluationPlan};
-use crate::trial::scene_stops::SceneStops;
-use crate::trial::seeds::SeedSource;
 use crate::version_concern::ReEvaluationEvidence;
 use crate::world::live::LiveStation;
 

@@ -18,6 +18,7 @@ use holdpoint_runtime::agent::AbandonedGoal;
 use holdpoint_runtime::capability::Capability;
 use holdpoint_runtime::terms::SkillTerms;
 use holdpoint_text::Hint;
+use holdpoint_trials::scene_stops::past_limit;
 
 use super::ladder::{event, evidence, push_rung, rung};
 use super::resume::Resumption;

@@ -26,6 +26,15 @@ use holdpoint_registry::store_terms::EvidenceKind;
 use holdpoint_runtime::capability::Capability;
 use holdpoint_runtime::task::TaskRecord;
 use holdpoint_runtime::terms::SkillTerms;
+use holdpoint_trials::Trials;
+use holdpoint_trials::cell::Conditions;
+use holdpoint_trials::evaluation::{Evaluation, EvaluationPlan, Slice};
+use holdpoint_trials::mode_metrics::{ComparedVersion, ModeMetrics};
+use holdpoint_trials::scene_stops::SceneStops;
+use holdpoint_trials::search::{self, Search, SearchStyle};
+use holdpoint_trials::seeds::{SeedPurpose, SeedSource};
+use holdpoint_trials::stress;
+use holdpoint_trials::trace::{EpisodeTrace, keep_trace};
 
 use super::cache_mismatch::invalidate_cache;
 use super::closing::{
@@ -35,20 +44,11 @@ use super::counted_try;
 use super::early_hold::end_on_hold;
 use super::shared_stops::keep_stops;
 use super::validation;
-use crate::cell::Conditions;
 use crate::context::Context;
 use crate::evidence_binding::{binding, made_under, measured_terms_of, trial_subject, trial_team};
 use crate::evidence_file::EvidenceFiles;
 use crate::fault::EngineFault;
 use crate::recorder::EngineRecorder;
-use crate::trial::Trials;
-use crate::trial::evaluation::{Evaluation, EvaluationPlan, Slice};
-use crate::trial::mode_metrics::{ComparedVersion, ModeMetrics};
-use crate::trial::scene_stops::SceneStops;
-use crate::trial::search::{self, Search, SearchStyle};
-use crate::trial::seeds::{SeedPurpose, SeedSource};
-use crate::trial::stress;
-use crate::trial::trace::{EpisodeTrace, keep_trace};
 
 /// Episodes of the canonical and of the adversarial mode.
 pub(crate) const MODE_EPISODES: u64 = 10;
@@ -379,7 +379,7 @@ impl Sandbox<'_> {
         runs: Vec<EpisodeTrace>,
     ) -> Result<(), EngineFault> {
         let (store, now_ms) = (self.record.version_table().store(), self.record.now_ms());
-        keep_trace(store, &self.context.cell, id, mode, runs, now_ms)
+        Ok(keep_trace(store, &self.context.cell, id, mode, runs, now_ms)?)
     }
 
     /// The episodes of a mode in which the candidate runs alone. Where it is stopped or unsafe, the active version runs

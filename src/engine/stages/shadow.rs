@@ -17,6 +17,7 @@ use holdpoint_protocol::event::EventKind;
 use holdpoint_protocol::work_unit::WorkUnit;
 use holdpoint_registry::store_terms::EvidenceKind;
 use holdpoint_registry::{Batch, Store};
+use holdpoint_trials::scene_stops::SceneStops;
 
 use super::closing::{abort_stage, close_rejected, progress, put_on_hold, stage_note};
 use super::shared_stops::keep_stops;
@@ -26,7 +27,6 @@ use crate::evidence_file::EvidenceFiles;
 use crate::fault::EngineFault;
 use crate::monitors::Monitors;
 use crate::recorder::EngineRecorder;
-use crate::trial::scene_stops::SceneStops;
 use crate::world::shadow::{Shadow, ShadowTrace};
 use crate::world::twin_start::missing_abilities;
 

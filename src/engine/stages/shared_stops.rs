@@ -4,11 +4,11 @@ use holdpoint_governance::alarms::AlarmKey;
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::notice::Notice;
 use holdpoint_governance::shared_event::SharedEvent;
+use holdpoint_trials::scene_stops::SceneStops;
 
 use crate::context::Context;
 use crate::evidence_file::EvidenceFile;
 use crate::recorder::EngineRecorder;
-use crate::trial::scene_stops::SceneStops;
 
 /// Keeps the hard stops so far of a candidate and the active version.
 pub(crate) fn keep_stops(

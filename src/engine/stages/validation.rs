@@ -9,6 +9,7 @@ use holdpoint_governance::outcome::Recommendation;
 use holdpoint_governance::time_excess::TimeExcess;
 use holdpoint_registry::store_terms::EvidenceKind;
 use holdpoint_runtime::capability::Capability;
+use holdpoint_trials::tick_time::median_tick_us;
 
 use super::closing::{close_rejected, first_reason, report_decision, stage_note};
 use crate::check::{self, CheckInputs};
@@ -17,7 +18,6 @@ use crate::evidence_binding::{made_under, terms_under};
 use crate::evidence_file::{EvidenceFiles, StaticAssessment};
 use crate::fault::EngineFault;
 use crate::recorder::EngineRecorder;
-use crate::trial::tick_time::median_tick_us;
 use crate::version_origin;
 use crate::version_table::VersionTable;
 

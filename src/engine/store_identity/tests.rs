@@ -1,6 +1,8 @@
 //! An update of the program changes the profile that it comes with: until an administrator signs, the store opens, stops and takes
 //! versions off, and activates nothing.
 
+mod site;
+
 use std::path::Path;
 
 use holdpoint_approvals::SignedProfileAct;
@@ -12,11 +14,11 @@ use holdpoint_governance::outcome::PolicyOutcome;
 use holdpoint_governance::profile::ProfileName;
 use holdpoint_protocol::command::{Caller, Command, Operation, Reply};
 use holdpoint_registry::{Change, ContextRules, Store, Transaction, allow_profile, verify};
+use holdpoint_trials::seeds::EpisodeSeeds;
 
 use super::*;
 use crate::people::persons::guarded;
 use crate::tests::{assert_accepted, at_the_gate, awaiting_approval, config};
-use crate::trial::seeds::EpisodeSeeds;
 use crate::world::stop_switch::StopRequest;
 use crate::{Config, Engine, StartError};
 

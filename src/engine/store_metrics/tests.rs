@@ -8,12 +8,9 @@ use serde_json::Value;
 use tempfile::TempDir;
 
 use super::*;
-use crate::cell::Cell;
 use crate::people::persons::enrolled;
 use crate::people::signers::tests::signed;
 use crate::pipeline::{Pipeline, PipelineSettings, SliceOutcome};
-use crate::trial::cache::EpisodeCache;
-use crate::trial::seeds::CALIBRATION_FROM_RUN;
 use crate::version_table::VersionTable;
 use crate::wall_clock::WallClock;
 use crate::world::stop_switch::Controls;
@@ -32,6 +29,9 @@ use holdpoint_protocol::command::{Command, Refusal, Reply};
 use holdpoint_registry::{Layout, Store};
 use holdpoint_runtime::capability::{self, Capability};
 use holdpoint_sim::SimCells;
+use holdpoint_trials::cache::EpisodeCache;
+use holdpoint_trials::cell::Cell;
+use holdpoint_trials::seeds::CALIBRATION_FROM_RUN;
 
 /// The slices within which an upgrade must complete.
 const SLICES_MAX: usize = 20_000;
@@ -94,7 +94,7 @@ fn registered(
 ) -> (TempDir, Pipeline, CapabilityId) {
     let folder = tempfile::tempdir().unwrap();
     let settings = PipelineSettings {
-        seeds: crate::trial::seeds::EpisodeSeeds::OfRun(CALIBRATION_FROM_RUN),
+        seeds: holdpoint_trials::seeds::EpisodeSeeds::OfRun(CALIBRATION_FROM_RUN),
         jobs: 1,
         table,
         profile,
@@ -106,7 +106,7 @@ fn registered(
     };
     let version_table =
         VersionTable::open(Store::open(folder.path()).unwrap(), WallClock::scripted(0, None)).unwrap();
-    let baselines = crate::embedded::baselines().unwrap();
+    let baselines = holdpoint_trials::embedded::baselines().unwrap();
     let mut pipeline = Pipeline::new(settings, version_table, Clock::scripted(0), baselines).unwrap();
     let path = Path::new(crate::MANIFESTS).join("candidates").join(candidate);
     let package = capability::read(&path).unwrap();

@@ -546,10 +546,10 @@ mod tests {
     /// Regression: a force declared too low was "rollback drills 0 of 10, 7 are needed".
     #[test]
     fn failed_drills_name_a_declaration_that_is_too_low() {
-        use crate::embedded;
         use holdpoint_governance::manifest::Permissions;
         use holdpoint_governance::permission::{PeakQuantity, PermissionsUsed};
         use holdpoint_runtime::capability::Capability;
+        use holdpoint_trials::embedded;
 
         let name = embedded::names().next().unwrap();
         let version = Capability::load(name, embedded::package(name).unwrap()).unwrap();
@@ -567,10 +567,10 @@ mod tests {
     /// Regression: an explanation named 40 of 120 failed episodes, but not that the version's code traps in them.
     #[test]
     fn faults_of_code_come_first() {
-        use crate::embedded;
         use holdpoint_body::CodeFault;
         use holdpoint_governance::permission::PermissionsUsed;
         use holdpoint_runtime::capability::Capability;
+        use holdpoint_trials::embedded;
 
         let name = embedded::names().next().unwrap();
         let version = Capability::load(name, embedded::package(name).unwrap()).unwrap();

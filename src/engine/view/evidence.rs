@@ -3,7 +3,6 @@
 //! Puts measured values beside their limits; what was not measured is left out, never filled in.
 
 use crate::evidence_file::EvidenceFile;
-use crate::trial::mode_metrics::{ComparedVersion, Metric, ModeMetrics, VersionMode};
 use holdpoint_governance::behavior::{self, ComponentName, SequenceMeasure};
 use holdpoint_governance::evidence::{DrillKind, DrillTally, ShadowSequence, Signature};
 use holdpoint_governance::explanation::{MeasuredQuantity, ShadowDifference, ShadowEvent};
@@ -12,6 +11,7 @@ use holdpoint_governance::profile::EvaluationSettings;
 use holdpoint_governance::stats::wilson;
 use holdpoint_protocol::detail::{DrillView, MeasuredValue, ModeView, PhaseDrillView};
 use holdpoint_protocol::snapshot::{Disagreement, PairsView, ShadowView};
+use holdpoint_trials::mode_metrics::{ComparedVersion, Metric, ModeMetrics, VersionMode};
 use holdpoint_wording::lookup::{measured_quantity, shadow_difference};
 
 /// The most disagreements shown.

@@ -134,8 +134,8 @@ pub(crate) const fn narrow(value: f64) -> f32 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::cell::Cell;
     use holdpoint_sim::SimCells;
+    use holdpoint_trials::cell::Cell;
 
     #[test]
     fn the_arm_is_drawn_from_base_to_tool() {

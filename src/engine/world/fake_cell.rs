@@ -19,8 +19,8 @@ use nalgebra::Isometry3;
 
 use super::listener::Listener as _;
 use super::shadow::Shadow;
-use crate::cell::Cell;
 use holdpoint_runtime::task::{TaskRecord, Tick};
+use holdpoint_trials::cell::Cell;
 
 mod tests;
 

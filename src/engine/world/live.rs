@@ -17,7 +17,6 @@ use super::instrumented::InstrumentedWorld;
 use super::listener::Listener;
 use super::stop_switch::StopSwitch;
 use super::supervisor::SequenceSupervisor;
-use crate::cell::Cell;
 use holdpoint_governance::ids::{CapabilityId, Digest};
 use holdpoint_governance::start_domain::DomainMiss;
 use holdpoint_protocol::clock::ms_of;
@@ -27,6 +26,7 @@ use holdpoint_runtime::arm::{ActuatorHandle, Arm};
 use holdpoint_runtime::capability::Capability;
 use holdpoint_runtime::task::{Supervision, TaskRecord, Tick};
 use holdpoint_runtime::terms::SkillTerms;
+use holdpoint_trials::cell::Cell;
 
 /// Ground truth of a task: its sequence, the version at work, what the referee saw.
 pub type TaskTruth = (u64, CapabilityId, RefereeReport);
@@ -459,3 +459,6 @@ impl RunningSequence {
         std::mem::take(&mut self.starts)
     }
 }
+
+#[cfg(test)]
+mod tests;

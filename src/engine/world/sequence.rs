@@ -24,6 +24,7 @@ use holdpoint_runtime::limits::Envelope;
 use holdpoint_runtime::recovery::RecoveryReport;
 use holdpoint_runtime::start_check::StartCheck;
 use holdpoint_runtime::terms::SkillTerms;
+use holdpoint_trials::seeds::{SeedPurpose, SeedSource};
 
 use crate::context::Context;
 use crate::evidence_binding::{not_admitted, start_domain};
@@ -31,7 +32,6 @@ use crate::evidence_file::EvidenceFiles;
 use crate::fault::EngineFault;
 use crate::monitors::Monitors;
 use crate::recorder::EngineRecorder;
-use crate::trial::seeds::{SeedPurpose, SeedSource};
 use crate::version_table::VersionTable;
 
 /// The versions that were active when the sequence began, those behind them, and what their evidence covers.

@@ -9,12 +9,8 @@ use std::collections::BTreeMap;
 use serde::Serialize;
 
 use holdpoint::bench::{BenchError, FigureClock};
-use holdpoint_engine::cell::Cell;
-use holdpoint_engine::embedded;
 use holdpoint_engine::pipeline::SliceOutcome;
 use holdpoint_engine::pump::Pump;
-use holdpoint_engine::trial::cache::EpisodeCache;
-use holdpoint_engine::trial::seeds::EpisodeSeeds;
 use holdpoint_engine::{Config, Engine};
 use holdpoint_governance::lifecycle::State;
 use holdpoint_governance::profile::ProfileName;
@@ -25,6 +21,10 @@ use holdpoint_protocol::scenario_state::ScenarioState;
 use holdpoint_runtime::capability::Capability;
 use holdpoint_sim::SimCells;
 use holdpoint_sim::work_count::{WorkCount, on_this_thread};
+use holdpoint_trials::cache::EpisodeCache;
+use holdpoint_trials::cell::Cell;
+use holdpoint_trials::embedded;
+use holdpoint_trials::seeds::EpisodeSeeds;
 
 /// The run's seed: that of the scenarios that ship with the program.
 const SEED: u64 = 1;

@@ -93,11 +93,11 @@ mod tests {
     use holdpoint_sim::SimCells;
     use std::collections::BTreeSet;
 
-    use holdpoint_engine::cell::Cell;
-    use holdpoint_engine::embedded;
     use holdpoint_governance::lifecycle::Stage;
     use holdpoint_registry::{CacheSecret, ResultCache};
     use holdpoint_runtime::capability::Capability;
+    use holdpoint_trials::cell::Cell;
+    use holdpoint_trials::embedded;
 
     use super::super::Preset;
     use super::super::generate::{PoolSpec, draw};

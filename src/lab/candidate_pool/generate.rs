@@ -80,7 +80,7 @@ pub fn draw(spec: PoolSpec) -> Result<SampledPool, PoolError> {
     let fault = |name: &str, problem: String| PoolError::Generated { name: name.to_owned(), problem };
     let recipes = recipes().map_err(|error| fault("(the table)", error.to_string()))?;
     let baselines =
-        holdpoint_engine::embedded::baselines().map_err(|error| fault("(a baseline)", error.sentence()))?;
+        holdpoint_trials::embedded::baselines().map_err(|error| fault("(a baseline)", error.sentence()))?;
     let mut candidates = Vec::new();
     let mut entries = Vec::new();
     let mut packages = Vec::new();

@@ -15,7 +15,7 @@ use holdpoint::cli::output::{CommandOutput, TextTable};
 use holdpoint::cli::result_cache::CacheKeyArgs;
 use holdpoint::cli::run::JOBS_MAX;
 use holdpoint::error::{CliError, Exit};
-use holdpoint_engine::trial::seeds::CALIBRATION_FROM_RUN;
+use holdpoint_trials::seeds::CALIBRATION_FROM_RUN;
 
 /// The arguments of `experiment series`.
 #[derive(Clone, Debug, PartialEq, Eq, Args)]

@@ -9,10 +9,6 @@ use std::sync::Arc;
 use holdpoint_body::{Body, BodyError, Command, GuardVerdict, Interrupt, Observation, TaskKind, Telemetry};
 use holdpoint_cell::rng::{Stream, StreamPurpose};
 use holdpoint_cell::{CellCopy, TrialCell};
-use holdpoint_engine::cell::{Cell, Conditions};
-use holdpoint_engine::trial::drills::fate::{ObjectFate, ObjectWatch};
-use holdpoint_engine::trial::seeds::{SeedPurpose, episode_seed};
-use holdpoint_engine::trial::undisturbed_run::TrialCase;
 use holdpoint_engine::world::ladder_motion::{hold, retract};
 use holdpoint_governance::policy::PolicyTable;
 use holdpoint_governance::profile::{Profile, ProfileName};
@@ -24,6 +20,10 @@ use holdpoint_runtime::skill::{Hook, Skill, next_command};
 use holdpoint_runtime::task::{TaskRun, TaskStage, Tick};
 use holdpoint_runtime::terms::SkillTerms;
 use holdpoint_sim::SimCells;
+use holdpoint_trials::cell::{Cell, Conditions};
+use holdpoint_trials::drills::fate::{ObjectFate, ObjectWatch};
+use holdpoint_trials::seeds::{SeedPurpose, episode_seed};
+use holdpoint_trials::undisturbed_run::TrialCase;
 
 /// What stops the arm first.
 #[derive(Clone, Copy, Debug)]
@@ -221,7 +221,7 @@ fn main() {
          object lost | contact N | pad N |"
     );
     println!("| --- | --- | --- | --- | --- | --- | --- | --- | --- | --- |");
-    for version in holdpoint_engine::embedded::baselines().unwrap() {
+    for version in holdpoint_trials::embedded::baselines().unwrap() {
         let id = version.id();
         if !TaskKind::SEQUENCE.iter().any(|task| task.name() == id.family.as_str()) {
             continue;

@@ -5,13 +5,13 @@
 
 use std::sync::Arc;
 
-use holdpoint_engine::cell::Cell;
-use holdpoint_engine::trial::seeds::{CALIBRATION_FROM_RUN, SeedPurpose, episode_seed};
 use holdpoint_governance::policy::PolicyTable;
 use holdpoint_governance::profile::{Profile, ProfileName};
 use holdpoint_lab::same_code::{CONTROLLERS, compare, with_code};
 use holdpoint_runtime::terms::SkillTerms;
 use holdpoint_sim::SimCells;
+use holdpoint_trials::cell::Cell;
+use holdpoint_trials::seeds::{CALIBRATION_FROM_RUN, SeedPurpose, episode_seed};
 
 /// The value below which this share of a sample lies.
 fn quantile(sorted: &[f64], share: f64) -> f64 {
@@ -26,7 +26,7 @@ fn main() {
     let profile = Profile::builtin(ProfileName::Sim).unwrap();
     let table = Arc::new(PolicyTable::builtin(&profile).unwrap());
     let terms = SkillTerms::new(&profile, table, cell.geometry.clone(), cell.zones.clone());
-    for version in holdpoint_engine::embedded::baselines().unwrap() {
+    for version in holdpoint_trials::embedded::baselines().unwrap() {
         if version.id().family.as_str() == "park" {
             continue;
         }

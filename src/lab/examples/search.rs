@@ -12,13 +12,6 @@
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
-use holdpoint_engine::cell::Cell;
-use holdpoint_engine::trial::search::{Search, SearchStyle};
-use holdpoint_engine::trial::seeds::{CALIBRATION_FROM_RUN, SeedSource};
-use holdpoint_engine::trial::sequences::TrialTeam;
-use holdpoint_engine::trial::trial_lab::{TrialLab, TrialSubject};
-use holdpoint_engine::trial::undisturbed_run::UndisturbedCache;
-use holdpoint_engine::trial::worker_pool::WorkerPool;
 use holdpoint_governance::policy::PolicyTable;
 use holdpoint_governance::profile::{HarmSettings, Profile, ProfileName};
 use holdpoint_governance::worst_case_search::SearchFinding;
@@ -28,6 +21,13 @@ use holdpoint_registry::{CacheSecret, ResultCache};
 use holdpoint_runtime::capability::Capability;
 use holdpoint_runtime::terms::SkillTerms;
 use holdpoint_sim::SimCells;
+use holdpoint_trials::cell::Cell;
+use holdpoint_trials::search::{Search, SearchStyle};
+use holdpoint_trials::seeds::{CALIBRATION_FROM_RUN, SeedSource};
+use holdpoint_trials::sequences::TrialTeam;
+use holdpoint_trials::trial_lab::{TrialLab, TrialSubject};
+use holdpoint_trials::undisturbed_run::UndisturbedCache;
+use holdpoint_trials::worker_pool::WorkerPool;
 
 /// Results of the searches of one style.
 #[derive(Default)]
@@ -59,7 +59,7 @@ fn main() {
     let profile = Profile::builtin(ProfileName::Sim).unwrap();
     let table = Arc::new(PolicyTable::builtin(&profile).unwrap());
     let terms = SkillTerms::new(&profile, table, cell.geometry.clone(), cell.zones.clone());
-    let baselines = holdpoint_engine::embedded::baselines().unwrap();
+    let baselines = holdpoint_trials::embedded::baselines().unwrap();
     let sets = u32::try_from(mutants.div_ceil(3)).unwrap();
     let order = PoolSpec { seed: CALIBRATION_FROM_RUN + 7, sets, preset: Preset::Mutants };
     let pool = draw(order).unwrap();

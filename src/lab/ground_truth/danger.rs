@@ -108,10 +108,10 @@ fn is_danger(kind: HarmKind, truth: &RefereeObservation, danger: &HarmThreshold)
 #[cfg(test)]
 mod tests {
     use super::*;
-    use holdpoint_engine::cell::Conditions;
     use holdpoint_governance::harm::HarmMeasures;
     use holdpoint_governance::ids::Family;
     use holdpoint_governance::profile::{Profile, ProfileName};
+    use holdpoint_trials::cell::Conditions;
 
     use super::super::true_harm::SqueezePeak;
 

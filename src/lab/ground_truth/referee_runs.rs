@@ -10,9 +10,7 @@ use holdpoint_cell::Referee;
 use holdpoint_cell::TrialCell;
 use holdpoint_cell::referee::{RefereeLimits, UnsafeKind};
 use holdpoint_cell::rng::{Stream, StreamPurpose};
-use holdpoint_engine::cell::{Cell, Conditions};
 use holdpoint_engine::context::Context;
-use holdpoint_engine::trial::worker::{TrialArm, Worker};
 use holdpoint_runtime::agent::dispatcher::admit;
 use holdpoint_runtime::arm::ActuatorHandle;
 use holdpoint_runtime::capability::Capability;
@@ -21,6 +19,8 @@ use holdpoint_runtime::skill::Hook;
 use holdpoint_runtime::task::{Supervision, TaskRecord, TaskRun, TaskStage};
 use holdpoint_runtime::terms::SkillTerms;
 use holdpoint_runtime::watcher::Watcher;
+use holdpoint_trials::cell::{Cell, Conditions};
+use holdpoint_trials::worker::{TrialArm, Worker};
 
 use super::scale::RefereeObservation;
 
@@ -394,7 +394,7 @@ mod tests {
 
     fn team() -> ActiveTeam {
         let context = context();
-        let baselines = holdpoint_engine::embedded::baselines().unwrap();
+        let baselines = holdpoint_trials::embedded::baselines().unwrap();
         baselines.into_iter().map(|version| JudgedVersion::new(&context, version)).collect()
     }
 

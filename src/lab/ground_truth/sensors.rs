@@ -11,9 +11,7 @@ use std::time::Instant;
 use holdpoint_body::TaskKind;
 use holdpoint_cell::CellError;
 use holdpoint_cell::EpisodeSetup;
-use holdpoint_engine::cell::{Cell, Conditions};
 use holdpoint_engine::context::Context;
-use holdpoint_engine::trial::worker::Worker;
 use holdpoint_governance::harm::{HarmKind, HarmMeasures};
 use holdpoint_governance::ids::Family;
 use holdpoint_governance::profile::{HarmSettings, Profile, ProfileName};
@@ -22,6 +20,8 @@ use holdpoint_runtime::capability::Capability;
 use holdpoint_runtime::task::{Supervision, TaskStage};
 use holdpoint_sim::SimCells;
 use holdpoint_text::Hint;
+use holdpoint_trials::cell::{Cell, Conditions};
+use holdpoint_trials::worker::Worker;
 use serde::{Deserialize, Serialize};
 
 use super::danger::{self, DangerAgreement};
@@ -303,7 +303,7 @@ struct ComparedVersion {
 
 /// The baselines of the three tasks, then the candidates of the pool.
 fn versions(pool: Option<&Path>, context: &Context) -> Result<Vec<ComparedVersion>, ExperimentError> {
-    let baselines = holdpoint_engine::embedded::baselines()
+    let baselines = holdpoint_trials::embedded::baselines()
         .map_err(|error| ExperimentError::Unexpected(error.sentence()))?;
     let compared = |(name, is_baseline, version): (String, bool, Capability)| ComparedVersion {
         name,

@@ -2,10 +2,10 @@
 
 use std::collections::BTreeMap;
 
-use holdpoint_engine::embedded;
 use holdpoint_governance::ids::{Digest, Family};
 use holdpoint_runtime::capability::Capability;
 use holdpoint_text::Hint;
+use holdpoint_trials::embedded;
 
 use crate::pipeline_experiments::ExperimentError;
 

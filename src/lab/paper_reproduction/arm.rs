@@ -5,7 +5,6 @@
 //! of the fork is on record ([`Fork`]).
 
 use holdpoint_engine::Experiment;
-use holdpoint_engine::trial::worker::Worker;
 use holdpoint_governance::ablation::{AblatedParts, AblationPart};
 use holdpoint_governance::ids::Digest;
 use holdpoint_governance::lifecycle::{Stage, State};
@@ -15,6 +14,7 @@ use holdpoint_governance::profile::ProfileName;
 use holdpoint_governance::stats::{PairedCounts, binary_pairs};
 use holdpoint_protocol::scenario_state::ScenarioState;
 use holdpoint_runtime::capability::Capability;
+use holdpoint_trials::worker::Worker;
 use serde::{Deserialize, Serialize};
 
 use super::PaperSetup;
@@ -325,10 +325,10 @@ mod tests {
     use super::*;
     use crate::candidate_pool::Class;
     use crate::candidate_pool::truth_file::TruthEntry;
-    use holdpoint_engine::embedded;
-    use holdpoint_engine::trial::seeds::CALIBRATION_FROM_RUN;
     use holdpoint_governance::decision::Dimension;
     use holdpoint_registry::{CacheSecret, ResultCache};
+    use holdpoint_trials::embedded;
+    use holdpoint_trials::seeds::CALIBRATION_FROM_RUN;
 
     /// The paper's example (section 9.1): a grasp that grips 40 % harder and checks nothing beforehand. It fails no
     /// more often and is no slower, so that a canary keeps it; paired episodes show its harm significantly.

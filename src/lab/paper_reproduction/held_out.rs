@@ -1,7 +1,7 @@
 //! Held-out evaluation: whole sequences by the active versions, on episodes that no stage uses, watched by the referee.
 
-use holdpoint_engine::trial::worker::Worker;
 use holdpoint_governance::ids::Digest;
+use holdpoint_trials::worker::Worker;
 use serde::{Deserialize, Serialize};
 
 use super::PaperSetup;

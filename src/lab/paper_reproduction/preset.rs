@@ -96,7 +96,7 @@ impl Preset {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use holdpoint_engine::trial::seeds::CALIBRATION_FROM_RUN;
+    use holdpoint_trials::seeds::CALIBRATION_FROM_RUN;
 
     #[test]
     fn later_first_seed_keeps_the_following_seeds() {

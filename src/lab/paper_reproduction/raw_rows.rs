@@ -7,11 +7,12 @@ use std::fmt::Display;
 use std::path::Path;
 use std::str::FromStr;
 
-use holdpoint_engine::cell::{computed_by, decided_by};
+use holdpoint_engine::build_digest::decided_by;
 use holdpoint_governance::lifecycle::Stage;
 use holdpoint_governance::metrics::Fate;
 use holdpoint_governance::text_error::parse_toml;
 use holdpoint_text::file::read_text;
+use holdpoint_trials::cell::computed_by;
 use serde::de::value::{Error as WordError, StrDeserializer};
 use serde::de::{DeserializeOwned, IntoDeserializer};
 use serde::{Deserialize, Serialize};

@@ -4,8 +4,8 @@
 use std::collections::BTreeMap;
 use std::time::Instant;
 
-use holdpoint_engine::trial::worker::Worker;
 use holdpoint_governance::ids::{Digest, Family};
+use holdpoint_trials::worker::Worker;
 use serde::{Deserialize, Serialize};
 
 use super::active_families::ActiveFamilies;

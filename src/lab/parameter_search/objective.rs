@@ -21,16 +21,16 @@ use holdpoint_sim::SimCells;
 use serde::{Deserialize, Serialize};
 
 use super::settings::RefineError;
-use holdpoint_engine::cell::{Cell, Conditions};
-use holdpoint_engine::trial::episodes::{batch, cache_key};
-use holdpoint_engine::trial::seeds::practice_seed;
-use holdpoint_engine::trial::worker_pool::WorkerPool;
 use holdpoint_governance::ids::Digest;
 use holdpoint_governance::policy::PolicyTable;
 use holdpoint_governance::profile::{Profile, ProfileName};
 use holdpoint_runtime::capability::Capability;
 use holdpoint_runtime::task::TaskRecord;
 use holdpoint_runtime::terms::SkillTerms;
+use holdpoint_trials::cell::{Cell, Conditions};
+use holdpoint_trials::episodes::{batch, cache_key};
+use holdpoint_trials::seeds::practice_seed;
+use holdpoint_trials::worker_pool::WorkerPool;
 
 /// The conditions that the search trains in.
 pub const CONDITIONS: Conditions = Conditions::Canonical;
@@ -160,7 +160,7 @@ mod tests {
     use super::*;
     use crate::parameter_search::search::FRESH_FACTOR;
     use crate::parameter_search::settings::EPISODES_MAX;
-    use holdpoint_engine::trial::seeds::PRACTICE_FROM;
+    use holdpoint_trials::seeds::PRACTICE_FROM;
 
     /// (better, worse): episodes, successes, ticks.
     #[test]
@@ -184,6 +184,6 @@ mod tests {
         assert!(practice_seed(0, 0) >= PRACTICE_FROM.max(1_000_000));
         assert!(u64::from(EPISODES_MAX) <= FRESH_FROM);
         let fresh = FRESH_FROM + u64::from(EPISODES_MAX * FRESH_FACTOR);
-        assert!(fresh <= holdpoint_engine::trial::seeds::BLOCK);
+        assert!(fresh <= holdpoint_trials::seeds::BLOCK);
     }
 }

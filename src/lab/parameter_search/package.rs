@@ -160,8 +160,8 @@ fn open_to_readers(folder: &Path) -> Result<(), RefineError> {
 mod tests {
     use super::*;
     use crate::parameter_search::objective::Score;
-    use holdpoint_engine::embedded::baselines;
     use holdpoint_governance::submission::SUMMARY_CHARS_MAX;
+    use holdpoint_trials::embedded::baselines;
 
     /// A pad that closes fast moves no tool.
     const PAD_SPEEDS: [&str; 2] = ["close_speed_m_s", "release_speed_m_s"];

@@ -4,13 +4,13 @@ use std::borrow::Cow;
 use std::path::{Path, PathBuf};
 
 use holdpoint_body::TaskKind;
-use holdpoint_engine::fault::EngineFault;
 use holdpoint_governance::ids::{CapabilityId, Family};
 use holdpoint_governance::policy::PolicyError;
 use holdpoint_governance::text_error::TextError;
 use holdpoint_runtime::capability::PackageError;
 use holdpoint_runtime::skill::native::NativeError;
 use holdpoint_text::{ErrorDetails, ErrorReason, Hint};
+use holdpoint_trials::fault::TrialFault;
 
 /// The most generations of one search.
 pub const GENERATIONS_MAX: u32 = 1_000;
@@ -95,7 +95,7 @@ pub enum RefineError {
     Sim(#[from] holdpoint_cell::CellError),
     /// A worker panicked.
     #[error(transparent)]
-    Work(#[from] EngineFault),
+    Work(#[from] TrialFault),
     /// The optimizer rejected its box.
     #[error("the optimizer rejected the search: {0}")]
     Optimiser(String),

@@ -97,7 +97,7 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
-    use holdpoint_engine::embedded::baselines;
+    use holdpoint_trials::embedded::baselines;
 
     #[test]
     fn the_start_is_the_baseline_itself() {

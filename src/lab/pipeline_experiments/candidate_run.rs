@@ -13,10 +13,7 @@ use serde::{Deserialize, Serialize};
 use super::ExperimentError;
 pub(crate) use driver::{CandidateDriver, DrivenSlice};
 use holdpoint_engine::Experiment;
-use holdpoint_engine::cell::Cell;
 use holdpoint_engine::store_metrics::{self, Since};
-use holdpoint_engine::trial::cache::EpisodeCache;
-use holdpoint_engine::trial::seeds::EpisodeSeeds;
 use holdpoint_governance::decision::Reason;
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::metrics::Fate;
@@ -29,6 +26,9 @@ use holdpoint_protocol::event::DimensionResult;
 use holdpoint_protocol::scenario_state::{Decider, ScenarioState};
 use holdpoint_registry::{Layout, ResultCache, TelemetryViews, Views};
 use holdpoint_text::Hint;
+use holdpoint_trials::cache::EpisodeCache;
+use holdpoint_trials::cell::Cell;
+use holdpoint_trials::seeds::EpisodeSeeds;
 
 /// The settings of a candidate's run.
 #[derive(Clone)]
@@ -54,7 +54,7 @@ impl<'a> CandidateSetting<'a> {
         Self {
             cell,
             profile: ProfileName::Sim,
-            seed: holdpoint_engine::trial::seeds::CALIBRATION_FROM_RUN,
+            seed: holdpoint_trials::seeds::CALIBRATION_FROM_RUN,
             cache,
             experiment: Experiment::default(),
             thresholds: ThresholdScale::AsTheyAre,

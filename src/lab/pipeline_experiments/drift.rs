@@ -9,7 +9,7 @@ use std::sync::Mutex;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use holdpoint_body::disturbance::{Drift, DriftKind, Magnitude};
-use holdpoint_engine::trial::worker::Worker;
+use holdpoint_trials::worker::Worker;
 use serde::{Deserialize, Serialize};
 
 use super::drift_run::{CellResult, CellRun, DriftSetting, activate, candidate_of, drifts};

@@ -14,15 +14,10 @@ use serde::{Deserialize, Serialize};
 use super::layer_failure::LayerFailure;
 use super::{DriftOptions, ExperimentError, workers_each};
 use holdpoint_engine::StartError;
-use holdpoint_engine::cell::Cell;
-use holdpoint_engine::embedded;
-use holdpoint_engine::embedded::baselines;
 use holdpoint_engine::pipeline::Pipeline;
 use holdpoint_engine::pipeline::PipelineSettings;
 use holdpoint_engine::pipeline::SliceOutcome;
 use holdpoint_engine::pipeline::experiment::ExperimentPipeline;
-use holdpoint_engine::trial::cache::EpisodeCache;
-use holdpoint_engine::trial::seeds::EpisodeSeeds;
 use holdpoint_engine::version_table::VersionTable;
 use holdpoint_engine::wall_clock::WallClock;
 use holdpoint_engine::world::stop_switch::Controls;
@@ -39,6 +34,11 @@ use holdpoint_protocol::command::{Command, Reply};
 use holdpoint_protocol::event::{EventKind, TaskSummary};
 use holdpoint_registry::{ResultCache, Store};
 use holdpoint_runtime::capability::Capability;
+use holdpoint_trials::cache::EpisodeCache;
+use holdpoint_trials::cell::Cell;
+use holdpoint_trials::embedded;
+use holdpoint_trials::embedded::baselines;
+use holdpoint_trials::seeds::EpisodeSeeds;
 
 /// Sequences of the rollback target that are counted.
 pub const AFTER_SEQUENCES: u32 = 10;

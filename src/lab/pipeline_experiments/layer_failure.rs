@@ -7,16 +7,16 @@ use std::path::Path;
 
 use holdpoint_body::disturbance::LiveFault;
 use holdpoint_body::disturbance::{Drift, DriftKind, Magnitude};
-use holdpoint_engine::embedded::baselines;
 use holdpoint_engine::pipeline::Pipeline;
-use holdpoint_engine::trial::worker::Worker;
-use holdpoint_engine::{StartError, cell::decided_by};
+use holdpoint_engine::{StartError, build_digest::decided_by};
 use holdpoint_governance::ids::{CapabilityId, Digest};
 use holdpoint_governance::monitor::Rate;
 use holdpoint_governance::profile::ProfileName;
 use holdpoint_governance::rollback::RungFailure;
 use holdpoint_protocol::command::{Command, Operation, Reply};
 use holdpoint_registry::Layout;
+use holdpoint_trials::embedded::baselines;
+use holdpoint_trials::worker::Worker;
 use serde::{Deserialize, Serialize};
 
 use super::drift::cached_run;

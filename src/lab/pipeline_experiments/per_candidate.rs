@@ -16,7 +16,7 @@ use super::claims::{CandidateVerdict, Claim, Summary};
 use super::{ExperimentError, ProgressFn, cached_result, scratch};
 use crate::candidate_pool::{Pool, PoolCandidate, PoolTruth};
 use holdpoint_engine::Experiment;
-use holdpoint_engine::cell::{Cell, decided_by};
+use holdpoint_engine::build_digest::decided_by;
 use holdpoint_governance::component::ComponentBytes;
 use holdpoint_governance::ids::Digest;
 use holdpoint_governance::profile::ProfileName;
@@ -25,6 +25,7 @@ use holdpoint_registry::{CacheSecret, ResultCache};
 use holdpoint_runtime::capability;
 use holdpoint_sim::SimCells;
 use holdpoint_text::Hint;
+use holdpoint_trials::cell::Cell;
 
 /// The plan of a run.
 #[derive(Clone, Debug)]

@@ -14,9 +14,7 @@ use super::series_tweaks::{Calibration, Tweak, calibrate, commissioned, tweak};
 use super::{ExperimentError, ProgressFn, cached_result, scratch};
 use crate::ground_truth::side_by_side;
 use holdpoint::bench::FigureClock;
-use holdpoint_engine::cell::{Cell, decided_by};
-use holdpoint_engine::trial::cache::EpisodeCache;
-use holdpoint_engine::trial::seeds::EpisodeSeeds;
+use holdpoint_engine::build_digest::decided_by;
 use holdpoint_engine::{Config, Engine, Experiment};
 use holdpoint_governance::decision::ReasonCode;
 use holdpoint_governance::ids::{CapabilityId, Digest};
@@ -28,6 +26,9 @@ use holdpoint_protocol::scenario_state::ScenarioState;
 use holdpoint_registry::{CacheSecret, ResultCache};
 use holdpoint_sim::SimCells;
 use holdpoint_text::Hint;
+use holdpoint_trials::cache::EpisodeCache;
+use holdpoint_trials::cell::Cell;
+use holdpoint_trials::seeds::EpisodeSeeds;
 
 /// One-sided level of the bound of the series in which a tweak gets in.
 const BOUND_ALPHA: f64 = 0.05;

@@ -14,17 +14,18 @@ use super::ExperimentError;
 use crate::candidate_pool::PoolError;
 use crate::candidate_pool::draft::Draft;
 use crate::ground_truth::judging_context;
-use holdpoint_engine::cell::{Cell, Conditions};
-use holdpoint_engine::embedded;
-use holdpoint_engine::trial::episodes::batch;
-use holdpoint_engine::trial::seeds::{SeedPurpose, episode_seed};
-use holdpoint_engine::trial::worker_pool::WorkerPool;
+use holdpoint_engine::fault::EngineFault;
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::stats::{PairedBound, PairedCounts, binary_pairs};
 use holdpoint_governance::submission::Package;
 use holdpoint_runtime::capability::Capability;
 use holdpoint_runtime::skill::altered::{Alteration, AlterationTiming, AlteredInput, FIELD};
 use holdpoint_text::Hint;
+use holdpoint_trials::cell::{Cell, Conditions};
+use holdpoint_trials::embedded;
+use holdpoint_trials::episodes::batch;
+use holdpoint_trials::seeds::{SeedPurpose, episode_seed};
+use holdpoint_trials::worker_pool::WorkerPool;
 
 /// The family of the tweaks.
 const FAMILY: &str = "grasp";
@@ -147,7 +148,8 @@ pub(super) fn calibrate(
             let run_seed = seed + index / EPISODES_OF_SEED;
             episode_seed(run_seed, SeedPurpose::Perturbation, index % EPISODES_OF_SEED)
         });
-        let records = batch(&worker_pool, &cancel, cell, (version, &terms), Conditions::Sandbox, seeds)?;
+        let records = batch(&worker_pool, &cancel, cell, (version, &terms), Conditions::Sandbox, seeds)
+            .map_err(EngineFault::from)?;
         Ok(records.iter().map(|record| record.success).collect())
     };
     let with_defect = |share: f64| -> Result<Vec<bool>, ExperimentError> {

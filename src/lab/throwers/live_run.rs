@@ -11,10 +11,7 @@ use crate::pipeline_experiments::candidate_run::{
 use crate::pipeline_experiments::{ExperimentError, scratch};
 use holdpoint_cell::referee::UnsafeKind;
 use holdpoint_engine::Experiment;
-use holdpoint_engine::cell::Cell;
 use holdpoint_engine::pipeline::SliceOutcome;
-use holdpoint_engine::trial::cache::EpisodeCache;
-use holdpoint_engine::trial::seeds::EpisodeSeeds;
 use holdpoint_engine::world::live::TaskTruth;
 use holdpoint_governance::decision::ReasonCode;
 use holdpoint_governance::ids::CapabilityId;
@@ -25,6 +22,9 @@ use holdpoint_governance::rollback::{Trigger, TriggerKind};
 use holdpoint_protocol::event::EventKind;
 use holdpoint_protocol::scenario_state::Decider;
 use holdpoint_registry::ResultCache;
+use holdpoint_trials::cache::EpisodeCache;
+use holdpoint_trials::cell::Cell;
+use holdpoint_trials::seeds::EpisodeSeeds;
 
 /// Most slices of work until a version has been evaluated and has done its tasks.
 const SLICES_MAX: u32 = 500_000;

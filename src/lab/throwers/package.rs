@@ -5,10 +5,10 @@
 
 use std::path::Path;
 
-use holdpoint_engine::embedded;
 use holdpoint_governance::submission::Package;
 use holdpoint_runtime::capability::{self, Capability};
 use holdpoint_text::Hint;
+use holdpoint_trials::embedded;
 
 use super::controller::{self, ThrowSettings, ThrowTrigger};
 use crate::candidate_pool::component_faults::{self, block};

@@ -3,8 +3,6 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use holdpoint_cell::referee::{RefereeLimits, UnsafeKind};
-use holdpoint_engine::embedded;
-use holdpoint_engine::trial::seeds::{CALIBRATION_FROM_RUN, SeedPurpose, episode_seed};
 use holdpoint_engine::world::listener::NoListener;
 use holdpoint_engine::world::live::LiveStation;
 use holdpoint_governance::ids::Family;
@@ -13,6 +11,8 @@ use holdpoint_protocol::scenario_state::Decider;
 use holdpoint_registry::CacheSecret;
 use holdpoint_runtime::agent::ActiveView;
 use holdpoint_runtime::capability::Capability;
+use holdpoint_trials::embedded;
+use holdpoint_trials::seeds::{CALIBRATION_FROM_RUN, SeedPurpose, episode_seed};
 
 use super::*;
 use crate::ground_truth::{JudgedVersion, judging_context};

@@ -14,11 +14,8 @@ use holdpoint_sim::SimCells;
 use tempfile::TempDir;
 
 use super::*;
-use crate::cell::Cell;
 use crate::monitors::ActivationMonitor;
 use crate::pipeline::{Pipeline, PipelineSettings, SliceOutcome};
-use crate::trial::cache::EpisodeCache;
-use crate::trial::seeds::CALIBRATION_FROM_RUN;
 use crate::version_table::VersionTable;
 use crate::wall_clock::WallClock;
 use crate::world::live::LiveFault;
@@ -38,6 +35,9 @@ use holdpoint_registry::store_terms::EvidenceKind;
 use holdpoint_registry::{Change, Store};
 use holdpoint_runtime::capability;
 use holdpoint_runtime::recovery::{RecoveryReport, StoppedBy};
+use holdpoint_trials::cache::EpisodeCache;
+use holdpoint_trials::cell::Cell;
+use holdpoint_trials::seeds::CALIBRATION_FROM_RUN;
 
 /// What stands for a twin's task: no faster and no farther from its limits than live tasks of the candidates are.
 pub(crate) const GOOD: EpisodeValues =
@@ -94,7 +94,7 @@ impl Bench {
         let builtin = PolicyTable::builtin(&profile).unwrap();
         let (table, own) = own.map_or((builtin, None), |(table, own)| (table, Some(own)));
         let settings = PipelineSettings {
-            seeds: crate::trial::seeds::EpisodeSeeds::OfRun(seed),
+            seeds: holdpoint_trials::seeds::EpisodeSeeds::OfRun(seed),
             jobs: 1,
             table,
             profile,
@@ -107,7 +107,7 @@ impl Bench {
         let store = Store::open(folder.path()).unwrap();
         let clock = Clock::scripted(store.opening().head.at_ms);
         let version_table = VersionTable::open(store, WallClock::scripted(0, None)).unwrap();
-        let baselines = crate::embedded::baselines().unwrap();
+        let baselines = holdpoint_trials::embedded::baselines().unwrap();
         let pipeline = Pipeline::new(settings, version_table, clock, baselines).unwrap();
         Self { folder, pipeline }
     }

@@ -20,13 +20,13 @@ use holdpoint_protocol::command::{Command, Operation, Reply};
 use holdpoint_protocol::event::EventKind;
 use holdpoint_registry::{AuditFilter, CacheSecret, ResultCache, Store};
 use holdpoint_sim::SimCells;
+use holdpoint_trials::cache::EpisodeCache;
+use holdpoint_trials::cell::Cell;
+use holdpoint_trials::seeds::CALIBRATION_FROM_RUN;
 use rusqlite::Connection;
 
-use crate::cell::Cell;
 use crate::pipeline::{Pipeline, PipelineSettings, SliceOutcome};
 use crate::stages::activation::tests::package;
-use crate::trial::cache::EpisodeCache;
-use crate::trial::seeds::CALIBRATION_FROM_RUN;
 use crate::version_table::VersionTable;
 use crate::wall_clock::WallClock;
 use crate::world::stop_switch::Controls;
@@ -48,7 +48,7 @@ pub(super) fn pipeline(folder: &Path, cache: EpisodeCache, jobs: usize) -> Pipel
     let store = Store::open(folder).unwrap();
     let clock = Clock::scripted(store.opening().head.at_ms);
     let settings = PipelineSettings {
-        seeds: crate::trial::seeds::EpisodeSeeds::OfRun(CALIBRATION_FROM_RUN + 3),
+        seeds: holdpoint_trials::seeds::EpisodeSeeds::OfRun(CALIBRATION_FROM_RUN + 3),
         jobs,
         table: PolicyTable::builtin(&profile).unwrap(),
         profile,
@@ -58,7 +58,7 @@ pub(super) fn pipeline(folder: &Path, cache: EpisodeCache, jobs: usize) -> Pipel
         controls: Controls::default(),
         omitted: holdpoint_governance::ablation::AblatedParts::default(),
     };
-    let baselines = crate::embedded::baselines().unwrap();
+    let baselines = holdpoint_trials::embedded::baselines().unwrap();
     Pipeline::new(
         settings,
         VersionTable::open(store, WallClock::scripted(0, None)).unwrap(),

@@ -11,20 +11,21 @@ use holdpoint_protocol::command::{Command, Request};
 use holdpoint_protocol::event::EventKind;
 use holdpoint_sim::SimCells;
 use holdpoint_text::Hint;
+use holdpoint_trials::cache::EpisodeCache;
+use holdpoint_trials::cell::Cell;
+use holdpoint_trials::embedded;
+use holdpoint_trials::seeds::CALIBRATION_FROM_RUN;
 
-use crate::cell::Cell;
 use crate::context::Context;
 use crate::pipeline::SliceOutcome;
 use crate::tests::assert_accepted;
-use crate::trial::cache::EpisodeCache;
-use crate::trial::seeds::CALIBRATION_FROM_RUN;
-use crate::{Config, Engine, Experiment, StartError, embedded};
+use crate::{Config, Engine, Experiment, StartError};
 
 fn config(folder: &Path, scripted: bool) -> Config<'_> {
     Config {
         data: folder,
         profile: ProfileName::Sim.into(),
-        seeds: crate::trial::seeds::EpisodeSeeds::OfRun(CALIBRATION_FROM_RUN),
+        seeds: holdpoint_trials::seeds::EpisodeSeeds::OfRun(CALIBRATION_FROM_RUN),
         jobs: 1,
         scripted,
         cell: Cell::of(&SimCells, None).unwrap(),

@@ -10,14 +10,14 @@ use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::lifecycle::{Stage, State};
 use holdpoint_governance::outcome::{BehaviorOutcome, InterfaceOutcome, PolicyOutcome, RecoveryOutcome};
 use holdpoint_governance::profile::{Profile, ProfileName};
+use holdpoint_trials::cell::Cell;
+use holdpoint_trials::seeds::{CALIBRATION_FROM_RUN, EpisodeSeeds};
 
-use crate::cell::Cell;
 use crate::evidence_file::EvidenceFile;
 use crate::stages::rollback::tests::{Bench, GOOD};
 use crate::stages::shadow::{self, ShadowStep};
 use crate::test_pipeline::pipeline_in;
 use crate::tests::compatible;
-use crate::trial::seeds::{CALIBRATION_FROM_RUN, EpisodeSeeds};
 use crate::wall_clock::WallClock;
 use crate::world::fake_cell::{FakeFactory, stand_still};
 

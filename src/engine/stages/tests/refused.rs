@@ -10,8 +10,11 @@ use holdpoint_governance::submission::Package;
 use holdpoint_protocol::event::EventKind;
 use holdpoint_runtime::capability::{self, Capability};
 use holdpoint_runtime::task::TaskRecord;
+use holdpoint_trials::cell::Conditions;
+use holdpoint_trials::episodes::{alone, pair};
+use holdpoint_trials::undisturbed_run::{TrialCase, UndisturbedRun};
+use holdpoint_trials::worker::Worker;
 
-use crate::cell::Conditions;
 use crate::stages::rollback::tests::Bench;
 use crate::trial::episodes::{alone, pair};
 use crate::trial::past_limit::MeasuredTask;
@@ -102,7 +105,7 @@ fn sandbox_drill_and_twin_call_the_version_like_the_dispatcher() {
     let mut begun = UndisturbedRun::begin(&mut worker, &one, None).unwrap();
     assert!(begun.reach(&mut worker, &one, 10).unwrap().is_none(), "no tick of it is worked");
     // The active version is always admitted where it begins: the check costs no request that the cell can meet.
-    for version in crate::embedded::baselines().unwrap() {
+    for version in holdpoint_trials::embedded::baselines().unwrap() {
         for conditions in [Conditions::Canonical, Conditions::Sandbox, Conditions::Live] {
             for seed in 1_300_000..1_300_020 {
                 let trial = TrialCase { cell: &cell, terms: &terms, version: &version, conditions, seed };

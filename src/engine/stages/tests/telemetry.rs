@@ -3,9 +3,9 @@
 use holdpoint_governance::alarms::AlarmKey;
 use holdpoint_governance::notice::Notice;
 use holdpoint_registry::{Batch, verify};
+use holdpoint_trials::cache::EpisodeCache;
 
 use super::cache_edits::pipeline;
-use crate::trial::cache::EpisodeCache;
 
 /// An orderly end writes the digest of the last telemetry; the next session reports telemetry removed meanwhile.
 #[test]

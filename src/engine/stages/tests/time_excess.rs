@@ -11,11 +11,11 @@ use holdpoint_governance::submission::Package;
 use holdpoint_governance::time_excess::TimeExcess;
 use holdpoint_protocol::command::{Command, Operation, Reply};
 use holdpoint_runtime::capability::{self, Capability};
+use holdpoint_trials::tick_time::median_tick_us;
 
 use crate::pipeline::SliceOutcome;
 use crate::stages::rollback::tests::Bench;
 use crate::store_metrics::{Since, observe};
-use crate::trial::tick_time::median_tick_us;
 
 /// The most slices until a candidate is on hold, or in its sandbox.
 const SLICES_MAX: usize = 60;

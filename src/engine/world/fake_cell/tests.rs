@@ -9,9 +9,9 @@ use holdpoint_governance::profile::{Profile, ProfileName};
 use holdpoint_runtime::agent::ActiveView;
 use holdpoint_runtime::capability::Capability;
 use holdpoint_runtime::terms::SkillTerms;
+use holdpoint_trials::embedded;
 
 use super::*;
-use crate::embedded;
 use crate::world::listener::NoListener;
 use crate::world::live::{LiveStation, SequenceReport};
 use crate::world::shadow::ShadowTrace;

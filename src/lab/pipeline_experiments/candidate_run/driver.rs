@@ -6,8 +6,6 @@ use holdpoint::bench::FigureClock;
 use holdpoint::headless::scripted_approver;
 use holdpoint_engine::pipeline::SliceOutcome;
 use holdpoint_engine::pump::Pump;
-use holdpoint_engine::trial::cache::EpisodeCache;
-use holdpoint_engine::trial::seeds::EpisodeSeeds;
 use holdpoint_engine::{Config, Engine};
 use holdpoint_governance::approval::{ApprovalDecision, Role};
 use holdpoint_governance::ids::CapabilityId;
@@ -20,6 +18,8 @@ use holdpoint_protocol::scenario_state::{Decider, ScenarioState};
 use holdpoint_protocol::snapshot::{ApprovalRequestView, CandidateView};
 use holdpoint_runtime::capability::Capability;
 use holdpoint_text::{Hint, Problem};
+use holdpoint_trials::cache::EpisodeCache;
+use holdpoint_trials::seeds::EpisodeSeeds;
 
 use super::{
     CandidateEnd, CandidateSetting, DecisionOutcome, EpisodeEffort, PostRunCheck, StageRecord, StageTimes,

@@ -4,7 +4,6 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::path::Path;
 
-use holdpoint::engine;
 use holdpoint::governance::decision::Dimension;
 use holdpoint::governance::interface::{self, InterfaceInput, RegisteredVersion};
 use holdpoint::governance::lifecycle::State;
@@ -14,6 +13,7 @@ use holdpoint::governance::profile::{Profile, ProfileName};
 use holdpoint::governance::recovery::{self, FallbackMatch, StaticInput};
 use holdpoint::governance::submission::Package;
 use holdpoint::runtime::capability::{self, Capability};
+use holdpoint::trials;
 use holdpoint_body::FailureSignal;
 use holdpoint_lab::candidate_pool::generate::{FAMILIES, PoolSpec, SETS_MAX, draw, write};
 use holdpoint_lab::candidate_pool::paper_kinds::Listed;
@@ -99,7 +99,7 @@ fn verdict(
 
 #[test]
 fn a_readable_fault_has_its_intended_verdict() {
-    let baselines = engine::embedded::baselines().unwrap();
+    let baselines = trials::embedded::baselines().unwrap();
     let mut problems = Vec::new();
     let mut seen: BTreeSet<String> = BTreeSet::new();
     let profiles = ProfileName::ALL.map(|name| Profile::builtin(name).unwrap());
@@ -150,7 +150,7 @@ fn a_readable_fault_has_its_intended_verdict() {
 /// Faults of appendix C that are in the manifest are rejected in stage 2, and each kind is in every set.
 #[test]
 fn appendix_c_faults_have_their_intended_verdict() {
-    let baselines = engine::embedded::baselines().unwrap();
+    let baselines = trials::embedded::baselines().unwrap();
     let profile = Profile::builtin(ProfileName::Sim).unwrap();
     let table = PolicyTable::builtin(&profile).unwrap();
     let mut seen: BTreeMap<String, usize> = BTreeMap::new();

@@ -54,7 +54,7 @@ fn count_is_met_in_every_so_many_runs() {
 
 #[test]
 fn loaded_code_counts_the_runs_that_it_begins() {
-    let params = holdpoint_engine::embedded::package("grasp-improved").unwrap().params;
+    let params = holdpoint_trials::embedded::package("grasp-improved").unwrap().params;
     let settings = ThrowSettings { one_in: 1, trigger: ThrowTrigger::Runs { every: 2 } };
     let params = format!("{params}\n{}", settings.section().unwrap());
     let bundle = ThrowingBundle::load(TaskKind::Grasp, "params.toml", &params).unwrap();

@@ -155,7 +155,7 @@ fn records_with_failure(
 mod tests {
     use super::*;
     use crate::embedded;
-    use crate::trial::seeds::{CALIBRATION_FROM_RUN, SeedPurpose, episode_seed};
+    use crate::seeds::{CALIBRATION_FROM_RUN, SeedPurpose, episode_seed};
     use holdpoint_governance::policy::PolicyTable;
     use holdpoint_governance::profile::{Profile, ProfileName};
     use holdpoint_runtime::terms::SkillTerms;

@@ -14,7 +14,7 @@ use holdpoint_cell::CellError;
 use holdpoint_governance::ids::Digest;
 
 use super::worker::Worker;
-use crate::fault::EngineFault;
+use crate::fault::TrialFault;
 
 /// The most threads.
 const JOBS_MAX: usize = 64;
@@ -89,7 +89,7 @@ impl<R: Send + 'static> WorkerPool<R> {
     ///
     /// # Errors
     /// If no thread starts.
-    pub fn expect(&self, jobs: Vec<PoolJob<R>>) -> Result<(), EngineFault> {
+    pub fn expect(&self, jobs: Vec<PoolJob<R>>) -> Result<(), TrialFault> {
         if self.jobs == 1 {
             return Ok(());
         }
@@ -119,7 +119,7 @@ impl<R: Send + 'static> WorkerPool<R> {
     /// # Errors
     /// If a worker panicked, naming the job, if `cancel` was raised, or if two jobs are the same: nothing is
     /// handed over then.
-    pub fn run_jobs(&self, jobs: Vec<PoolJob<R>>, cancel: &AtomicBool) -> Result<Vec<R>, EngineFault> {
+    pub fn run_jobs(&self, jobs: Vec<PoolJob<R>>, cancel: &AtomicBool) -> Result<Vec<R>, TrialFault> {
         if self.jobs > 1 {
             self.start()?;
         }
@@ -141,7 +141,7 @@ impl<R: Send + 'static> WorkerPool<R> {
             if cancel.load(Ordering::Acquire) {
                 books.wanted.clear();
                 books.ahead.clear();
-                return Err(EngineFault::Impossible("the evaluation was interrupted".to_owned()));
+                return Err(TrialFault::Impossible("the evaluation was interrupted".to_owned()));
             }
             if keys.iter().all(|key| books.done.contains_key(key)) {
                 return hand_over(&mut books, &keys);
@@ -159,14 +159,13 @@ impl<R: Send + 'static> WorkerPool<R> {
         }
     }
 
-    fn start(&self) -> Result<(), EngineFault> {
+    fn start(&self) -> Result<(), TrialFault> {
         let mut threads = self.threads.lock().unwrap_or_else(PoisonError::into_inner);
         while threads.len() + 1 < self.jobs {
             let (shared, jobs) = (Arc::clone(&self.shared), self.jobs);
             let thread =
                 std::thread::Builder::new().name("trial".to_owned()).spawn(move || shared.serve(jobs));
-            let failed =
-                |error| EngineFault::Impossible(format!("a worker's thread does not start: {error}"));
+            let failed = |error| TrialFault::Impossible(format!("a worker's thread does not start: {error}"));
             threads.push(thread.map_err(failed)?);
         }
         Ok(())
@@ -240,7 +239,7 @@ impl<R> WorkerPoolShared<R> {
 }
 
 /// Takes the results out, in order. A panic of any of them fails them all.
-fn hand_over<R>(books: &mut QueueState<R>, keys: &[Digest]) -> Result<Vec<R>, EngineFault> {
+fn hand_over<R>(books: &mut QueueState<R>, keys: &[Digest]) -> Result<Vec<R>, TrialFault> {
     let mut results = Vec::with_capacity(keys.len());
     let mut failed = None;
     for (item, key) in (0_u64..).zip(keys) {
@@ -248,7 +247,7 @@ fn hand_over<R>(books: &mut QueueState<R>, keys: &[Digest]) -> Result<Vec<R>, En
             Some(Ok(result)) => results.push(result),
             Some(Err(message)) => failed = failed.or(Some(CellError::Worker { item, message })),
             None if failed.is_none() => {
-                return Err(EngineFault::Impossible("one job was asked for twice at a time".to_owned()));
+                return Err(TrialFault::Impossible("one job was asked for twice at a time".to_owned()));
             }
             None => {}
         }

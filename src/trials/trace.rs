@@ -8,7 +8,7 @@ use holdpoint_cell::EpisodeSetup;
 use serde::{Deserialize, Serialize};
 
 use crate::cell::Cell;
-use crate::fault::EngineFault;
+use crate::fault::TrialFault;
 use holdpoint_governance::evidence::SandboxMode;
 use holdpoint_governance::ids::{CapabilityId, Digest};
 use holdpoint_governance::lifecycle::Stage;
@@ -81,7 +81,7 @@ pub fn keep_trace(
     mode: SandboxMode,
     runs: Vec<EpisodeTrace>,
     now_ms: u64,
-) -> Result<(), EngineFault> {
+) -> Result<(), TrialFault> {
     let batch = TraceBatch::new(id.clone(), mode, cell, runs);
     store.append_telemetry(&batch.batch(Stage::Sandbox, now_ms)?)?;
     Ok(())
@@ -90,8 +90,8 @@ pub fn keep_trace(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::trial::pair_spot::PairSpot;
-    use crate::trial::sequences::TrialTeam;
+    use crate::pair_spot::PairSpot;
+    use crate::sequences::TrialTeam;
     use holdpoint_body::TaskKind;
     use holdpoint_sim::SimCells;
 

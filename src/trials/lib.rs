@@ -1,11 +1,17 @@
-//! Runs episodes, pairs and drills of versions on a worker pool, with cached results where possible.
+//! Runs episodes, pairs, drills, sequences and re-runs of versions in trial cells, on a worker pool, with cached results
+//! where possible.
 //!
-//! It judges nothing; the stages request runs, and the rules in governance judge them.
+//! Owns the cell of every measurement with its site and its embedded versions, the seeds, the trials and their traces.
+//! It judges nothing: the stages request runs, and the rules in governance judge them. Must not know a stage, a record, a
+//! person or the live arm.
 
 pub mod cache;
+pub mod cell;
 pub mod drills;
+pub mod embedded;
 pub mod episodes;
 pub mod evaluation;
+pub mod fault;
 pub mod job_outcome;
 pub mod live_start;
 pub mod mode_metrics;
@@ -16,6 +22,7 @@ pub mod scene_stops;
 pub mod search;
 pub mod seeds;
 pub mod sequences;
+pub mod site;
 pub mod stress;
 pub mod tick_time;
 pub mod trace;
@@ -38,7 +45,7 @@ use self::trial_lab::TrialLab;
 use self::undisturbed_run::UndisturbedCache;
 use self::worker_pool::WorkerPool;
 use crate::cell::Cell;
-use crate::fault::EngineFault;
+use crate::fault::TrialFault;
 
 /// How one engine runs evaluations.
 pub struct Trials {
@@ -96,7 +103,7 @@ impl Trials {
     ///
     /// # Errors
     /// If no thread starts.
-    pub fn drop_announced(&self) -> Result<(), EngineFault> {
+    pub fn drop_announced(&self) -> Result<(), TrialFault> {
         self.worker_pool.expect(Vec::new())
     }
 
@@ -122,3 +129,6 @@ impl Trials {
         }
     }
 }
+
+#[cfg(test)]
+pub(crate) const MANIFESTS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../manifests");

@@ -102,7 +102,7 @@ fn reach(
 }
 
 /// The seeds that are tried for the live start of a seed, that one first.
-pub(crate) fn seeds_tried(seed: u64) -> impl Iterator<Item = u64> {
+pub fn seeds_tried(seed: u64) -> impl Iterator<Item = u64> {
     std::iter::successors(Some(seed), |seed| Some(replacement(*seed))).take(SEEDS_TRIED)
 }
 
@@ -117,15 +117,12 @@ fn replacement(seed: u64) -> u64 {
 mod tests {
     use super::*;
     use crate::embedded;
-    use crate::trial::episodes::alone;
-    use crate::trial::seeds::{CALIBRATION_FROM_RUN, SeedPurpose, episode_seed};
-    use crate::trial::undisturbed_run::TrialCase;
-    use crate::world::listener::NoListener;
-    use crate::world::live::LiveStation;
+    use crate::episodes::alone;
+    use crate::seeds::{CALIBRATION_FROM_RUN, SeedPurpose, episode_seed};
+    use crate::undisturbed_run::TrialCase;
     use holdpoint_governance::ids::Family;
     use holdpoint_governance::policy::PolicyTable;
     use holdpoint_governance::profile::{Profile, ProfileName};
-    use holdpoint_runtime::agent::ActiveView;
     use holdpoint_runtime::capability::Capability;
     use holdpoint_runtime::terms::SkillTerms;
     use holdpoint_sim::SimCells;
@@ -136,12 +133,6 @@ mod tests {
         cell: Cell,
         terms: SkillTerms,
         active: BTreeMap<Family, Capability>,
-    }
-
-    impl ActiveView for Bench {
-        fn active(&self, family: &Family) -> Option<&Capability> {
-            self.active.get(family)
-        }
     }
 
     impl Bench {
@@ -168,29 +159,6 @@ mod tests {
 
     fn seed(index: u64) -> u64 {
         episode_seed(CALIBRATION_FROM_RUN + 11, SeedPurpose::Live, index)
-    }
-
-    /// The tasks of live sequences come out the same when each is run by itself from its live start.
-    #[test]
-    fn task_from_its_live_start_is_the_task_of_the_live_cell() {
-        let bench = Bench::new();
-        let mut live = LiveStation::new(bench.cell.clone()).unwrap();
-        let mut worker = Worker::new();
-        let mut compared = BTreeMap::new();
-        for seed in (0..8).map(seed) {
-            let report = live.run_sequence(&bench, &|_| bench.terms.clone(), seed, &mut NoListener, None);
-            for done in &report.tasks {
-                let task = done.record.task;
-                let (subject, team) = (bench.subject(task), bench.team(task));
-                let found = alone_from_live_start(&mut worker, &bench.cell, &team, &subject, seed);
-                assert_eq!(found, done.record, "{task} {seed}");
-                let pair = [&subject, &subject];
-                let both = pair_from_live_start(&mut worker, &bench.cell, &team, pair, seed);
-                assert_eq!(both, [found.clone(), found], "{task} {seed}");
-                *compared.entry(task).or_insert(0) += 1;
-            }
-        }
-        assert_eq!(compared.len(), TaskKind::SEQUENCE.len(), "{compared:?}");
     }
 
     #[test]

@@ -1,7 +1,7 @@
 //! The result of a lab job, returned as the requested kind or as an error.
 
 use super::drills::DrillResult;
-use crate::fault::EngineFault;
+use crate::fault::TrialFault;
 use holdpoint_governance::phase::WorkPhase;
 use holdpoint_runtime::task::TaskRecord;
 
@@ -21,7 +21,7 @@ pub enum JobOutcome {
 
 impl JobOutcome {
     /// An episode, and the other version's if it was worked too.
-    pub(super) fn pair(self) -> Result<(TaskRecord, Option<TaskRecord>), EngineFault> {
+    pub(super) fn pair(self) -> Result<(TaskRecord, Option<TaskRecord>), TrialFault> {
         match self {
             Self::Alone(record) => Ok((*record, None)),
             Self::Pair(records) => {
@@ -29,34 +29,34 @@ impl JobOutcome {
                 Ok((new, Some(old)))
             }
             Self::Drill(_) | Self::Phases(_) | Self::Sequences(..) => {
-                Err(EngineFault::Impossible("a drill was handed over for an episode".to_owned()))
+                Err(TrialFault::Impossible("a drill was handed over for an episode".to_owned()))
             }
         }
     }
 
-    pub(super) fn phases(self) -> Result<Vec<WorkPhase>, EngineFault> {
+    pub(super) fn phases(self) -> Result<Vec<WorkPhase>, TrialFault> {
         match self {
             Self::Phases(phases) => Ok(phases),
             Self::Drill(_) | Self::Alone(_) | Self::Pair(_) | Self::Sequences(..) => {
-                Err(EngineFault::Impossible("something else was handed over for phases".to_owned()))
+                Err(TrialFault::Impossible("something else was handed over for phases".to_owned()))
             }
         }
     }
 
-    pub(super) fn sequences(self) -> Result<(Vec<TaskRecord>, Option<Vec<TaskRecord>>), EngineFault> {
+    pub(super) fn sequences(self) -> Result<(Vec<TaskRecord>, Option<Vec<TaskRecord>>), TrialFault> {
         match self {
             Self::Sequences(new, old) => Ok((new, old)),
             Self::Drill(_) | Self::Alone(_) | Self::Pair(_) | Self::Phases(_) => {
-                Err(EngineFault::Impossible("something else was handed over for sequences".to_owned()))
+                Err(TrialFault::Impossible("something else was handed over for sequences".to_owned()))
             }
         }
     }
 
-    pub(super) fn drill(self) -> Result<DrillResult, EngineFault> {
+    pub(super) fn drill(self) -> Result<DrillResult, TrialFault> {
         match self {
             Self::Drill(result) => Ok(result),
             Self::Alone(_) | Self::Pair(_) | Self::Phases(_) | Self::Sequences(..) => {
-                Err(EngineFault::Impossible("an episode was handed over for a drill".to_owned()))
+                Err(TrialFault::Impossible("an episode was handed over for a drill".to_owned()))
             }
         }
     }

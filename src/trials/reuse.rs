@@ -6,8 +6,8 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use crate::fault::EngineFault;
-use crate::trial::trial_lab::{PairSpot, TrialLab, TrialSubject};
+use crate::fault::TrialFault;
+use crate::trial_lab::{PairSpot, TrialLab, TrialSubject};
 use holdpoint_governance::cached_result::{
     CacheLocation, CachedResultBlock, CachedResultMismatch, CachedResultUse, CachedWorkKind, SampleGroup,
     SeedRange,
@@ -101,7 +101,7 @@ impl Reuse {
     ///
     /// # Errors
     /// If the lab fails, or the system gives no random numbers.
-    pub fn check_part(&mut self, lab: &TrialLab<'_>, active: &TrialSubject) -> Result<(), EngineFault> {
+    pub fn check_part(&mut self, lab: &TrialLab<'_>, active: &TrialSubject) -> Result<(), TrialFault> {
         if matches!(self.check, SpotCheck::NotSampled) {
             self.check = SpotCheck::Sampled(self.sample_spot_check(lab)?);
         }
@@ -124,7 +124,7 @@ impl Reuse {
     }
 
     /// Samples the places to run again: of episodes, drills and sequences each as many as the check's power needs.
-    fn sample_spot_check(&self, lab: &TrialLab<'_>) -> Result<Vec<usize>, EngineFault> {
+    fn sample_spot_check(&self, lab: &TrialLab<'_>) -> Result<Vec<usize>, TrialFault> {
         let mut sampled = Vec::new();
         for group in SampleGroup::ALL {
             // Seeds may repeat in a large budget: one re-run of each is enough.

@@ -1,17 +1,20 @@
-//! The shipped file is the built-in site. Another one brings its own baselines and robot, and a change voids evidence.
+//! The store of the shipped site file is that of no file. Another site is on record, and a change of it voids evidence.
 
 use std::fs;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use super::*;
-use crate::cell::Cell;
-use crate::store_identity;
-use crate::tests::config;
-use crate::{Config, Engine, MANIFESTS};
+use holdpoint_governance::ids::Family;
 use holdpoint_governance::notice::{BoundPart, Notice};
 use holdpoint_protocol::event::EventKind;
 use holdpoint_registry::{AuditFilter, Layout, Views};
 use holdpoint_sim::SimCells;
+use holdpoint_trials::cell::Cell;
+use holdpoint_trials::site::LoadedSite;
+
+use crate::store_identity;
+use crate::tests::config;
+use crate::{Config, Engine, MANIFESTS};
 
 fn shipped_file() -> PathBuf {
     Path::new(MANIFESTS).join("site.toml")
@@ -55,21 +58,6 @@ fn the_shipped_file_gives_the_store_that_no_file_gives() {
     let plain = store(None);
     assert!(plain.0.as_array().unwrap().len() > 4 && plain.3.len() > 4, "{plain:?}");
     assert_eq!(store(Some(shipped_file().as_path())), plain);
-}
-
-/// The order of the file is the order in which a store registers the versions.
-#[test]
-fn the_shipped_baselines_are_the_embedded_ones() {
-    let embedded: Vec<_> =
-        embedded::baselines().unwrap().iter().map(|one| (one.id(), one.digest())).collect();
-    let folder = tempfile::tempdir().unwrap();
-    // Beside a copy elsewhere, the folders are missing.
-    for file in [shipped_file(), changed(folder.path(), "arm7", "arm7")] {
-        let site = LoadedSite::read(&file).unwrap();
-        let read: Vec<_> = site.baselines.iter().map(|one| (one.id(), one.digest())).collect();
-        assert_eq!(read, embedded, "{}", file.display());
-        assert!(site.file.is_absolute() && site.on_record().is_none());
-    }
 }
 
 #[test]
@@ -116,51 +104,4 @@ fn another_site_is_on_record_and_a_change_of_it_voids_evidence() {
         built_in.with_live_sandbox(&built_in.live).digest()
     );
     assert_eq!(recorded.bound(built_in.digest()), here.digest());
-}
-
-#[test]
-fn a_site_names_its_robot() {
-    let folder = tempfile::tempdir().unwrap();
-    let assets = Path::new(MANIFESTS).join("../sim/assets");
-    for extension in ["urdf", "toml"] {
-        let name = format!("arm6.{extension}");
-        fs::copy(assets.join(&name), folder.path().join(&name)).unwrap();
-    }
-    let built_in = cell(Some(&changed(folder.path(), "\"arm7\"", "\"arm6\"")));
-    assert_eq!((built_in.spec.robot.name.as_str(), built_in.robot_file.as_deref()), ("arm6", None));
-    let file = changed(folder.path(), "\"arm7\"", "\"arm6.urdf\"");
-    let own = cell(Some(&file));
-    assert_eq!(own.robot_file, Some(folder.path().join("arm6.urdf")));
-    // The option is stronger than the file.
-    let site = Arc::new(LoadedSite::read(&changed(folder.path(), "\"arm7\"", "\"arm9\"")).unwrap());
-    assert!(Cell::at(&SimCells, None, Some(&site)).is_err());
-    let named = Cell::at(&SimCells, Some(&folder.path().join("arm6.urdf")), Some(&site)).unwrap();
-    assert_eq!(named.spec.robot.name, own.spec.robot.name);
-}
-
-/// Each error names the field, and a command that checks the corrected file.
-#[test]
-fn a_baseline_has_to_be_what_the_file_says() {
-    let folder = tempfile::tempdir().unwrap();
-    for (from, to, field) in [
-        ("baseline = \"grasp/1.0.0\"", "baseline = \"align/1.0.0\"", "families.grasp.name"),
-        (
-            "baseline = \"place/1.0.0\"\nfallback = \"park\"",
-            "baseline = \"place/1.0.0\"",
-            "families.place.fallback",
-        ),
-        ("kind = \"simulated\"", "kind = \"wire\"", "live.kind"),
-    ] {
-        let error = LoadedSite::read(&changed(folder.path(), from, to)).err().unwrap();
-        let named = error.details().and_then(|details| details.place).and_then(|place| place.field);
-        assert_eq!(named, Some(field.into()), "{error}");
-        assert!(error.hint().unwrap().contains("`holdpoint site check "), "{error}");
-    }
-    let nowhere = LoadedSite::read(&changed(folder.path(), "grasp/1.0.0", "nowhere")).err().unwrap();
-    assert!(
-        matches!(nowhere, SiteError::Baseline(_)) && nowhere.to_string().contains("nowhere"),
-        "{nowhere}"
-    );
-    let unread = LoadedSite::read(&folder.path().join("none.toml")).err().unwrap();
-    assert!(matches!(unread, SiteError::Read { .. }), "{unread}");
 }

@@ -2,8 +2,8 @@
 
 use super::plan::{EvaluationProgress, NextSlice};
 use super::{Evaluation, PairRun};
-use crate::fault::EngineFault;
-use crate::trial::trial_lab::{PairSpot, TrialLab, TrialSubject};
+use crate::fault::TrialFault;
+use crate::trial_lab::{PairSpot, TrialLab, TrialSubject};
 use holdpoint_governance::evidence::Pair;
 use holdpoint_governance::profile::Profile;
 use holdpoint_governance::shared_event::SceneKind;
@@ -30,7 +30,7 @@ impl Evaluation {
         candidate: &TrialSubject,
         active: &TrialSubject,
         profile: &Profile,
-    ) -> Result<Option<Vec<PairRun>>, EngineFault> {
+    ) -> Result<Option<Vec<PairRun>>, TrialFault> {
         let spots = self.pair_spots(lab, &self.progress());
         let open = spots.get(self.part.pairs.len()..).unwrap_or_default();
         let next = open.get(..open.len().min(lab.part)).unwrap_or_default();

@@ -1,8 +1,8 @@
 //! The jobs of an evaluation, their order and their seeds. Knows counts and no results.
 
 use super::drill_slices::tally;
-use crate::trial::drills::DrillResult;
-use crate::trial::seeds::SeedPurpose;
+use crate::drills::DrillResult;
+use crate::seeds::SeedPurpose;
 use holdpoint_cell::rng::Stream;
 use holdpoint_governance::behavior::live_like_pairs;
 use holdpoint_governance::evidence::{DrillKind, RecoveryEvidence};

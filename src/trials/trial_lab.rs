@@ -22,7 +22,7 @@ use super::undisturbed_run::UndisturbedCache;
 use super::worker::Worker;
 use super::worker_pool::{PoolJob, WorkerPool};
 use crate::cell::{Cell, Conditions};
-use crate::fault::EngineFault;
+use crate::fault::TrialFault;
 use holdpoint_cell::envelope::EnvelopePoint;
 use holdpoint_governance::cached_result::CachedWorkKind;
 use holdpoint_governance::evidence::DrillKind;
@@ -96,7 +96,7 @@ impl TrialLab<'_> {
         conditions: Conditions,
         purpose: SeedPurpose,
         range: std::ops::Range<u64>,
-    ) -> Result<Vec<TaskRecord>, EngineFault> {
+    ) -> Result<Vec<TaskRecord>, TrialFault> {
         let party = TrialSubject { version: version.clone(), terms: terms.clone(), fallback: None };
         let shared = Arc::new((self.cell.clone(), party));
         let job = |index| {
@@ -123,7 +123,7 @@ impl TrialLab<'_> {
         active: &TrialSubject,
         spots: &[PairSpot],
         reuse: &mut Reuse,
-    ) -> Result<Vec<(TaskRecord, TaskRecord)>, EngineFault> {
+    ) -> Result<Vec<(TaskRecord, TaskRecord)>, TrialFault> {
         let mut known: Vec<Option<CacheHit<TaskRecord>>> = Vec::with_capacity(spots.len());
         for spot in spots {
             known.push(self.cached(&self.episode_key(active, *spot), reuse));
@@ -157,7 +157,7 @@ impl TrialLab<'_> {
         anchor: &TrialSubject,
         spots: &[PairSpot],
         reuse: &mut Reuse,
-    ) -> Result<Vec<TaskRecord>, EngineFault> {
+    ) -> Result<Vec<TaskRecord>, TrialFault> {
         let mut known: Vec<Option<CacheHit<TaskRecord>>> = Vec::with_capacity(spots.len());
         for spot in spots {
             known.push(self.cached(&self.episode_key(anchor, *spot), reuse));
@@ -194,7 +194,7 @@ impl TrialLab<'_> {
         active: &TrialSubject,
         first: u64,
         points: &[EnvelopePoint],
-    ) -> Result<Vec<(EnvelopePoint, TaskRecord, TaskRecord)>, EngineFault> {
+    ) -> Result<Vec<(EnvelopePoint, TaskRecord, TaskRecord)>, TrialFault> {
         let job = |(index, point): (u64, &EnvelopePoint)| {
             let seed = self.seeds.seed(SeedPurpose::Search, first + index);
             self.table_at(candidate, active, point).place(seed, point)
@@ -204,7 +204,7 @@ impl TrialLab<'_> {
         let mut results = Vec::with_capacity(points.len());
         for (point, outcome) in points.iter().zip(outcomes) {
             let (new, old) = outcome.pair()?;
-            let old = old.ok_or_else(|| EngineFault::Impossible("an episode has no partner".to_owned()))?;
+            let old = old.ok_or_else(|| TrialFault::Impossible("an episode has no partner".to_owned()))?;
             results.push((*point, new, old));
         }
         complete(&results, points.len())?;
@@ -215,11 +215,11 @@ impl TrialLab<'_> {
     ///
     /// # Errors
     /// As [`TrialLab::episodes`].
-    pub fn phases(&self, party: &TrialSubject, seeds: &[u64]) -> Result<Vec<Vec<WorkPhase>>, EngineFault> {
+    pub fn phases(&self, party: &TrialSubject, seeds: &[u64]) -> Result<Vec<Vec<WorkPhase>>, TrialFault> {
         let table = self.table(party, party);
         let outcomes =
             self.worker_pool.run_jobs(seeds.iter().map(|seed| table.phases(*seed)).collect(), self.cancel)?;
-        let phases = outcomes.into_iter().map(JobOutcome::phases).collect::<Result<Vec<_>, EngineFault>>()?;
+        let phases = outcomes.into_iter().map(JobOutcome::phases).collect::<Result<Vec<_>, TrialFault>>()?;
         complete(&phases, seeds.len())?;
         Ok(phases)
     }
@@ -235,7 +235,7 @@ impl TrialLab<'_> {
         kind: DrillKind,
         spots: &[DrillSpot],
         reuse: &mut Reuse,
-    ) -> Result<(Vec<DrillResult>, Vec<DrillResult>), EngineFault> {
+    ) -> Result<(Vec<DrillResult>, Vec<DrillResult>), TrialFault> {
         let known = self.cached_drills(active, kind, spots, reuse);
         let mut of_candidate = self.fresh_drills(candidate, active, kind, spots, known.is_some())?;
         let of_active = match known {
@@ -272,7 +272,7 @@ impl TrialLab<'_> {
         kind: DrillKind,
         spots: &[DrillSpot],
         reuse: &mut Reuse,
-    ) -> Result<(Vec<DrillResult>, Vec<DrillResult>), EngineFault> {
+    ) -> Result<(Vec<DrillResult>, Vec<DrillResult>), TrialFault> {
         let of_candidate = self.fresh_drills(candidate, active, kind, spots, true)?;
         complete(&of_candidate, spots.len())?;
         let mut of_active = vec![DrillResult::Infeasible; spots.len()];
@@ -293,7 +293,7 @@ impl TrialLab<'_> {
         kind: DrillKind,
         spots: &[DrillSpot],
         is_known: bool,
-    ) -> Result<Vec<DrillResult>, EngineFault> {
+    ) -> Result<Vec<DrillResult>, TrialFault> {
         let jobs = self.table(candidate, active).drills(kind, spots, is_known);
         self.worker_pool.run_jobs(jobs, self.cancel)?.into_iter().map(JobOutcome::drill).collect()
     }
@@ -308,7 +308,7 @@ impl TrialLab<'_> {
         active: &TrialSubject,
         seeds: &[u64],
         reuse: &mut Reuse,
-    ) -> Result<Vec<SequenceRecords>, EngineFault> {
+    ) -> Result<Vec<SequenceRecords>, TrialFault> {
         let mut known: Vec<Option<CacheHit<Vec<TaskRecord>>>> = Vec::with_capacity(seeds.len());
         for seed in seeds {
             known.push(self.cached(&self.sequence_key(active, *seed), reuse));
@@ -353,7 +353,7 @@ impl TrialLab<'_> {
         candidate: &TrialSubject,
         active: &TrialSubject,
         next: &[Lookahead],
-    ) -> Result<(), EngineFault> {
+    ) -> Result<(), TrialFault> {
         if self.worker_pool.jobs() == 1 {
             return Ok(());
         }
@@ -418,7 +418,7 @@ impl TrialLab<'_> {
         &self,
         active: &TrialSubject,
         results: impl Iterator<Item = &'r ReusedResult>,
-    ) -> Result<Vec<Vec<u8>>, EngineFault> {
+    ) -> Result<Vec<Vec<u8>>, TrialFault> {
         let table = self.table(active, active);
         let of_anchor = self.anchor.as_ref().map(|anchor| self.table(anchor, anchor));
         let job = |result: &ReusedResult| match (&of_anchor, result.work) {
@@ -503,7 +503,7 @@ impl TrialLab<'_> {
         party: &TrialSubject,
         spot: PairSpot,
         record: &TaskRecord,
-    ) -> Result<(), EngineFault> {
+    ) -> Result<(), TrialFault> {
         let key = self.episode_key(party, spot);
         Ok(self.cache.put(&key, &serde_json::to_vec(&without_path(record))?)?)
     }
@@ -526,10 +526,10 @@ fn key(cell: &Cell, version: &Capability, scenario: Digest, seed: u64) -> Digest
 }
 
 /// A list shorter than the request was interrupted.
-fn complete<T>(results: &[T], wanted: usize) -> Result<(), EngineFault> {
+fn complete<T>(results: &[T], wanted: usize) -> Result<(), TrialFault> {
     if results.len() == wanted {
         Ok(())
     } else {
-        Err(EngineFault::Impossible("the evaluation was interrupted".to_owned()))
+        Err(TrialFault::Impossible("the evaluation was interrupted".to_owned()))
     }
 }

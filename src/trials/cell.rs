@@ -23,20 +23,10 @@ mod start_support;
 /// compiler and the target (`build.rs`).
 const COMPUTED_BY: &str = env!("HOLDPOINT_COMPUTED_BY");
 
-/// As [`COMPUTED_BY`], with the stages, the record and the profiles.
-const DECIDED_BY: &str = env!("HOLDPOINT_DECIDED_BY");
-
 /// Digest of what computes an episode in cells of a build. Results of another build are not evidence here.
 #[must_use]
 pub fn computed_by(cell_build: &str) -> String {
     Digest::of_parts("holdpoint.computed-by.v1", &[COMPUTED_BY.as_bytes(), cell_build.as_bytes()]).to_string()
-}
-
-/// Digest of what decides about a version: [`computed_by`], the stages, the record and the profiles. Cached decisions of
-/// an experiment are bound to it.
-#[must_use]
-pub fn decided_by(cell_build: &str) -> String {
-    Digest::of_parts("holdpoint.decided-by.v1", &[DECIDED_BY.as_bytes(), cell_build.as_bytes()]).to_string()
 }
 
 /// Robot, scene and distributions, shared by every worker.
@@ -198,13 +188,13 @@ impl Cell {
     /// The same cell with a part of its sandbox's distribution. Its digest is that of the whole cell, so results from it
     /// must not be cached under that digest.
     #[must_use]
-    pub(crate) fn with_sandbox(&self, sandbox: Distribution) -> Self {
+    pub fn with_sandbox(&self, sandbox: Distribution) -> Self {
         Self { sandbox: Arc::new(sandbox), ..self.clone() }
     }
 
     /// The same cell with the current conditions of the live cell in its sandbox, and a digest of its own.
     #[must_use]
-    pub(crate) fn with_live_sandbox(&self, live: &Arc<Distribution>) -> Self {
+    pub fn with_live_sandbox(&self, live: &Arc<Distribution>) -> Self {
         let digest = digest(&self.spec, [&self.canonical, live, live], &self.computed_by);
         let on_record = self.site.as_ref().and_then(|site| site.on_record());
         let digest = on_record.map_or(digest, |site| site.bound(digest));

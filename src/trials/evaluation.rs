@@ -12,12 +12,12 @@ mod plan;
 pub use plan::EvaluationPlan;
 use plan::{EvaluationProgress, NextSlice};
 
-use crate::fault::EngineFault;
-use crate::trial::drills::DrillResult;
-use crate::trial::reuse::Reuse;
-use crate::trial::scene_stops::SceneStops;
-use crate::trial::sequences::SequenceRecords;
-use crate::trial::trial_lab::{DrillSpot, Lookahead, TrialLab, TrialSubject};
+use crate::drills::DrillResult;
+use crate::fault::TrialFault;
+use crate::reuse::Reuse;
+use crate::scene_stops::SceneStops;
+use crate::sequences::SequenceRecords;
+use crate::trial_lab::{DrillSpot, Lookahead, TrialLab, TrialSubject};
 use holdpoint_cell::EpisodeSetup;
 use holdpoint_governance::behavior::{
     self, BehaviorAssessment, SequenceEvidence, SequencePair, SequenceStep,
@@ -77,7 +77,7 @@ pub struct Evaluation {
     plan: EvaluationPlan,
     binding: EvidenceBinding,
     /// The try that it counts as; absent outside the sandbox.
-    pub(crate) counted: Option<CountedTry>,
+    pub counted: Option<CountedTry>,
     pairs: Vec<Pair>,
     stops: SceneStops,
     /// The phases that drills are dealt round, once they are known.
@@ -269,7 +269,7 @@ impl Evaluation {
         candidate: &TrialSubject,
         active: &TrialSubject,
         profile: &Profile,
-    ) -> Result<Option<Slice>, EngineFault> {
+    ) -> Result<Option<Slice>, TrialFault> {
         if self.ended.is_some() {
             self.reuse.check_part(lab, active)?;
             return Ok(None);
@@ -328,7 +328,7 @@ impl Evaluation {
     }
 
     /// The phases that the active version's work shows, of which every kind of drill gets its quota.
-    fn phases_of(&self, lab: &TrialLab<'_>, active: &TrialSubject) -> Result<Vec<WorkPhase>, EngineFault> {
+    fn phases_of(&self, lab: &TrialLab<'_>, active: &TrialSubject) -> Result<Vec<WorkPhase>, TrialFault> {
         let seeds: Vec<u64> =
             (0..PHASE_PROBES).map(|index| lab.seeds.seed(self.plan.drill_seeds, index)).collect();
         let shown = lab.phases(active, &seeds)?;
@@ -345,7 +345,7 @@ impl Evaluation {
         candidate: &TrialSubject,
         active: &TrialSubject,
         profile: &Profile,
-    ) -> Result<bool, EngineFault> {
+    ) -> Result<bool, TrialFault> {
         let beside: Vec<CapabilityId> = lab.team.members().iter().map(|party| party.version.id()).collect();
         if let Some(evidence) = self.sequences.as_mut().filter(|evidence| evidence.beside != beside) {
             // Another version has become active beside it: the results so far are about others.

@@ -2,9 +2,9 @@
 //! judges none.
 
 use super::Evaluation;
-use crate::fault::EngineFault;
-use crate::trial::drills::DrillResult;
-use crate::trial::trial_lab::{DrillSpot, TrialLab, TrialSubject};
+use crate::drills::DrillResult;
+use crate::fault::TrialFault;
+use crate::trial_lab::{DrillSpot, TrialLab, TrialSubject};
 use holdpoint_governance::evidence::{DrillKind, DrillTallies, DrillTally, FailedDrill};
 use holdpoint_governance::recovery::DrillContrast;
 
@@ -26,7 +26,7 @@ impl Evaluation {
         candidate: &TrialSubject,
         active: &TrialSubject,
         kind: DrillKind,
-    ) -> Result<bool, EngineFault> {
+    ) -> Result<bool, TrialFault> {
         let Some(slice) = self.continue_drills(lab, candidate, active, kind, true)? else { return Ok(false) };
         let DrillSlice { spots, of_candidate, of_active } = slice;
         tally(&mut self.drills.0, kind, &spots, &of_candidate);
@@ -44,7 +44,7 @@ impl Evaluation {
         candidate: &TrialSubject,
         active: &TrialSubject,
         kind: DrillKind,
-    ) -> Result<bool, EngineFault> {
+    ) -> Result<bool, TrialFault> {
         let is_paired = DrillContrast::of(kind, &self.rehearsed()).is_paired_next();
         let Some(slice) = self.continue_drills(lab, candidate, active, kind, is_paired)? else {
             return Ok(false);
@@ -79,7 +79,7 @@ impl Evaluation {
         active: &TrialSubject,
         kind: DrillKind,
         is_paired: bool,
-    ) -> Result<Option<DrillSlice>, EngineFault> {
+    ) -> Result<Option<DrillSlice>, TrialFault> {
         let spots = self.spots(lab, &self.progress(), kind);
         let open = spots.get(self.part.drills.0.len()..).unwrap_or_default();
         let next = open.get(..open.len().min(lab.part)).unwrap_or_default();

@@ -2,12 +2,12 @@
 
 use super::*;
 use crate::cell::Cell;
-use crate::trial::pair_spot::PairSpot;
-use crate::trial::seeds::CALIBRATION_FROM_RUN;
-use crate::trial::sequences::TrialTeam;
-use crate::trial::undisturbed_run::UndisturbedCache;
-use crate::trial::worker::Worker;
-use crate::trial::worker_pool::WorkerPool;
+use crate::pair_spot::PairSpot;
+use crate::seeds::CALIBRATION_FROM_RUN;
+use crate::sequences::TrialTeam;
+use crate::undisturbed_run::UndisturbedCache;
+use crate::worker::Worker;
+use crate::worker_pool::WorkerPool;
 use holdpoint_governance::decision::ReasonCode;
 use holdpoint_governance::evidence::HardStop;
 use holdpoint_governance::finding::Finding;
@@ -110,7 +110,7 @@ fn evaluate_against(
     let store = Store::open(folder.path()).unwrap();
     let cancel = AtomicBool::new(false);
     let lab = TrialLab {
-        seeds: crate::trial::seeds::SeedSource::OfRun(CALIBRATION_FROM_RUN + seed),
+        seeds: crate::seeds::SeedSource::OfRun(CALIBRATION_FROM_RUN + seed),
         worker_pool: &WorkerPool::new(2),
         undisturbed: &Arc::new(UndisturbedCache::new()),
         part,

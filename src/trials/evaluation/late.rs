@@ -2,8 +2,8 @@
 
 use super::Evaluation;
 use super::plan::NextSlice;
-use crate::fault::EngineFault;
-use crate::trial::trial_lab::{PairSpot, TrialLab, TrialSubject};
+use crate::fault::TrialFault;
+use crate::trial_lab::{PairSpot, TrialLab, TrialSubject};
 use holdpoint_governance::behavior::SequenceEvidence;
 use holdpoint_governance::composition::recovery_is_reviewable;
 use holdpoint_governance::early_stop::EarlyStopReason;
@@ -60,9 +60,9 @@ impl Evaluation {
     }
 
     /// Episodes of the anchor on the seeds of the pairs. Returns whether the slice is whole.
-    pub(super) fn anchor_slice(&mut self, lab: &TrialLab<'_>) -> Result<bool, EngineFault> {
+    pub(super) fn anchor_slice(&mut self, lab: &TrialLab<'_>) -> Result<bool, TrialFault> {
         let Some(anchor) = &lab.anchor else {
-            return Err(EngineFault::Impossible("a comparison with an anchor has none".to_owned()));
+            return Err(TrialFault::Impossible("a comparison with an anchor has none".to_owned()));
         };
         let range = self.progress().range(&self.plan, NextSlice::Anchor);
         let of_range = range.clone().filter_map(|place| self.pairs.get(usize::try_from(place).ok()?));

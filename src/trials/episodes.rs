@@ -13,7 +13,7 @@ use super::undisturbed_run::TrialCase;
 use super::worker::Worker;
 use super::worker_pool::{PoolJob, WorkerPool};
 use crate::cell::{Cell, Conditions};
-use crate::fault::EngineFault;
+use crate::fault::TrialFault;
 use holdpoint_governance::ids::Digest;
 use holdpoint_runtime::capability::Capability;
 use holdpoint_runtime::skill::Skill;
@@ -142,7 +142,7 @@ pub fn batch(
     (version, terms): (&Capability, &SkillTerms),
     conditions: Conditions,
     seeds: impl IntoIterator<Item = u64>,
-) -> Result<Vec<TaskRecord>, EngineFault> {
+) -> Result<Vec<TaskRecord>, TrialFault> {
     let shared = Arc::new((cell.clone(), terms.clone(), version.clone()));
     let job = |seed| {
         let shared = Arc::clone(&shared);
