@@ -16,7 +16,7 @@ use std::path::Path;
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
-use holdpoint::engine::pipeline::SliceOutcome;
+use holdpoint::engine::decide::pipeline::SliceOutcome;
 use holdpoint::engine::{Config, Engine};
 use holdpoint::governance::profile::ProfileName;
 use holdpoint::registry::{CacheSecret, ResultCache, check_invariants};

@@ -18,8 +18,8 @@ use holdpoint_console::effects::{MakeIdentity, OperatorFiles, ReadOperatorFiles,
 use holdpoint_console::keymap::{self, Keymap};
 use holdpoint_console::options::{self, Options, SettingsFile};
 use holdpoint_console::run::{ConsoleError, ConsoleSetup, EngineLocation, ExitCause};
-use holdpoint_engine::control_socket::{Client, ControlSocketError, SHOWN_TO_NOBODY};
-use holdpoint_engine::engine_handle::{EngineEndError, EngineHandle, LaunchConfig};
+use holdpoint_engine::service::control_socket::{Client, ControlSocketError, SHOWN_TO_NOBODY};
+use holdpoint_engine::service::engine_handle::{EngineEndError, EngineHandle, LaunchConfig};
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::submission::Package;
 use holdpoint_protocol::command::Command;

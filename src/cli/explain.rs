@@ -1,7 +1,7 @@
 //! `holdpoint explain`: why a version, or the active and the newest version of a family, is in its state, from the store
 //! alone.
 //!
-//! Prints the result of [`holdpoint_engine::explain`]; judges nothing. Without an option it prints the deciding reasons
+//! Prints the result of [`holdpoint_engine::explain::why`]; judges nothing. Without an option it prints the deciding reasons
 //! on one screen; `--full` and JSON have everything.
 
 use std::path::Path;
@@ -12,7 +12,7 @@ use super::data;
 use crate::cli::context::CliContext;
 use crate::cli::output::CommandOutput;
 use crate::error::{CliError, Exit};
-use holdpoint_engine::explain;
+use holdpoint_engine::explain::why;
 use holdpoint_governance::explanation::ExplanationSummary;
 use holdpoint_governance::ids::{CapabilityId, Family};
 use holdpoint_protocol::explanation::{DecisionExplanation, ExplainedReason, Explanation, Ruling};
@@ -68,11 +68,11 @@ pub fn run(context: &CliContext, args: &ExplainArgs, out: &mut CommandOutput<'_>
             out.line("")?;
         }
         if args.full || out.is_json() {
-            let found = explain::explain(&views, id).map_err(CliError::usage)?;
+            let found = why::explain(&views, id).map_err(CliError::usage)?;
             let explanation = found.ok_or_else(|| unknown(context, id))?;
             out.answer(&explanation, |out| show(&explanation, out))?;
         } else {
-            let found = explain::summarize(&views, id).map_err(CliError::usage)?;
+            let found = why::summarize(&views, id).map_err(CliError::usage)?;
             let summary = found.ok_or_else(|| unknown(context, id))?;
             show_summary(context, summary, out)?;
         }

@@ -16,7 +16,7 @@ use crate::cli::context::CliContext;
 use crate::cli::output::CommandOutput;
 use crate::error::{CliError, Exit};
 use holdpoint_approvals::{RulesChange, SignedProfileAct};
-use holdpoint_engine::caller;
+use holdpoint_engine::service::caller;
 use holdpoint_governance::ids::Digest;
 use holdpoint_governance::policy::{PolicyProblem, PolicyTable};
 use holdpoint_governance::profile::{Profile, ProfileName, ReasonedNumber, SiteName, titled};

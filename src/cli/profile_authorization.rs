@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use super::{data, profile_choice};
-use holdpoint_engine::store_identity::{self, RequestedRules, StartPermission};
+use holdpoint_engine::decide::store_identity::{self, RequestedRules, StartPermission};
 use holdpoint_governance::site_profile::ChosenProfile;
 use holdpoint_registry::{FIRST_ADMINISTRATOR, ProfileHistory, StoreError, Views};
 use holdpoint_text::{Hint as _, shell_word};

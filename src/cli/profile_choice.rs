@@ -11,7 +11,7 @@ use clap::error::ErrorKind;
 
 use super::data;
 use crate::error::CliError;
-use holdpoint_engine::store_identity;
+use holdpoint_engine::decide::store_identity;
 use holdpoint_governance::policy::POLICY_BYTES_MAX;
 use holdpoint_governance::profile::{PROFILE_BYTES_MAX, ProfileName, SiteName};
 use holdpoint_governance::site_profile::{ChosenProfile, ProfileTexts, SiteProfile, SiteProfileError};

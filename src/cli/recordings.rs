@@ -12,7 +12,7 @@ use super::prune::{self, PruneLimits, UpgradeRecordings};
 use crate::cli::context::CliContext;
 use crate::cli::output::CommandOutput;
 use crate::error::{CliError, Exit};
-use holdpoint_engine::recordings;
+use holdpoint_engine::service::recordings;
 use holdpoint_recordings::audit_record::{FileCheck, RecordedFiles};
 use holdpoint_recordings::recording_folder::{self, IrregularFile, RecordingFile, RecordingFolder};
 pub(super) use holdpoint_registry::size;

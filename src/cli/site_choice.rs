@@ -6,7 +6,7 @@ use std::sync::Arc;
 use super::data;
 use super::profile_choice::RequestedProfile;
 use crate::error::CliError;
-use holdpoint_engine::store_identity;
+use holdpoint_engine::decide::store_identity;
 use holdpoint_registry::Layout;
 use holdpoint_runtime::capability::shown;
 use holdpoint_text::shell_word;

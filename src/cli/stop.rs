@@ -10,7 +10,7 @@ use super::verb_executor::{VerbExecutor, print_action_reply};
 use crate::cli::context::CliContext;
 use crate::cli::output::CommandOutput;
 use crate::error::{CliError, Exit};
-use holdpoint_engine::control_socket::{
+use holdpoint_engine::service::control_socket::{
     NOT_CONFIRMED_HINT, StopCall, StopOutcome, not_confirmed, stopped_by_mark,
 };
 use holdpoint_governance::profile::ProfileName;

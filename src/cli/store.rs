@@ -15,8 +15,8 @@ use crate::cli::context::CliContext;
 use crate::cli::output::CommandOutput;
 use crate::error::{CliError, Exit};
 use holdpoint_approvals::keyfile;
-use holdpoint_engine::caller;
-use holdpoint_engine::recordings::{self, RecordListError};
+use holdpoint_engine::service::caller;
+use holdpoint_engine::service::recordings::{self, RecordListError};
 use holdpoint_recordings::audit_record::RecordingClosure;
 use holdpoint_registry::{
     BackupParts, BackupReport, ExportScope, Layout, ListRecordings, OmittedFile, RebuildReport,

@@ -12,7 +12,7 @@ use crate::cli::context::CliContext;
 use crate::cli::output::CommandOutput;
 use crate::error::{CliError, Exit};
 use holdpoint_approvals::keyfile;
-use holdpoint_engine::evaluation_keys::key_check::{KeyCheck, check_keys};
+use holdpoint_engine::decide::evaluation_keys::key_check::{KeyCheck, check_keys};
 use holdpoint_recordings::audit_record::FileCheck;
 use holdpoint_registry::{
     DatabaseLocation, ExportReport, Layout, MissingBatches, VerifyError, VerifyOptions, VerifyReport,

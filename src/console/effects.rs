@@ -27,7 +27,7 @@ use super::run::screen::Screen;
 use super::terminal::TerminalGuard;
 use super::theme::Themes;
 use holdpoint_approvals::Passphrase;
-use holdpoint_engine::engine_handle::{EngineEndError, EngineHandle, RequestRejected};
+use holdpoint_engine::service::engine_handle::{EngineEndError, EngineHandle, RequestRejected};
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_protocol::command::{AuthorityEffect, Command, Refusal, Reply, Request};
 use holdpoint_recordings::recording::Recording;

@@ -10,7 +10,7 @@ use holdpoint_registry::StoreError;
 use holdpoint_text::{ErrorDetails, ErrorReason, Hint, Problem};
 use holdpoint_trials::fault::TrialFault;
 
-use crate::version_table::VersionTableError;
+use crate::decide::version_table::VersionTableError;
 
 /// A fault of the engine, which halts it unless the command caused it ([`EngineFault::refusal`]).
 #[derive(Debug, thiserror::Error)]

@@ -22,9 +22,9 @@ use proptest::test_runner::{Config, RngSeed};
 use proptest_state_machine::{ReferenceStateMachine, StateMachineTest, prop_state_machine};
 use tempfile::TempDir;
 
+use crate::decide::version_table::{TransitionNote, VersionOrigin, VersionTable, VersionTableError};
+use crate::decide::wall_clock::WallClock;
 use crate::tests::context_change;
-use crate::version_table::{TransitionNote, VersionOrigin, VersionTable, VersionTableError};
-use crate::wall_clock::WallClock;
 use holdpoint_governance::wall_time::WallTime;
 
 /// The most versions of the family.

@@ -12,10 +12,10 @@ use holdpoint_trials::cache::EpisodeCache;
 use holdpoint_trials::cell::Cell;
 use holdpoint_trials::seeds::{CALIBRATION_FROM_RUN, EpisodeSeeds};
 
-use crate::pipeline::{Pipeline, PipelineSettings};
-use crate::version_table::VersionTable;
-use crate::wall_clock::WallClock;
-use crate::world::stop_switch::Controls;
+use crate::decide::pipeline::{Pipeline, PipelineSettings};
+use crate::decide::version_table::VersionTable;
+use crate::decide::wall_clock::WallClock;
+use crate::live::stop_switch::Controls;
 
 pub(crate) fn pipeline(folder: &Path, profile: ProfileName) -> Pipeline {
     pipeline_by(folder, Profile::builtin(profile).unwrap(), |_| WallClock::scripted(0, None))

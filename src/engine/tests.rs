@@ -31,10 +31,10 @@ use holdpoint_runtime::agent::Agent;
 use holdpoint_runtime::capability::{self, Capability};
 use holdpoint_sim::SimCells;
 
-use crate::people::persons::enrolled;
-use crate::pipeline::{Pipeline, SliceOutcome};
+use crate::decide::people::persons::enrolled;
+use crate::decide::pipeline::{Pipeline, SliceOutcome};
+use crate::decide::version_table::TransitionNote;
 pub(crate) use crate::test_pipeline::pipeline;
-use crate::version_table::TransitionNote;
 use crate::{Config, Engine, StartError};
 use holdpoint_text::Hint;
 use holdpoint_trials::cache::EpisodeCache;
@@ -399,7 +399,8 @@ fn candidate_past_shadow(
     assert_accepted(&pipeline.command(Command::Register { package, name: NAME.to_owned(), by }));
     let candidate = pipeline.record().capability(&id).unwrap();
     let live = pipeline.live();
-    let bound = crate::evidence_binding::binding(live.context, live.record.version_table(), &candidate);
+    let bound =
+        crate::decide::evidence_binding::binding(live.context, live.record.version_table(), &candidate);
     let sequences = live.context.profile.evaluation.shadow_sequences;
     let evidence_file = live.evidence_files.edit(&id);
     evidence_file.kappas = Some(Kappas {

@@ -9,7 +9,7 @@ use super::printer::Printer;
 use super::script::{SCRIPT_BYTES_MAX, Script};
 use crate::cells::CELLS;
 use crate::error::{CliError, Exit, start_error};
-use holdpoint_engine::pump::Pump;
+use holdpoint_engine::service::pump::Pump;
 use holdpoint_engine::{Config, Engine};
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::lifecycle::Stage;

@@ -4,7 +4,7 @@ use std::borrow::Cow;
 
 use holdpoint_approvals::{ApprovalError, Identity, IdentityError};
 use holdpoint_engine::Engine;
-use holdpoint_engine::pump::Pump;
+use holdpoint_engine::service::pump::Pump;
 use holdpoint_governance::approval::{ApprovalDecision, Role};
 use holdpoint_protocol::command::{Command, Reply, Request};
 use holdpoint_protocol::snapshot::ApprovalRequestView;

@@ -8,7 +8,7 @@ use std::io::Write;
 use super::notify::ServiceManager;
 use super::printer::Printer;
 use crate::error::{CliError, Exit};
-use holdpoint_engine::engine_handle::{EngineEndError, EngineHandle, EngineUpdate, LaunchConfig};
+use holdpoint_engine::service::engine_handle::{EngineEndError, EngineHandle, EngineUpdate, LaunchConfig};
 use holdpoint_protocol::event::{Event, EventKind};
 
 /// The configuration of a service.

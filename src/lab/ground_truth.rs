@@ -34,7 +34,7 @@ use crate::pipeline_experiments::candidate_run::{CandidateEnd, ThresholdScale};
 use crate::pipeline_experiments::per_candidate::{self, CandidateJob};
 use crate::pipeline_experiments::{ExperimentError, ProgressFn, cached_result, scratch};
 use holdpoint_engine::Experiment;
-use holdpoint_engine::context::Context;
+use holdpoint_engine::decide::context::Context;
 use holdpoint_governance::ids::Digest;
 use holdpoint_governance::policy::PolicyTable;
 use holdpoint_governance::profile::{Profile, ProfileName};

@@ -19,7 +19,7 @@ const COMPUTES: [&str; 11] = [
     "src/cell",
     "src/compiled",
     "src/component",
-    "src/engine/world",
+    "src/engine/live",
     "src/governance",
     "src/runtime",
     "src/sdk/wit",

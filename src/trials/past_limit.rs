@@ -16,17 +16,18 @@ use holdpoint_runtime::task::TaskRecord;
 
 /// A live task, and the envelope that it ran under.
 #[derive(Clone, Copy)]
-pub(crate) struct MeasuredTask<'a> {
+pub struct MeasuredTask<'a> {
     /// Which sequence of the live world.
-    pub(crate) sequence: u64,
-    pub(crate) record: &'a TaskRecord,
+    pub sequence: u64,
+    /// What the task left.
+    pub record: &'a TaskRecord,
     /// Absent for a version that was not at work when the sequence began.
-    pub(crate) envelope: Option<&'a Envelope>,
+    pub envelope: Option<&'a Envelope>,
 }
 
 impl<'a> MeasuredTask<'a> {
     /// A task of a sequence, with the envelopes of the versions at work in it.
-    pub(crate) fn new(
+    pub fn new(
         sequence: u64,
         dispatched: &'a DispatchedTask,
         envelopes: &'a BTreeMap<CapabilityId, Envelope>,
@@ -35,13 +36,13 @@ impl<'a> MeasuredTask<'a> {
     }
 
     /// The task with the value of its first violation.
-    pub(crate) fn violation(&self) -> MeasuredInTask {
+    pub fn violation(&self) -> MeasuredInTask {
         let first = self.record.hits.first();
         self.with_value(first.and_then(|(_, hit)| hit.quantity()))
     }
 
     /// The task with the value of the safety event that stopped it, else of its first violation.
-    pub(crate) fn safety_event(&self, event: Option<SafetyEvent>) -> MeasuredInTask {
+    pub fn safety_event(&self, event: Option<SafetyEvent>) -> MeasuredInTask {
         match event {
             Some(event) => self.with_value(quantity(StoppingEvent::Safety(event))),
             None => self.violation(),
@@ -64,7 +65,7 @@ impl<'a> MeasuredTask<'a> {
 
 /// The value of a record that an event is about, with the profile's limit, where it is past it.
 #[must_use]
-pub(crate) fn past_limit(event: StoppingEvent, record: &TaskRecord, profile: &Profile) -> Option<PastLimit> {
+pub fn past_limit(event: StoppingEvent, record: &TaskRecord, profile: &Profile) -> Option<PastLimit> {
     let (quantity, limits) = (quantity(event)?, &profile.runtime);
     let limit = match quantity {
         LimitedQuantity::Force => limits.contact_force_max_n,

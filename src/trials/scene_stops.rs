@@ -5,7 +5,7 @@ use holdpoint_governance::profile::Profile;
 use holdpoint_governance::shared_event::{SceneKind, SharedEvent, StoppingEvent, one_sided};
 use holdpoint_runtime::task::TaskRecord;
 
-use crate::trial::past_limit::past_limit;
+use crate::past_limit::past_limit;
 
 /// Hard stops so far.
 #[derive(Clone, Debug, Default, PartialEq)]

@@ -10,7 +10,7 @@ use std::time::Duration;
 
 use holdpoint::approvals::keyfile::KeyEncoding;
 use holdpoint::approvals::{Identity, KdfCost, Nonce};
-use holdpoint::engine::control_socket::Client;
+use holdpoint::engine::service::control_socket::Client;
 use holdpoint::governance::approval::{ApprovalDecision, Requester, Role};
 use holdpoint::governance::ids::{CapabilityId, canonical_json};
 use holdpoint::governance::profile::ProfileName;

@@ -3,10 +3,10 @@
 use std::time::Instant;
 
 use holdpoint::body::disturbance::{DriftKind, Magnitude};
-use holdpoint::engine::control_socket::{
+use holdpoint::engine::service::control_socket::{
     Client, ConsoleConnection, ConsoleMessage, ControlSocketError, LET_GO_AFTER,
 };
-use holdpoint::engine::engine_handle::{EngineHandle, EngineUpdate};
+use holdpoint::engine::service::engine_handle::{EngineHandle, EngineUpdate};
 use holdpoint::protocol::command::{Command, Reply, Request};
 use holdpoint::protocol::console_presence::{CONSOLE_TEXT_BYTES_MAX, ConsolePresence};
 use holdpoint::protocol::event::EventKind;

@@ -6,9 +6,9 @@ use std::process::{Command as Process, Output};
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::time::{Duration, Instant};
 
-use holdpoint::engine::bootstrap::{EngineBootstrap, ReadProgressFn};
-use holdpoint::engine::control_socket::{Client, ControlSocketError, SignalHandling, socket_path};
-use holdpoint::engine::engine_handle::{EngineHandle, EngineUpdate, LaunchConfig};
+use holdpoint::engine::service::bootstrap::{EngineBootstrap, ReadProgressFn};
+use holdpoint::engine::service::control_socket::{Client, ControlSocketError, SignalHandling, socket_path};
+use holdpoint::engine::service::engine_handle::{EngineHandle, EngineUpdate, LaunchConfig};
 use holdpoint::engine::{Config, StartError};
 use holdpoint::governance::profile::ProfileName;
 use holdpoint::governance::record::RecordKind;

@@ -11,10 +11,10 @@ use std::sync::mpsc::channel;
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-use holdpoint::engine::control_socket::{Client, SignalHandling};
-use holdpoint::engine::pipeline::SliceOutcome;
-use holdpoint::engine::pump::Pump;
-use holdpoint::engine::world::stop_switch::StopSwitch;
+use holdpoint::engine::decide::pipeline::SliceOutcome;
+use holdpoint::engine::live::stop_switch::StopSwitch;
+use holdpoint::engine::service::control_socket::{Client, SignalHandling};
+use holdpoint::engine::service::pump::Pump;
 use holdpoint::engine::{Config, Engine};
 use holdpoint::governance::ids::CapabilityId;
 use holdpoint::governance::profile::ProfileName;

@@ -6,7 +6,7 @@ use std::net::Shutdown;
 use std::os::unix::net::{UnixListener, UnixStream};
 use std::path::{Path, PathBuf};
 
-use holdpoint::engine::control_socket::{Client, StopCall, StopOutcome, socket_path};
+use holdpoint::engine::service::control_socket::{Client, StopCall, StopOutcome, socket_path};
 use holdpoint::protocol::command::{Command, Reply};
 use holdpoint::registry::Layout;
 

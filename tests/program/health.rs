@@ -5,7 +5,7 @@ use std::path::Path;
 use std::process::{Child, Command, Output, Stdio};
 use std::time::{Duration, Instant};
 
-use holdpoint::engine::control_socket::Client;
+use holdpoint::engine::service::control_socket::Client;
 use holdpoint::protocol::command::{Command as Ask, Reply};
 use holdpoint::registry::Layout;
 use rusqlite::Connection;

@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 
 use holdpoint::body::TaskKind;
 use holdpoint::body::disturbance::{DriftKind, Magnitude};
-use holdpoint::engine::engine_handle::{EngineHandle, EngineUpdate, LaunchConfig, OUTSTANDING_MAX};
+use holdpoint::engine::service::engine_handle::{EngineHandle, EngineUpdate, LaunchConfig, OUTSTANDING_MAX};
 use holdpoint::governance::alarms::AlarmState;
 use holdpoint::governance::profile::ProfileName;
 use holdpoint::governance::record::RecordKind;

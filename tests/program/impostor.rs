@@ -20,7 +20,7 @@ use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-use holdpoint::engine::control_socket::{
+use holdpoint::engine::service::control_socket::{
     AnswerOrigin, Client, StopCall, StopOutcome, UnverifiedOrigin, socket_path,
 };
 use holdpoint::governance::record::RecordKind;

@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, Command as Process, Stdio};
 use std::time::Instant;
 
-use holdpoint::engine::control_socket::{ACCOUNT_CONNECTIONS_MAX, Client, socket_path};
+use holdpoint::engine::service::control_socket::{ACCOUNT_CONNECTIONS_MAX, Client, socket_path};
 use holdpoint::governance::record::RecordKind;
 use holdpoint::protocol::account_role::AccountRole;
 use holdpoint::protocol::command::{Command, Refusal, Reply};

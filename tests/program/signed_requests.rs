@@ -8,9 +8,9 @@ use std::time::Duration;
 
 use holdpoint::approvals::keyfile::KeyEncoding;
 use holdpoint::approvals::{Identity, KdfCost, Passphrase, SignedCall};
-use holdpoint::engine::control_socket::{Client, SignalHandling};
-use holdpoint::engine::pipeline::SliceOutcome;
-use holdpoint::engine::pump::Pump;
+use holdpoint::engine::decide::pipeline::SliceOutcome;
+use holdpoint::engine::service::control_socket::{Client, SignalHandling};
+use holdpoint::engine::service::pump::Pump;
 use holdpoint::engine::{Config, Engine};
 use holdpoint::governance::approval::Role;
 use holdpoint::governance::profile::ProfileName;

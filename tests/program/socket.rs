@@ -10,12 +10,12 @@ use std::sync::mpsc::channel;
 use std::thread::JoinHandle;
 use std::time::Duration;
 
-use holdpoint::engine::control_socket::{
+use holdpoint::engine::decide::pipeline::SliceOutcome;
+use holdpoint::engine::service::control_socket::{
     ASKING_MAX, Client, ControlSocket, ControlSocketError, EVENTS_KEPT, IDLE_MAX, Notification,
     OBSERVERS_MAX, SignalHandling, socket_path,
 };
-use holdpoint::engine::pipeline::SliceOutcome;
-use holdpoint::engine::pump::Pump;
+use holdpoint::engine::service::pump::Pump;
 use holdpoint::engine::{Config, Engine};
 use holdpoint::governance::profile::ProfileName;
 use holdpoint::governance::record::UpgradeEnd;

@@ -6,8 +6,8 @@ use std::os::unix::net::UnixListener;
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
-use holdpoint::engine::control_socket::{Client, socket_path};
-use holdpoint::engine::halt::recall;
+use holdpoint::engine::decide::halt::recall;
+use holdpoint::engine::service::control_socket::{Client, socket_path};
 use holdpoint::governance::record::RecordKind;
 use holdpoint::protocol::command::{Command, Reply, StopPersistence};
 use holdpoint::registry::{AuditFilter, Layout, Views};

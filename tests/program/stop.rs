@@ -8,7 +8,7 @@ use std::process::{Command as Process, Output};
 use std::time::{Duration, Instant};
 
 use holdpoint::body::RATE_HZ;
-use holdpoint::engine::control_socket::{Client, IDLE_MAX, OBSERVERS_MAX, socket_path};
+use holdpoint::engine::service::control_socket::{Client, IDLE_MAX, OBSERVERS_MAX, socket_path};
 use holdpoint::governance::record::RecordKind;
 use holdpoint::protocol::command::{Caller, Command, Refusal, Reply, StopPersistence};
 use holdpoint::protocol::event::EventKind;

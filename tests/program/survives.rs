@@ -7,7 +7,7 @@ use std::path::Path;
 use std::process::{Child, Command, Output, Stdio};
 use std::time::{Duration, Instant};
 
-use holdpoint::engine::control_socket::socket_path;
+use holdpoint::engine::service::control_socket::socket_path;
 use holdpoint::governance::record::RecordKind;
 use holdpoint::registry::{AuditFilter, Layout, Views, verify};
 use serde_json::Value;

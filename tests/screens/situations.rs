@@ -7,7 +7,7 @@ use std::sync::Arc;
 use holdpoint::console::frame::text_of;
 use holdpoint::console::look::{ColorDepth, Glyphs, Look, Theme};
 use holdpoint::console::model::{ConsoleModel, EngineState, View};
-use holdpoint::engine::engine_handle::EngineEndError;
+use holdpoint::engine::service::engine_handle::EngineEndError;
 use holdpoint::governance::alarms::{AlarmState, AlarmSummary, Priority};
 use holdpoint::governance::decision::Dimension;
 use holdpoint::governance::lifecycle::{State, VersionFlags};

@@ -8,7 +8,7 @@ use serde_json::Value;
 
 use crate::data::root;
 use crate::readme::{quoted, table};
-use crate::report;
+use crate::{is_test_file, lines_with, program, report, sources};
 
 /// The answer of cargo.
 fn run_cargo(line: &[&str]) -> String {
@@ -68,6 +68,33 @@ fn crates_of(program: &str, format: &str) -> String {
     run_cargo(&[&tree[..], &["-p", program, "--format", format]].concat())
 }
 
+/// Tests do not count: they may set up what they need.
+#[test]
+fn the_rooms_of_the_engine_use_each_other_as_documented() {
+    let documented: BTreeMap<String, BTreeSet<String>> = table("src/ARCHITECTURE.md", "Rooms of the engine")
+        .iter()
+        .map(|row| (quoted(&row[0]).concat(), quoted(&row[3]).into_iter().collect()))
+        .collect();
+    let rooms = ["live", "decide", "explain", "service"];
+    let mut actual = BTreeMap::from([("trials".to_owned(), BTreeSet::new())]);
+    for room in rooms {
+        let mut files = sources(&format!("src/engine/{room}"));
+        files.push(root().join(format!("src/engine/{room}.rs")));
+        let code: String =
+            files.iter().filter(|path| !is_test_file(path)).map(|path| program(path)).collect();
+        let mut used: BTreeSet<String> = rooms
+            .iter()
+            .filter(|other| **other != room && !lines_with(&code, &format!("crate::{other}")).is_empty())
+            .map(|other| (*other).to_owned())
+            .collect();
+        if !lines_with(&code, "holdpoint_trials").is_empty() {
+            used.insert("trials".to_owned());
+        }
+        actual.insert(room.to_owned(), used);
+    }
+    assert_eq!(documented, actual);
+}
+
 /// Evidence is bound to the name of the build, so a change of what computes an episode voids it.
 #[test]
 fn the_name_of_the_build_covers_what_computes_an_episode() {
@@ -85,7 +112,7 @@ fn the_name_of_the_build_covers_what_computes_an_episode() {
         .map(|name| format!("src/{name}"))
         .collect();
     assert!(used.len() > 5, "{used:?}");
-    used.extend(["Cargo.lock", "src/engine/world", "src/sdk/wit"].map(str::to_owned));
+    used.extend(["Cargo.lock", "src/engine/live", "src/sdk/wit"].map(str::to_owned));
     assert_eq!(named, used.iter().map(String::as_str).collect::<BTreeSet<&str>>());
 }
 

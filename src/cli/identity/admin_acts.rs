@@ -18,7 +18,7 @@ use holdpoint_approvals::keyfile::{self, Protection};
 use holdpoint_approvals::{
     Identity, IdentityInfo, Person, PersonActKind, PersonDirectory, PersonError, SignedPersonAct,
 };
-use holdpoint_engine::control_socket::Client;
+use holdpoint_engine::service::control_socket::Client;
 use holdpoint_governance::approval::Role;
 use holdpoint_governance::profile::ProfileName;
 use holdpoint_protocol::command::{Command, Reply};

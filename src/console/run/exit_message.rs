@@ -1,8 +1,8 @@
 //! The last line: the state that the console left.
 
 use crate::model::ConsoleModel;
-use holdpoint_engine::control_socket::ControlSocketError;
-use holdpoint_engine::engine_handle::EngineEndError;
+use holdpoint_engine::service::control_socket::ControlSocketError;
+use holdpoint_engine::service::engine_handle::EngineEndError;
 use holdpoint_governance::lifecycle::Stage;
 use holdpoint_protocol::snapshot::{CandidateView, Snapshot};
 use holdpoint_text::{Hint as _, Untrusted};

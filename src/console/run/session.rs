@@ -32,7 +32,7 @@ use crate::terminal::TerminalGuard;
 use crate::terminal::guard::{EndSignal, RunningGuard};
 use crate::theme::Themes;
 use crate::update::update;
-use holdpoint_engine::engine_handle::{EngineEndError, EngineHandle, EngineUpdate, StopError};
+use holdpoint_engine::service::engine_handle::{EngineEndError, EngineHandle, EngineUpdate, StopError};
 use holdpoint_protocol::command::{Command, Request};
 
 /// The interval of ticks without other events.

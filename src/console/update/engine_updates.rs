@@ -8,8 +8,8 @@ use crate::model::{
     ConsoleModel, EngineLink, EngineState, EventLogLine, LOG_MAX, Overlay, RequestSubject, StageProgress,
     View,
 };
-use holdpoint_engine::control_socket::UnverifiedOrigin;
-use holdpoint_engine::engine_handle::EngineEndError;
+use holdpoint_engine::service::control_socket::UnverifiedOrigin;
+use holdpoint_engine::service::engine_handle::EngineEndError;
 use holdpoint_governance::alarms::Priority;
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::record::VersionGroup;

@@ -10,7 +10,7 @@ mod store;
 
 use std::time::Duration;
 
-use holdpoint_engine::health_series::HealthReader;
+use holdpoint_engine::explain::health_series::HealthReader;
 use holdpoint_protocol::health::{HealthQuery, HealthSeries};
 use holdpoint_registry::{Batch, Store, TelemetryLimits, Transaction};
 use rustix::time::{ClockId, clock_gettime};

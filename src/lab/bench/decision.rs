@@ -9,8 +9,8 @@ use std::collections::BTreeMap;
 use serde::Serialize;
 
 use holdpoint::bench::{BenchError, FigureClock};
-use holdpoint_engine::pipeline::SliceOutcome;
-use holdpoint_engine::pump::Pump;
+use holdpoint_engine::decide::pipeline::SliceOutcome;
+use holdpoint_engine::service::pump::Pump;
 use holdpoint_engine::{Config, Engine};
 use holdpoint_governance::lifecycle::State;
 use holdpoint_governance::profile::ProfileName;

@@ -9,7 +9,7 @@ use std::sync::Arc;
 use holdpoint_body::{Body, BodyError, Command, GuardVerdict, Interrupt, Observation, TaskKind, Telemetry};
 use holdpoint_cell::rng::{Stream, StreamPurpose};
 use holdpoint_cell::{CellCopy, TrialCell};
-use holdpoint_engine::world::ladder_motion::{hold, retract};
+use holdpoint_engine::live::ladder_motion::{hold, retract};
 use holdpoint_governance::policy::PolicyTable;
 use holdpoint_governance::profile::{Profile, ProfileName};
 use holdpoint_governance::rollback::ticks_to_ms;

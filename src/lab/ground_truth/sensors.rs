@@ -11,7 +11,7 @@ use std::time::Instant;
 use holdpoint_body::TaskKind;
 use holdpoint_cell::CellError;
 use holdpoint_cell::EpisodeSetup;
-use holdpoint_engine::context::Context;
+use holdpoint_engine::decide::context::Context;
 use holdpoint_governance::harm::{HarmKind, HarmMeasures};
 use holdpoint_governance::ids::Family;
 use holdpoint_governance::profile::{HarmSettings, Profile, ProfileName};

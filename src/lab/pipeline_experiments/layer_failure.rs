@@ -7,7 +7,7 @@ use std::path::Path;
 
 use holdpoint_body::disturbance::LiveFault;
 use holdpoint_body::disturbance::{Drift, DriftKind, Magnitude};
-use holdpoint_engine::pipeline::Pipeline;
+use holdpoint_engine::decide::pipeline::Pipeline;
 use holdpoint_engine::{StartError, build_digest::decided_by};
 use holdpoint_governance::ids::{CapabilityId, Digest};
 use holdpoint_governance::monitor::Rate;

@@ -11,8 +11,8 @@ use crate::pipeline_experiments::candidate_run::{
 use crate::pipeline_experiments::{ExperimentError, scratch};
 use holdpoint_cell::referee::UnsafeKind;
 use holdpoint_engine::Experiment;
-use holdpoint_engine::pipeline::SliceOutcome;
-use holdpoint_engine::world::live::TaskTruth;
+use holdpoint_engine::decide::pipeline::SliceOutcome;
+use holdpoint_engine::live::station::TaskTruth;
 use holdpoint_governance::decision::ReasonCode;
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::lifecycle::State;

@@ -3,8 +3,8 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use holdpoint_cell::referee::{RefereeLimits, UnsafeKind};
-use holdpoint_engine::world::listener::NoListener;
-use holdpoint_engine::world::live::LiveStation;
+use holdpoint_engine::live::listener::NoListener;
+use holdpoint_engine::live::station::LiveStation;
 use holdpoint_governance::ids::Family;
 use holdpoint_governance::lifecycle::State;
 use holdpoint_protocol::scenario_state::Decider;

@@ -2,8 +2,8 @@
 
 use std::sync::atomic::Ordering;
 
-use holdpoint::engine::control_socket::Client;
-use holdpoint::engine::engine_handle::{EngineHandle, EngineUpdate};
+use holdpoint::engine::service::control_socket::Client;
+use holdpoint::engine::service::engine_handle::{EngineHandle, EngineUpdate};
 use holdpoint::protocol::command::{Command, Refusal, Reply, Request};
 use holdpoint::protocol::console_presence::ConsolePresence;
 

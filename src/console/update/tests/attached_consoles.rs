@@ -3,7 +3,7 @@
 use super::*;
 use crate::approval_screen::ClosingAnswer;
 use crate::model::EngineLink;
-use holdpoint_engine::control_socket::AnswerOrigin;
+use holdpoint_engine::service::control_socket::AnswerOrigin;
 use holdpoint_protocol::account_role::AccountRole;
 use holdpoint_protocol::console_presence::{AttachedConsoleView, ConsoleAccount, ConsolePresence};
 use holdpoint_protocol::event::{Event, EventKind};

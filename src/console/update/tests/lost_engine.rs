@@ -3,7 +3,7 @@
 
 use super::*;
 use crate::model::{EngineLink, ReconnectStatus, STOP_ANSWER_MS};
-use holdpoint_engine::engine_handle::EngineEndError;
+use holdpoint_engine::service::engine_handle::EngineEndError;
 use holdpoint_protocol::command::{Refusal, Reply, StopPersistence};
 use holdpoint_protocol::console_presence::{AttachedConsoleView, ConsolePresence};
 use holdpoint_protocol::event::{Event, EventKind};

@@ -16,7 +16,7 @@ const DEVOPS: [[&str; 4]; 7] = [
         "canary, shadow",
         "traffic split across replicas",
         "one actuator; the twin works in a world of its own beside the live one",
-        "src/engine/world/shadow.rs",
+        "src/engine/live/shadow.rs",
     ],
     [
         "health signal",
@@ -28,13 +28,13 @@ const DEVOPS: [[&str; 4]; 7] = [
         "rollback trigger",
         "threshold on stateless requests",
         "charts over live tasks, safety events within a tick",
-        "src/governance/monitor.rs, src/engine/world/supervisor.rs",
+        "src/governance/monitor.rs, src/engine/live/supervisor.rs",
     ],
     [
         "rollback semantics",
         "route to the old container",
         "arm to rest, predecessor from the store by digest, policies compiled anew",
-        "src/engine/stages/rollback.rs",
+        "src/engine/decide/stages/rollback.rs",
     ],
     ["environment", "region", "profiles sim, real, human, and own ones", "profiles/*.toml"],
     [
@@ -58,8 +58,15 @@ const POSITION: [[&str; 6]; 6] = [
     ],
     ["versions of capabilities", "none", "half", "none", "full", "src/registry"],
     ["governed execution", "half", "half", "full", "full", "src/runtime/guard.rs, watcher.rs"],
-    ["governed upgrades", "none", "none", "none", "full", "src/engine/stages"],
-    ["deployment that can be rolled back", "none", "half", "half", "full", "src/engine/stages/rollback.rs"],
+    ["governed upgrades", "none", "none", "none", "full", "src/engine/decide/stages"],
+    [
+        "deployment that can be rolled back",
+        "none",
+        "half",
+        "half",
+        "full",
+        "src/engine/decide/stages/rollback.rs",
+    ],
 ];
 
 /// Which stage each body of work covers, by the words under the paper's figure 3: package, validate (I, P, B, R), sandbox,

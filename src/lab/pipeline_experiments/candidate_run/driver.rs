@@ -4,8 +4,8 @@ use std::path::Path;
 
 use holdpoint::bench::FigureClock;
 use holdpoint::headless::scripted_approver;
-use holdpoint_engine::pipeline::SliceOutcome;
-use holdpoint_engine::pump::Pump;
+use holdpoint_engine::decide::pipeline::SliceOutcome;
+use holdpoint_engine::service::pump::Pump;
 use holdpoint_engine::{Config, Engine};
 use holdpoint_governance::approval::{ApprovalDecision, Role};
 use holdpoint_governance::ids::CapabilityId;

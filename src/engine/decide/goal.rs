@@ -1,0 +1,71 @@
+//! The goal of the agent of the live cell: set by a person, recorded, and restored after a restart.
+
+use holdpoint_body::TaskKind;
+use holdpoint_governance::record::RecordKind;
+use holdpoint_protocol::command::{Refusal, Reply};
+use holdpoint_protocol::event::EventKind;
+use holdpoint_registry::{AuditFilter, StoreError, Views};
+use holdpoint_runtime::agent::Goal;
+use holdpoint_text::{Untrusted, is_visible};
+use serde::{Deserialize, Serialize};
+
+use crate::decide::operations::REASON_BYTES_MAX;
+use crate::decide::recorder::EngineRecorder;
+use crate::live::LiveWorld;
+
+/// A goal in the audit chain.
+#[derive(Serialize, Deserialize)]
+struct GoalRecord {
+    goal: String,
+    by: String,
+    reason: String,
+}
+
+/// Sets the goal `text` from the next sequence on, if the agent's interpreter knows it.
+///
+/// # Errors
+/// If it cannot be written; the goal is then unchanged.
+pub(crate) fn set(
+    record: &mut EngineRecorder,
+    world: &mut LiveWorld,
+    text: &str,
+    by: String,
+    reason: String,
+) -> Result<Reply, StoreError> {
+    let refuse = |text: String| Ok(Reply::Refused { code: Refusal::BadInput, text, hint: None });
+    let goal = match Goal::interpret(text) {
+        Ok(goal) => goal,
+        Err(error) => return refuse(Untrusted::new(error.to_string()).line().into_string()),
+    };
+    let fits = |text: &str| is_visible(text) && text.len() <= REASON_BYTES_MAX;
+    if !fits(&by) || !fits(&reason) {
+        return refuse(format!(
+            "a name and a reason that can be read are needed, of 1 to {REASON_BYTES_MAX} bytes each"
+        ));
+    }
+    let goal_record = GoalRecord { goal: goal.name().to_owned(), by, reason };
+    let body = serde_json::json!(goal_record).to_string();
+    record.note(RecordKind::GoalSet, String::new(), body)?;
+    world.cell.set_goal(goal);
+    let GoalRecord { goal: name, by, reason } = goal_record;
+    record.tell(EventKind::GoalSet { goal: name, by, reason });
+    let tasks: Vec<&str> = goal.plan().into_iter().map(TaskKind::name).collect();
+    let text = format!("from the next sequence on the agent runs {}", tasks.join(", "));
+    Ok(Reply::Accepted { text, version: None })
+}
+
+/// The newest goal in the chain; absent if there is none, or the interpreter no longer knows it.
+///
+/// # Errors
+/// If the store cannot be read.
+pub(crate) fn recall(views: &Views) -> Result<Option<Goal>, StoreError> {
+    let newest = AuditFilter {
+        kind: Some(RecordKind::GoalSet),
+        limit: 1,
+        newest_first: true,
+        ..AuditFilter::default()
+    };
+    let found = views.audit(&newest)?.into_iter().next();
+    let stored = found.and_then(|record| serde_json::from_str::<GoalRecord>(&record.body).ok());
+    Ok(stored.and_then(|stored| Goal::interpret(&stored.goal).ok()))
+}

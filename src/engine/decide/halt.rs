@@ -1,0 +1,466 @@
+//! A person's stop of the cell and its end: recorded, published, and restored after a restart.
+//!
+//! The [`StopSwitch`](crate::live::stop_switch::StopSwitch) stops the arm before any code here runs; a stop that cannot be
+//! written is still a stop. Functions over record and live cell.
+
+use holdpoint_governance::alarms::{AlarmKey, Priority};
+use holdpoint_governance::ids::CapabilityId;
+use holdpoint_governance::notice::Notice;
+use holdpoint_governance::profile::ProfileName;
+use holdpoint_governance::record::RecordKind;
+use holdpoint_governance::startup_stop::{
+    LastEngineRun, StartStoppedReason, records_run_end, start_stopped_reason,
+};
+use holdpoint_protocol::command::{Caller, Refusal, Reply, StopPersistence};
+use holdpoint_protocol::event::EventKind;
+use holdpoint_protocol::snapshot::{RepeatedStop, StoppedView};
+use holdpoint_registry::{AuditFilter, Layout, StopMarks, StoreError, Views};
+use holdpoint_text::{Hint, is_visible, signing_options};
+use serde::{Deserialize, Serialize};
+use std::time::{Duration, Instant};
+
+use crate::decide::operations::REASON_BYTES_MAX;
+use crate::decide::recorder::EngineRecorder;
+use crate::live::LiveWorld;
+use crate::live::stop_switch::StopRequest;
+use crate::service::caller;
+use crate::service::stop_mark;
+
+/// A stop or its end, in the audit chain.
+#[derive(Serialize, Deserialize)]
+struct StopRecord {
+    by: String,
+    caller: Caller,
+    reason: String,
+    /// Why the cell came up stopped; absent for a stop of a running cell.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    code: Option<StartStoppedReason>,
+}
+
+/// The process of the engine's own requests; a script has none.
+pub(crate) fn own_caller(record: &EngineRecorder) -> Caller {
+    if record.clock().is_scripted() { Caller::Script } else { caller::own() }
+}
+
+/// Stops the cell and records it. The socket or the console has stopped the arm already.
+pub(crate) fn stop(record: &mut EngineRecorder, world: &mut LiveWorld, request: StopRequest) -> Reply {
+    world.switch().halt(request);
+    let written = record_stops(record, world);
+    let stopped = match &world.halted {
+        Some(halted) if !halted.by.is_empty() => format!("the cell is stopped, by {}", halted.by),
+        Some(_) | None => "the cell is stopped".to_owned(),
+    };
+    let why = written.err().map_or_else(String::new, |error| format!(": {}", error.sentence()));
+    // An earlier turn of the engine may have tried.
+    let persistence = world.unwritten.stop_storage();
+    let text = match persistence {
+        StopPersistence::OnRecord => format!("{stopped}; it stays stopped until a person starts it"),
+        StopPersistence::InMark => {
+            format!("{stopped}; the engine could not record the stop and keeps it beside the record{why}")
+        }
+        StopPersistence::InMemory => format!("{stopped}; {KEPT_NOWHERE}{why}"),
+    };
+    Reply::Stopped { text, kept: persistence }
+}
+
+/// The text for a stop that is in no file.
+pub(crate) const KEPT_NOWHERE: &str =
+    "the engine could store the stop neither on record nor beside it: a sudden end of the engine loses it";
+
+/// The answer to a stop that the engine does not record in time: it is stored beside the record meanwhile.
+pub(crate) fn stopped_meanwhile(request: &StopRequest, marks: &StopMarks, next: &str) -> Reply {
+    match marks.keep(&StopRecord::of(request).text()) {
+        Ok(()) => Reply::Stopped {
+            text: format!("the cell is stopped; the stop is stored beside the record; {next}"),
+            kept: StopPersistence::InMark,
+        },
+        Err(error) => Reply::Stopped {
+            text: format!("the cell is stopped; {next}; until then {KEPT_NOWHERE}: {}", error.sentence()),
+            kept: StopPersistence::InMemory,
+        },
+    }
+}
+
+/// How long the engine waits before it tries to record a stop again.
+const AGAIN_AFTER: Duration = Duration::from_secs(10);
+
+/// Stops in force that could not be written to the store.
+#[derive(Default)]
+pub(crate) struct UnwrittenStops {
+    /// The bodies of their records.
+    bodies: Vec<String>,
+    tried: Option<Instant>,
+    /// Whether the first of them is stored beside the record.
+    is_marked: bool,
+}
+
+impl UnwrittenStops {
+    /// Where the stop of the cell is stored.
+    pub(crate) const fn stop_storage(&self) -> StopPersistence {
+        match (self.bodies.is_empty(), self.is_marked) {
+            (true, _) => StopPersistence::OnRecord,
+            (false, true) => StopPersistence::InMark,
+            (false, false) => StopPersistence::InMemory,
+        }
+    }
+}
+
+/// Records stops that could not be written before. Until then the first of them is stored beside the database for the next
+/// engine.
+pub(crate) fn write_again(record: &mut EngineRecorder, world: &mut LiveWorld) -> Result<(), StoreError> {
+    while let Some(body) = world.unwritten.bodies.first().cloned() {
+        world.unwritten.tried = Some(Instant::now());
+        record.note(RecordKind::CellStopped, String::new(), body)?;
+        world.unwritten.bodies.remove(0);
+    }
+    record.version_table().store().layout().stop_marks().remove();
+    Ok(())
+}
+
+/// Keeps a cell stopped that was stopped under an earlier engine. Stops the cell, with an alarm, if the last engine ended
+/// suddenly or a stop is not on record.
+///
+/// # Errors
+/// If the store cannot be read or written.
+pub(crate) fn restore_stop(record: &mut EngineRecorder, world: &mut LiveWorld) -> Result<(), StoreError> {
+    let store = record.version_table().store();
+    let layout = store.layout().clone();
+    let marks = layout.stop_marks();
+    let (stopped, last) = {
+        let views = store.views()?;
+        (on_record(&views)?, last_engine(&views)?)
+    };
+    let is_known = |stop: &StopRecord| stopped.as_ref().is_some_and(|stopped| stop.is_among(stopped));
+    let request = stop_mark::look(&layout).map(|found| found.request);
+    let is_settled = |request: &StopRequest| is_known(&StopRecord::of(request));
+    if let Some(request) = request.as_ref().filter(|request| is_settled(request)) {
+        stop_mark::settle(&layout, &request.id);
+    }
+    let request = request.filter(|request| !is_settled(request));
+    if let Some(request) = &request {
+        world.switch().halt(request.clone());
+    }
+    let mut unrecorded = request.is_some();
+    let mut marked = marks.found().map(|text| StopRecord::read(&text));
+    if marked.as_ref().is_some_and(is_known) {
+        marks.remove();
+        marked = None;
+    }
+    // This includes a stop made while the record was read.
+    let waits = world.switch().first_stop();
+    marked =
+        marked.filter(|stop| !waits.as_ref().is_some_and(|request| stop.is_same(&StopRecord::of(request))));
+    unrecorded |= marked.is_some();
+    if let Some(stopped) = stopped {
+        world.stay_halted(stopped);
+    }
+    let Some(why) = start_stopped_reason(last, unrecorded) else { return Ok(()) };
+    let mut cause = why;
+    world.switch().latch();
+    if let Some(request) = request.filter(|request| world.switch().first_stop().as_ref() == Some(request)) {
+        record_first_stop(record, world, &request, Some(StartStoppedReason::UnrecordedStop))?;
+    }
+    if let Some(stop) = marked {
+        note(record, world, stop.because(StartStoppedReason::UnrecordedStop))?;
+    }
+    if last == LastEngineRun::Began {
+        cause = StartStoppedReason::UncleanEnd;
+        let reason = holdpoint_wording::came_up_stopped(cause).to_owned();
+        let (by, caller) = ("the engine".to_owned(), own_caller(record));
+        let stop = StopRecord { by, caller, reason, code: None };
+        note(record, world, stop.because(StartStoppedReason::UncleanEnd))?;
+        ended(record, false)?;
+    }
+    record.raise(AlarmKey::CameUpStopped, Priority::High, true, Notice::CameUpStopped { cause });
+    Ok(())
+}
+
+fn last_engine(views: &Views) -> Result<LastEngineRun, StoreError> {
+    let newest = |kind| -> Result<u64, StoreError> {
+        let one = AuditFilter { kind: Some(kind), limit: 1, newest_first: true, ..AuditFilter::default() };
+        Ok(views.audit(&one)?.first().map_or(0, |record| record.seq))
+    };
+    let open = newest(RecordKind::EngineBegan)? > newest(RecordKind::EngineEnded)?;
+    Ok(if open { LastEngineRun::Began } else { LastEngineRun::Ended })
+}
+
+/// Records, once, that this engine begins to run the cell, so that a later one detects an unclean end.
+pub(crate) fn begin_work(
+    record: &mut EngineRecorder,
+    world: &mut LiveWorld,
+    profile: ProfileName,
+) -> Result<(), StoreError> {
+    if world.at_work || world.is_halted() || record.clock().is_scripted() || !records_run_end(profile) {
+        return Ok(());
+    }
+    let clock = record.version_table().wall().reading();
+    let body = serde_json::json!({ "clock": clock, "profile": profile }).to_string();
+    record.note(RecordKind::EngineBegan, String::new(), body)?;
+    world.at_work = true;
+    Ok(())
+}
+
+/// Records a clean end of an engine that ran the cell. A halted engine does not: the effects of its fault are unknown.
+pub(crate) fn end_work(record: &mut EngineRecorder, world: &mut LiveWorld) -> Result<(), StoreError> {
+    if world.at_work && record.holding().is_none() {
+        ended(record, true)?;
+        world.at_work = false;
+    }
+    Ok(())
+}
+
+fn ended(record: &mut EngineRecorder, orderly: bool) -> Result<(), StoreError> {
+    let clock = record.version_table().wall().reading();
+    let body = serde_json::json!({ "clock": clock, "orderly": orderly }).to_string();
+    record.note(RecordKind::EngineEnded, String::new(), body)
+}
+
+/// Records every stop requested on any thread; the first one counts as the stop of the cell.
+pub(crate) fn record_stops(record: &mut EngineRecorder, world: &mut LiveWorld) -> Result<(), StoreError> {
+    let rests = |tried: Instant| tried.elapsed() < AGAIN_AFTER;
+    let mut written = Ok(());
+    if !world.unwritten.bodies.is_empty() && !world.unwritten.tried.is_some_and(rests) {
+        written = write_again(record, world);
+    }
+    // A stop stays requested while it is being written, so that the socket reports it.
+    while let Some(request) = world.switch().first_stop() {
+        written = written.and(record_first_stop(record, world, &request, None));
+    }
+    written
+}
+
+/// Records the first requested stop, and removes its mark once it is stored.
+fn record_first_stop(
+    record: &mut EngineRecorder,
+    world: &mut LiveWorld,
+    request: &StopRequest,
+    code: Option<StartStoppedReason>,
+) -> Result<(), StoreError> {
+    let written = note(record, world, StopRecord { code, ..StopRecord::of(request) });
+    world.switch().pop_stop();
+    if world.unwritten.stop_storage() != StopPersistence::InMemory {
+        stop_mark::settle(record.version_table().store().layout(), &request.id);
+    }
+    written
+}
+
+fn note(record: &mut EngineRecorder, world: &mut LiveWorld, stop: StopRecord) -> Result<(), StoreError> {
+    let body = stop.text();
+    let StopRecord { by, caller, reason, code: _ } = stop;
+    record.tell(EventKind::CellStopped { by: by.clone(), caller: caller.clone(), reason: reason.clone() });
+    let at_ms = record.now_ms();
+    match &mut world.halted {
+        Some(halted) => halted.record_repeat(RepeatedStop { by, caller, reason, at_ms }),
+        None => world.halted = Some(StoppedView::first(by, caller, reason, at_ms)),
+    }
+    let written = if world.unwritten.bodies.is_empty() {
+        record.note(RecordKind::CellStopped, String::new(), body.clone())
+    } else {
+        // Preserves their order.
+        Err(StoreError::Unknown)
+    };
+    let marks = record.version_table().store().layout().stop_marks();
+    match &written {
+        Ok(()) => marks.remove(),
+        Err(_) => {
+            // If nothing can be written, the arm stays stopped as long as this engine runs.
+            world.unwritten.is_marked = marks.keep(world.unwritten.bodies.first().unwrap_or(&body)).is_ok();
+            world.unwritten.bodies.push(body);
+            world.unwritten.tried = Some(Instant::now());
+        }
+    }
+    written
+}
+
+/// Publishes, once, that the stopped arm is at standstill.
+pub(crate) fn report_standstill(record: &mut EngineRecorder, world: &mut LiveWorld) {
+    let at_work = world.is_running();
+    let after = world.switch().ticks_to_standstill(at_work);
+    let Some(halted) = world.halted.as_mut().filter(|halted| halted.stood_after_ticks.is_none()) else {
+        return;
+    };
+    if let Some(ticks) = after {
+        halted.stood_after_ticks = Some(ticks);
+        record.tell(EventKind::ArmStands { ticks });
+    }
+}
+
+/// Refuses an activation without the gate while the cell is stopped: the person who starts the cell does not see it.
+pub(crate) fn activation_refusal(id: &CapabilityId) -> Reply {
+    Reply::Refused {
+        code: Refusal::NotNow,
+        text: format!("the cell is stopped, and {id} does not become active before the cell runs again"),
+        hint: Some("`holdpoint status` shows who stopped it and how to start it".to_owned()),
+    }
+}
+
+/// A person starts the stopped cell; `caller` is the requesting process.
+pub(crate) fn go(
+    record: &mut EngineRecorder,
+    world: &mut LiveWorld,
+    by: String,
+    reason: String,
+    (since_ms, known): (u64, u64),
+    caller: Caller,
+) -> Result<Reply, StoreError> {
+    let refuse = |code, text: &str| Ok(Reply::Refused { code, text: text.to_owned(), hint: None });
+    let Some(halted) = &world.halted else {
+        return refuse(Refusal::NotNow, "the cell is not stopped");
+    };
+    if halted.since_ms != since_ms {
+        let text = "the cell has run since, and was stopped again: read who stopped it and why";
+        return refuse(Refusal::NotNow, text);
+    }
+    if halted.stops != known {
+        let text = match halted.stops {
+            1 => format!("it was stopped once, and the request names {known} stops: read who stopped it"),
+            stops => {
+                format!("it was stopped {stops} times, and {known} of them are known: read who did and why")
+            }
+        };
+        let signature = signing_options(&by, &reason);
+        let hint = format!(
+            "`holdpoint status` shows who stopped it; `holdpoint start --stops {} {signature}` then starts it",
+            halted.stops
+        );
+        return Ok(Reply::Refused { code: Refusal::NotNow, text, hint: Some(hint) });
+    }
+    let layout = record.version_table().store().layout();
+    if let Some(found) = stop_mark::look(layout)
+        && world.switch().knows(&found.request.id)
+        && world.switch().first_stop().is_none()
+    {
+        // One of the stops that end here; its maker has created the mark again.
+        stop_mark::settle(layout, &found.request.id);
+    }
+    if stop_mark::is_there(record.version_table().store().layout()) {
+        let path = record.version_table().store().layout().stop_request();
+        return Ok(Reply::Refused {
+            code: Refusal::NotNow,
+            text: format!("another stop is requested: {path:?} is in the store's folder"),
+            hint: Some("try again in a moment; remove the file by hand if it stays there".to_owned()),
+        });
+    }
+    let fits = |text: &str| is_visible(text) && text.len() <= REASON_BYTES_MAX;
+    if !fits(&by) || !fits(&reason) {
+        let text =
+            format!("a name and a reason that can be read are needed, of 1 to {REASON_BYTES_MAX} bytes each");
+        return refuse(Refusal::BadInput, &text);
+    }
+    write_again(record, world)?;
+    let body = serde_json::json!({ "by": by, "caller": caller, "reason": reason }).to_string();
+    record.note(RecordKind::CellReleased, String::new(), body)?;
+    if !world.switch().release() {
+        // The cell was stopped meanwhile; that stop is recorded next, and counts.
+        return refuse(Refusal::NotNow, "the cell was stopped again meanwhile");
+    }
+    world.halted = None;
+    record.tell(EventKind::CellReleased { by, caller, reason });
+    Ok(Reply::Accepted { text: "the cell runs again".to_owned(), version: None })
+}
+
+/// The most stops of one standstill that are read again; later ones are on record, but not named.
+const RECALLED_MAX: usize = 256;
+
+/// A stop without an end: the first after the last start in the chain, or the one stored beside the record.
+///
+/// # Errors
+/// If the store cannot be read.
+pub fn recall(views: &Views) -> Result<Option<StoppedView>, StoreError> {
+    if let Some(stopped) = on_record(views)? {
+        return Ok(Some(stopped));
+    }
+    let layout = views.folder().map(Layout::new);
+    let marked = layout.as_ref().and_then(|layout| layout.stop_marks().found());
+    let marked = marked.map(|text| StopRecord::read(&text));
+    let requested = || layout.as_ref().and_then(stop_mark::look).map(|found| StopRecord::of(&found.request));
+    // The time of the request is not on record: it is after the last record.
+    let since_ms = views.head()?.at_ms;
+    Ok(marked.or_else(requested).map(|stop| stop.view(since_ms)))
+}
+
+/// A stop in the chain without an end.
+fn on_record(views: &Views) -> Result<Option<StoppedView>, StoreError> {
+    let newest = AuditFilter {
+        kind: Some(RecordKind::CellReleased),
+        limit: 1,
+        newest_first: true,
+        ..AuditFilter::default()
+    };
+    let from_seq = views.audit(&newest)?.first().map_or(0, |record| record.seq);
+    let since = AuditFilter {
+        from_seq,
+        kind: Some(RecordKind::CellStopped),
+        limit: RECALLED_MAX,
+        ..AuditFilter::default()
+    };
+    let mut found = views.audit(&since)?.into_iter();
+    let Some(first) = found.next() else { return Ok(None) };
+    let mut stopped = StopRecord::read(&first.body).view(first.at_ms);
+    for record in found {
+        let StopRecord { by, caller, reason, code: _ } = StopRecord::read(&record.body);
+        stopped.record_repeat(RepeatedStop { by, caller, reason, at_ms: record.at_ms });
+    }
+    Ok(Some(stopped))
+}
+
+const fn user(caller: &Caller) -> Option<u32> {
+    match caller {
+        Caller::Process { uid, .. } => Some(*uid),
+        Caller::Script => None,
+    }
+}
+
+impl StopRecord {
+    fn of(request: &StopRequest) -> Self {
+        // A long name must not delay a stop: it is cut.
+        let cut = |text: &str| text[..text.floor_char_boundary(REASON_BYTES_MAX)].to_owned();
+        Self {
+            by: cut(&request.by),
+            caller: request.caller.clone(),
+            reason: cut(&request.reason),
+            code: None,
+        }
+    }
+
+    fn because(self, code: StartStoppedReason) -> Self {
+        Self { code: Some(code), ..self }
+    }
+
+    fn text(&self) -> String {
+        let mut body = serde_json::json!({ "by": self.by, "caller": self.caller, "reason": self.reason });
+        if let Some(code) = self.code {
+            body["code"] = code.name().into();
+        }
+        body.to_string()
+    }
+
+    /// Whether it is one of the stops that keep the cell stopped.
+    fn is_among(&self, stopped: &StoppedView) -> bool {
+        let named = stopped.again.iter().map(|one| (&one.by, &one.caller, &one.reason));
+        let mut all = named.chain([(&stopped.by, &stopped.caller, &stopped.reason)]);
+        all.any(|(by, caller, reason)| {
+            self.by == *by && self.reason == *reason && user(caller) == user(&self.caller)
+        })
+    }
+
+    /// Whether both are the same stop; only one of them names the process.
+    fn is_same(&self, other: &Self) -> bool {
+        self.by == other.by && self.reason == other.reason && user(&self.caller) == user(&other.caller)
+    }
+
+    /// An unreadable text counts as a stop by an unknown person.
+    fn read(text: &str) -> Self {
+        serde_json::from_str(text).unwrap_or(Self {
+            by: "an unknown person".to_owned(),
+            caller: Caller::Script,
+            reason: "a record of a stop that cannot be read".to_owned(),
+            code: None,
+        })
+    }
+
+    fn view(self, since_ms: u64) -> StoppedView {
+        let Self { by, caller, reason, code: _ } = self;
+        StoppedView { stood_after_ticks: Some(0), ..StoppedView::first(by, caller, reason, since_ms) }
+    }
+}

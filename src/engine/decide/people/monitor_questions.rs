@@ -1,0 +1,60 @@
+//! A drift monitor's question to operators: shown while open, answered with "continue", asked again when it recurs.
+//!
+//! Owns the answer and its record. The monitor decides what raises a question and what an unanswered one causes. An
+//! answer lifts no restriction and confirms no version.
+
+use crate::decide::context::Context;
+use crate::decide::evidence_file::{EvidenceFile, EvidenceFiles};
+use crate::decide::monitors::Monitors;
+use crate::decide::operations::checked;
+use crate::decide::recorder::EngineRecorder;
+use crate::fault::EngineFault;
+use holdpoint_governance::alarms::{AlarmEvent, AlarmKey};
+use holdpoint_governance::monitor::{MonitorAction, MonitorAnswer};
+use holdpoint_governance::record::RecordKind;
+use holdpoint_protocol::command::{Operation, Refusal, Reply};
+use holdpoint_protocol::event::EventKind;
+
+/// An operator answers a monitor's question: the version continues and its charts restart.
+pub(crate) fn answer_continue(
+    context: &Context,
+    record: &mut EngineRecorder,
+    evidence_files: &EvidenceFiles,
+    monitors: &mut Monitors,
+    operation: &Operation,
+) -> Result<Reply, EngineFault> {
+    let id = checked(record, operation)?;
+    let now_tick = record.now_tick();
+    let expected = evidence_files.of(&id).and_then(EvidenceFile::normal_rates);
+    let monitor = monitors.of_mut(&id).filter(|watched| {
+        watched.monitor.escalation().is_some_and(|escalation| escalation.deadline_tick > now_tick)
+    });
+    let (Some(expected), Some(watched)) = (expected, monitor) else {
+        return Ok(Reply::Refused {
+            code: Refusal::NotNow,
+            text: format!("no monitor asks about {id}"),
+            hint: Some("open questions are in `holdpoint status`".to_owned()),
+        });
+    };
+    watched
+        .monitor
+        .on_answer(&context.profile, &expected, now_tick)
+        .map_err(|error| EngineFault::Impossible(error.to_string()))?;
+    // The next question is a new one.
+    watched.announced = MonitorAction::Continue;
+    watched.escalation_reason = None;
+    watched.question.clear();
+    let answer = MonitorAnswer::GoOn;
+    let body = serde_json::json!({ "answer": answer, "by": operation.by, "reason": operation.reason });
+    record.note(RecordKind::MonitorAnswer, id.to_string(), body.to_string())?;
+    record.tell(EventKind::Continued {
+        version: id.clone(),
+        by: operation.by.clone(),
+        reason: operation.reason.clone(),
+    });
+    record.alarm_event(&AlarmEvent::Clear { key: AlarmKey::Escalated(id.clone()) });
+    Ok(Reply::Accepted { text: format!("{id} continues"), version: Some(id) })
+}
+
+#[cfg(test)]
+mod tests;

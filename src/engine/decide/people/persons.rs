@@ -1,0 +1,143 @@
+//! Administrators enroll, verify and revoke persons; a revocation discards answers to open requests.
+
+use holdpoint_approvals::keyfile::Protection;
+use holdpoint_approvals::{Identity, PersonAct, PersonActKind, PersonDirectory, SignedPersonAct};
+use holdpoint_protocol::command::{Refusal, Reply};
+use holdpoint_registry::Change;
+use holdpoint_text::Hint;
+
+use super::approvals::Approvals;
+use crate::decide::context::Context;
+use crate::decide::recorder::EngineRecorder;
+use crate::fault::EngineFault;
+
+/// Carries out an administrator's act about a person. What does not hold is refused and changes nothing.
+///
+/// # Errors
+/// If it cannot be written.
+pub(crate) fn carry_out(
+    context: &Context,
+    record: &mut EngineRecorder,
+    approvals: &mut Approvals,
+    signed: SignedPersonAct,
+) -> Result<Reply, EngineFault> {
+    let persons = record.version_table().store().persons()?;
+    if let Err(error) = persons.check(&signed) {
+        return Ok(Reply::refused(Refusal::NotAllowed, &error));
+    }
+    let act = signed.act().clone();
+    let accepted = |text: String| Ok(Reply::Accepted { text, version: None });
+    match act.act {
+        PersonActKind::Enrol => {
+            let strict = context.needs_approval() && !record.clock().is_scripted();
+            if (strict || act.guarded)
+                && let Some(refused) = unprotected(context, record, &act)
+            {
+                return Ok(refused);
+            }
+            record.write(vec![Change::EnrolPerson(Box::new(signed))], Vec::new())?;
+            accepted(format!("{} is enrolled as {} by {}", act.name, act.role, act.by))
+        }
+        PersonActKind::Confirm => {
+            if let Some(refused) = unprotected(context, record, &act) {
+                return Ok(refused);
+            }
+            record.write(vec![Change::ConfirmPerson(Box::new(signed))], Vec::new())?;
+            accepted(format!("{} is confirmed by {}", act.name, act.by))
+        }
+        // Any key may sign a revocation, so that revoking is never harder than enrolling.
+        PersonActKind::Revoke => {
+            let key = act.key.clone();
+            record.write(vec![Change::RevokePerson(Box::new(signed))], Vec::new())?;
+            let put_aside = approvals.discard_answers(context, record, &key);
+            let answers = if put_aside == 0 {
+                String::new()
+            } else {
+                format!("; answers to open questions that count no more: {put_aside}")
+            };
+            accepted(format!("{} is revoked by {}{answers}", act.name, act.by))
+        }
+    }
+}
+
+/// A refusal if the act claims or requires a passphrase-protected key, and the key file has no passphrase.
+fn unprotected(context: &Context, record: &EngineRecorder, act: &PersonAct) -> Option<Reply> {
+    let folder = record.version_table().store().layout().identities();
+    let name = &act.by;
+    match Identity::protection(&folder, name) {
+        Ok(Protection::Passphrase | Protection::Elsewhere) => None,
+        Ok(Protection::None) => Some(Reply::Refused {
+            code: Refusal::NotAllowed,
+            text: if act.guarded {
+                format!("the key of {name} has no passphrase, although the act says that it was protected")
+            } else {
+                let profile = context.profile.name.name();
+                format!(
+                    "the key of {name} has no passphrase; the profile {profile} requires one for enrolling people"
+                )
+            },
+            hint: Some(format!("`holdpoint identity passphrase {name}` sets one and keeps the key")),
+        }),
+        Err(error) => Some(Reply::Refused {
+            code: Refusal::NotAllowed,
+            text: error.to_string(),
+            hint: error.hint().map(std::borrow::Cow::into_owned),
+        }),
+    }
+}
+
+/// A refusal if a person is unverified where people decide: an unencrypted key enrolled them. Applies to no decision
+/// in a script.
+pub(crate) fn unconfirmed(context: &Context, persons: &PersonDirectory, name: &str) -> Option<Reply> {
+    let confirmed = |person: &holdpoint_approvals::Person| person.confirmed_by.is_some();
+    if !context.may_need_approval() || persons.named(name).is_some_and(confirmed) {
+        return None;
+    }
+    let profile = context.profile.name.name();
+    let by = persons.named(name).map_or("no administrator", |person| person.enrolled_by.as_str());
+    let hint = match persons.confirmer() {
+        Some(admin) => format!(
+            "`holdpoint identity confirm {name} --by {} --reason TEXT` confirms them, once that key is protected",
+            admin.name
+        ),
+        None => {
+            "no administrator of this store can confirm them; see the guide on persons and roles".to_owned()
+        }
+    };
+    Some(Reply::Refused {
+        code: Refusal::NotAllowed,
+        text: format!(
+            "{name} is not confirmed, and {by} enrolled them with an unencrypted key: the profile {profile} \
+             does not count their approvals"
+        ),
+        hint: Some(hint),
+    })
+}
+
+/// A person with a new key whom the store's first administrator enrolled and confirmed.
+#[cfg(test)]
+pub(crate) fn enrolled(
+    record: &mut EngineRecorder,
+    name: &str,
+    role: holdpoint_governance::approval::Role,
+    keep: holdpoint_approvals::keyfile::KeyEncoding<'_>,
+) -> Identity {
+    let folder = record.version_table().store().layout().identities();
+    let who = Identity::create_encoded(&folder, name, role, keep).unwrap();
+    let persons = record.version_table().store().persons().unwrap();
+    let admin = guarded(&folder, &persons.unprotected_administrator(&folder).unwrap());
+    let act = persons.enrolment(who.info(), false, &admin, "a test").unwrap();
+    record.write(vec![Change::EnrolPerson(Box::new(act))], Vec::new()).unwrap();
+    who
+}
+
+/// An administrator as they sign once their key has a passphrase; its file stays without one.
+#[cfg(test)]
+pub(crate) fn guarded(folder: &std::path::Path, admin: &Identity) -> Identity {
+    use holdpoint_approvals::keyfile::KeyEncoding;
+    let passphrase = holdpoint_approvals::Passphrase::new("under the oak".to_owned().into()).unwrap();
+    admin.rewrite_key(folder, KeyEncoding::Sealed(&passphrase, holdpoint_approvals::KdfCost::LEAST)).unwrap();
+    let guarded = Identity::open(folder, &admin.info().name).unwrap().unlock(Some(&passphrase)).unwrap();
+    admin.rewrite_key(folder, KeyEncoding::Plain).unwrap();
+    guarded
+}

@@ -1,0 +1,220 @@
+//! Checks the signature of a request that gives or widens authority, once, before the request has an effect.
+//!
+//! A signature is bound to the store, the session and the content of the request; it is valid once, for minutes. A
+//! session is a random number made at the start of the engine. So signatures from before a restart do not count after
+//! it, and the list of used signatures need not outlive the engine.
+
+use std::collections::BTreeMap;
+
+use holdpoint_approvals::keyfile::Protection;
+use holdpoint_approvals::{ApprovalError, Identity, Nonce, SignedCall};
+use holdpoint_governance::approval::Role;
+use holdpoint_governance::profile::ProfileName;
+use holdpoint_protocol::command::{AuthorityEffect, Command, Refusal, Reply, Request};
+use holdpoint_protocol::snapshot::SigningView;
+use holdpoint_text::Hint;
+
+use super::persons::unconfirmed;
+use super::signers::person;
+use crate::decide::context::Context;
+use crate::decide::recorder::EngineRecorder;
+use crate::fault::EngineFault;
+
+/// The longest that a signature under a request may count, ms of the engine's clock.
+pub const CALL_VALID_MS_MAX: u64 = 300_000;
+
+/// The most signatures that are remembered as used; only enrolled people's are.
+const USED_MAX: usize = 4096;
+
+/// The signer of a request, checked against the store's persons.
+#[derive(Clone, Debug)]
+pub(crate) struct Signer {
+    pub(crate) name: String,
+    pub(crate) role: Role,
+    /// As recorded.
+    pub(crate) seal: Box<SignedCall>,
+}
+
+/// Request signatures of one session.
+pub(crate) struct SignedCalls {
+    session: Nonce,
+    /// Used signatures, and the end of their validity.
+    used: BTreeMap<Nonce, u64>,
+}
+
+impl SignedCalls {
+    /// Of a life that begins.
+    ///
+    /// # Errors
+    /// If the machine gives no random number.
+    pub(crate) fn new() -> Result<Self, EngineFault> {
+        let life =
+            Nonce::random().map_err(|error: ApprovalError| EngineFault::Impossible(error.to_string()))?;
+        Ok(Self { session: life, used: BTreeMap::new() })
+    }
+
+    /// What a request is signed over now; absent in a script, whose requests were settled when it was written.
+    pub(crate) fn view(&self, context: &Context, record: &EngineRecorder) -> Option<SigningView> {
+        (!record.clock().is_scripted()).then(|| SigningView {
+            required: is_required(context),
+            store_id: record.version_table().store().store_id().to_owned(),
+            life: self.session.clone(),
+            until_ms: record.now_ms().saturating_add(CALL_VALID_MS_MAX),
+        })
+    }
+
+    /// Admits a request: its signer, or `None` if it needs no signature. Admission uses the signature up.
+    ///
+    /// # Errors
+    /// The refusal.
+    pub(crate) fn admit(
+        &mut self,
+        context: &Context,
+        record: &EngineRecorder,
+        request: &Request,
+    ) -> Result<Option<Signer>, Reply> {
+        if record.clock().is_scripted() {
+            return Ok(None);
+        }
+        match request.command.authority_effect() {
+            // Stopping is never made harder, by a bad signature either.
+            AuthorityEffect::Reads
+            | AuthorityEffect::TakesAway
+            | AuthorityEffect::SignedItself
+            | AuthorityEffect::Neither => {
+                return Ok(None);
+            }
+            AuthorityEffect::Gives => {}
+        }
+        let Some(seal) = &request.seal else {
+            return if is_required(context) { Err(unsigned(context)) } else { Ok(None) };
+        };
+        let signer = self.check(context, record, &request.command, seal)?;
+        let now_ms = record.now_ms();
+        self.used.retain(|_, until_ms| *until_ms > now_ms);
+        if self.used.len() >= USED_MAX {
+            let text =
+                format!("{USED_MAX} signed requests were made within minutes; wait for some to expire");
+            return Err(Reply::Refused { code: Refusal::NotNow, text, hint: None });
+        }
+        self.used.insert(seal.claim().nonce.clone(), seal.claim().not_after_ms);
+        Ok(Some(signer))
+    }
+
+    fn check(
+        &self,
+        context: &Context,
+        record: &EngineRecorder,
+        command: &Command,
+        seal: &SignedCall,
+    ) -> Result<Signer, Reply> {
+        let claim = seal.claim();
+        let persons = match record.version_table().store().persons() {
+            Ok(persons) => persons,
+            Err(error) => return Err(Reply::refused(Refusal::Store, &error)),
+        };
+        let identity = person(&persons, &claim.who)?;
+        if let Err(error) = seal.verify(&identity) {
+            return Err(Reply::refused(Refusal::NotAllowed, &error));
+        }
+        let name = &identity.name;
+        if claim.store_id != record.version_table().store().store_id() {
+            return stale(format!("the request of {name} was signed for another store"));
+        }
+        if claim.life != self.session {
+            return stale(format!("the request of {name} was signed for an engine that has ended"));
+        }
+        if command.digest().ok() != Some(claim.call) {
+            return refuse(Refusal::NotAllowed, format!("{name} signed another request than this"), None);
+        }
+        if command.by().is_some_and(|by| by != name) {
+            let text = format!("the request names another person than {name}, who signed it");
+            return refuse(Refusal::NotAllowed, text, None);
+        }
+        let now_ms = record.now_ms();
+        if claim.not_after_ms <= now_ms {
+            return stale(format!("the signature of {name} under this request has expired"));
+        }
+        if claim.not_after_ms - now_ms > CALL_VALID_MS_MAX {
+            let text = format!(
+                "the signature of {name} under this request would count for more than {} s",
+                CALL_VALID_MS_MAX / 1000
+            );
+            return refuse(Refusal::BadInput, text, Some("take `signing.until_ms` of a snapshot".to_owned()));
+        }
+        if self.used.contains_key(&claim.nonce) {
+            return stale(format!("the signature of {name} under this request was used already"));
+        }
+        if !identity.role.may_resume() {
+            let text = format!("{name} is enrolled as {}, who lets nothing go on", identity.role);
+            let hint = "an operator, an engineer or a safety officer signs it";
+            return refuse(Refusal::NotAllowed, text, Some(hint.to_owned()));
+        }
+        protected(context, record, name)?;
+        if context.needs_approval()
+            && let Some(refused) = unconfirmed(context, &persons, name)
+        {
+            return Err(refused);
+        }
+        Ok(Signer { name: name.clone(), role: identity.role, seal: Box::new(seal.clone()) })
+    }
+}
+
+/// A refusal if the signer has been revoked since the request was admitted.
+pub(crate) fn still_stands(record: &EngineRecorder, signer: &Signer) -> Result<(), Reply> {
+    match record.version_table().store().persons() {
+        Ok(persons) => person(&persons, &signer.name).map(drop),
+        Err(error) => Err(Reply::refused(Refusal::Store, &error)),
+    }
+}
+
+/// Whether every request that gives authority needs a signature here.
+pub(crate) fn is_required(context: &Context) -> bool {
+    match context.profile.name {
+        ProfileName::Sim => false,
+        ProfileName::Real | ProfileName::Human => true,
+    }
+}
+
+fn unsigned(context: &Context) -> Reply {
+    let profile = context.profile.name.name();
+    Reply::Refused {
+        code: Refusal::NotAllowed,
+        text: format!(
+            "this gives authority, and under the profile {profile} an enrolled person signs such a request"
+        ),
+        hint: Some(
+            "`--as NAME` signs it, and `:as NAME` in the console; see the guide on the socket".to_owned(),
+        ),
+    }
+}
+
+/// A refusal if people decide here and the key file has no passphrase.
+fn protected(context: &Context, record: &EngineRecorder, name: &str) -> Result<(), Reply> {
+    if !context.needs_approval() {
+        return Ok(());
+    }
+    let profile = context.profile.name.name();
+    match Identity::protection(&record.version_table().store().layout().identities(), name) {
+        Ok(Protection::Passphrase | Protection::Elsewhere) => Ok(()),
+        Ok(Protection::None) => {
+            let text =
+                format!("the key of {name} has no passphrase, and the profile {profile} takes none such");
+            let hint = format!("`holdpoint identity passphrase {name}` sets one; then ask again");
+            Err(Reply::Refused { code: Refusal::NotAllowed, text, hint: Some(hint) })
+        }
+        Err(error) => Err(Reply::Refused {
+            code: Refusal::NotAllowed,
+            text: error.to_string(),
+            hint: error.hint().map(std::borrow::Cow::into_owned),
+        }),
+    }
+}
+
+fn stale(text: String) -> Result<Signer, Reply> {
+    refuse(Refusal::Stale, text, Some("sign it again, with a current snapshot of this engine".to_owned()))
+}
+
+fn refuse(code: Refusal, text: String, hint: Option<String>) -> Result<Signer, Reply> {
+    Err(Reply::Refused { code, text, hint })
+}

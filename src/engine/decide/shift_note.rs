@@ -1,0 +1,36 @@
+//! A person's note for the next shift: recorded, published, and marked in the health charts. It decides nothing.
+
+use holdpoint_governance::record::RecordKind;
+use holdpoint_protocol::command::{Refusal, Reply};
+use holdpoint_protocol::event::EventKind;
+use holdpoint_registry::StoreError;
+use holdpoint_text::is_visible;
+use serde::{Deserialize, Serialize};
+
+use crate::decide::operations::REASON_BYTES_MAX;
+use crate::decide::recorder::EngineRecorder;
+
+/// A note in the audit chain.
+#[derive(Serialize, Deserialize)]
+pub(crate) struct ShiftNoteRecord {
+    pub(crate) by: String,
+    pub(crate) text: String,
+}
+
+/// Records a note.
+///
+/// # Errors
+/// If it cannot be written.
+pub(crate) fn take(record: &mut EngineRecorder, by: String, text: String) -> Result<Reply, StoreError> {
+    let fits = |text: &str| is_visible(text) && text.len() <= REASON_BYTES_MAX;
+    if !fits(&by) || !fits(&text) {
+        let text =
+            format!("a name and a note that can be read are needed, of 1 to {REASON_BYTES_MAX} bytes each");
+        return Ok(Reply::Refused { code: Refusal::BadInput, text, hint: None });
+    }
+    let note = ShiftNoteRecord { by, text };
+    record.note(RecordKind::ShiftNote, String::new(), serde_json::json!(note).to_string())?;
+    let ShiftNoteRecord { by, text } = note;
+    record.tell(EventKind::ShiftNote { by, text });
+    Ok(Reply::Accepted { text: "the note is on record".to_owned(), version: None })
+}

@@ -1,0 +1,66 @@
+//! A stage that an experiment leaves out: passed over, and said so on record.
+
+use holdpoint_governance::ablation::AblatedParts;
+use holdpoint_governance::composition::{PsiContext, psi};
+use holdpoint_governance::decision::Dimension;
+use holdpoint_governance::ids::CapabilityId;
+use holdpoint_governance::lifecycle::{LifecycleEvent, Stage};
+use holdpoint_governance::notice::Notice;
+use holdpoint_governance::outcome::StageOutcome;
+use holdpoint_protocol::event::EventKind;
+use holdpoint_registry::store_terms::EvidenceKind;
+
+use super::closing::stage_note;
+use crate::decide::context::Context;
+use crate::decide::evidence_binding::{binding, made_under};
+use crate::decide::evidence_file::EvidenceFiles;
+use crate::decide::recorder::EngineRecorder;
+use crate::fault::EngineFault;
+
+/// Takes a candidate past the sandbox or past shadow. Nothing is found out about it there.
+///
+/// # Errors
+/// If it cannot be written.
+pub fn pass_over(
+    context: &Context,
+    record: &mut EngineRecorder,
+    evidence_files: &mut EvidenceFiles,
+    id: &CapabilityId,
+    stage: Stage,
+) -> Result<(), EngineFault> {
+    record.start_stage(id, stage, 0)?;
+    let candidate = record.capability(id)?;
+    let (dimension, kind) = match stage {
+        Stage::Sandbox => (Dimension::Behavior, EvidenceKind::Sandbox),
+        Stage::Shadow => (Dimension::Shadow, EvidenceKind::Shadow),
+        Stage::Validation | Stage::Activation => {
+            return Err(EngineFault::Impossible(format!("{id}: {} cannot be left out whole", stage.name())));
+        }
+    };
+    let current = binding(context, record.version_table(), &candidate);
+    let evidence_file = evidence_files.edit(id);
+    if evidence_file.bindings.is_empty() {
+        evidence_file.bindings.push(current);
+    }
+    let Some(kappas) = evidence_file.kappas.clone() else {
+        return Err(EngineFault::Impossible(format!("{id} reached {} without an assessment", stage.name())));
+    };
+    let reason = AblatedParts::skip_reason(dimension);
+    evidence_file.reasons = vec![reason.clone()];
+    let under = made_under(context, record.version_table(), &candidate, evidence_file.digest()?);
+    let decision = psi(&kappas, PsiContext { has_approver: context.profile.has_approver() }, under);
+    record.tell(EventKind::Decided {
+        version: id.clone(),
+        stage,
+        outcome: StageOutcome::Skipped,
+        dimensions: evidence_file.dimensions(&context.profile),
+        composite: evidence_file.composite(&context.profile),
+        reasons: vec![reason.clone()],
+        conditions: evidence_file.conditions.clone(),
+        deployment: evidence_file.deployment,
+    });
+    let note = stage_note(evidence_file, id, kind, Notice::decided(Some(&reason)), &decision)?;
+    let (version, _, _) = record.version_table().version(id)?;
+    record.transition(&id.family, LifecycleEvent::Pass { version, stage }, note)?;
+    Ok(())
+}

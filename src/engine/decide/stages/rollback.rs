@@ -1,0 +1,373 @@
+//! Stage 7: the ladder. Every rung can fail and reports it; a failed rung ends in a safe-stopped family
+//! with a latched alarm, never in a silent "rolled back".
+//!
+//! Owns the order of the rungs and their record. `live/ladder_motion.rs` moves the arm; the lifecycle decides which
+//! version may take over. Source: paper section 5.2 stage 7; design rule 3.11.
+
+use holdpoint_cell::CellCopy;
+use holdpoint_governance::alarms::AlarmKey;
+use holdpoint_governance::ids::CapabilityId;
+use holdpoint_governance::lifecycle::{DeactivationKind, LifecycleEvent, State, VersionRef};
+use holdpoint_governance::notice::Notice;
+use holdpoint_governance::rollback::{
+    PostStatus, RollbackRecord, Rung, RungFailure, RungRecord, Trigger, TriggerKind, ticks_to_ms,
+};
+use holdpoint_governance::shared_event::{SceneKind, SharedEvent, StoppingEvent};
+use holdpoint_registry::ActiveCause;
+use holdpoint_runtime::agent::AbandonedGoal;
+use holdpoint_runtime::capability::Capability;
+use holdpoint_runtime::terms::SkillTerms;
+use holdpoint_text::Hint;
+use holdpoint_trials::scene_stops::past_limit;
+
+use super::ladder::{event, evidence, push_rung, rung};
+use super::resume::Resumption;
+use super::shared_stops;
+use crate::decide::context::Context;
+use crate::decide::evidence_binding::{not_admitted, terms_of};
+use crate::decide::evidence_file::{EvidenceFile, EvidenceFiles};
+use crate::decide::monitors::ActivationMonitor;
+use crate::decide::monitors::Monitors;
+use crate::decide::recorder::EngineRecorder;
+use crate::decide::version_table::{TransitionNote, VersionTableError};
+use crate::fault::EngineFault;
+use holdpoint_trials::past_limit::{MeasuredTask, past_limit};
+use crate::live::LiveWorld;
+use crate::live::cell_frame;
+use crate::live::forked_task::ForkedTask;
+use crate::live::ladder_motion::LadderMotion;
+use crate::live::station::Rig;
+use crate::live::painter::LadderPainter;
+use crate::live::supervisor::{Trip, stopping_events};
+
+/// The trigger of a rollback that begins now.
+pub(crate) fn trigger(record: &EngineRecorder, kind: TriggerKind, text: Notice) -> Trigger {
+    Trigger { kind, event: None, text: text.into(), tick: record.now_tick(), measured: None }
+}
+
+/// A live task and the world where it began.
+#[derive(Clone, Copy)]
+pub(crate) struct LiveScene<'a> {
+    pub(crate) start: &'a CellCopy,
+    pub(crate) task: MeasuredTask<'a>,
+}
+
+/// Rolls versions back: moves the arm, activates the rollback target and ends the drift monitor.
+pub struct Rollback<'a> {
+    /// The terms of the decision.
+    pub context: &'a Context,
+    pub record: &'a mut EngineRecorder,
+    pub evidence_files: &'a EvidenceFiles,
+    pub monitors: &'a mut Monitors,
+    /// Arm, agent and world.
+    pub world: &'a mut LiveWorld,
+}
+
+impl Rollback<'_> {
+    /// Rolls back an active version: first its command authority, then the arm to a safe pose, then
+    /// the binding, then the record. `trip` is the task stopped for it, if any. Returns the first tasks under the
+    /// predecessor to watch; `None` if there was nothing to do, or the family is safe-stopped.
+    pub(crate) fn run(
+        &mut self,
+        id: &CapabilityId,
+        trigger: Trigger,
+        trip: Option<&Trip>,
+        leave: DeactivationKind,
+        scene: Option<LiveScene<'_>>,
+    ) -> Result<Option<Resumption>, EngineFault> {
+        let (version, lifecycle, _) = self.record.version_table().version(id)?;
+        if lifecycle.state != State::Active {
+            return Ok(None);
+        }
+        let target = lifecycle.predecessor;
+        if !lifecycle.flags.rollback_pending {
+            let note =
+                TransitionNote::because(Notice::AuthorityRevoked { trigger: Box::new(trigger.text.clone()) });
+            self.record.transition(&id.family, LifecycleEvent::BeginRollback { version }, note)?;
+        }
+        let mut record = RollbackRecord {
+            candidate: id.clone(),
+            predecessor: None,
+            trigger,
+            in_flight: trip.is_some(),
+            time_to_safe_ticks: None,
+            time_to_safe_ms: None,
+            time_to_restored_ticks: None,
+            time_to_restored_ms: None,
+            unsafe_continuation_ms: 0,
+            rungs: Vec::new(),
+            post_status: PostStatus::SafeStopped,
+            recovered: None,
+            resumed_tasks: 0,
+            shared: None,
+        };
+        rung(self.record, &mut record, Rung::RevokeAuthority, None, Notice::NoMoreCommands);
+        let motion = self.bring_to_rest(id, trip, &mut record)?;
+        self.monitors.remove(&id.family);
+        if !motion.continues() {
+            return self.safe_stop(id, version, record).map(|()| None);
+        }
+        let Some(predecessor) = self.load_predecessor(id, target, &mut record) else {
+            return self.safe_stop(id, version, record).map(|()| None);
+        };
+        let failure = self.policy_failure();
+        rung(self.record, &mut record, Rung::VerifyPolicy, failure, Notice::PoliciesCompared);
+        if failure.is_some() {
+            return self.safe_stop(id, version, record).map(|()| None);
+        }
+        let ready_rung = self.check_target_ready(&predecessor);
+        let restored_ticks = motion.ticks_since_trigger + ready_rung.ticks;
+        self.record.advance(ready_rung.ms);
+        let is_ready = ready_rung.continues();
+        push_rung(self.record, &mut record, ready_rung);
+        if !is_ready {
+            return self.safe_stop(id, version, record).map(|()| None);
+        }
+        // Without a live monitor no tick runs under a provisional version.
+        let evidence_file = self.evidence_files.of(&predecessor.id());
+        let Ok(watched) =
+            ActivationMonitor::reactivated(&predecessor.id(), self.record, evidence_file, self.context)
+        else {
+            let notice = Notice::TargetUnmonitored { version: predecessor.id() };
+            let failed = Some(RungFailure::PredecessorFailed);
+            rung(self.record, &mut record, Rung::ReadyPredecessor, failed, notice);
+            return self.safe_stop(id, version, record).map(|()| None);
+        };
+        record.shared = scene.and_then(|scene| self.shared_event(scene, &record.trigger, &predecessor));
+        let leave = if record.shared.is_some() { DeactivationKind::Demoted } else { leave };
+        record.post_status = leave.into();
+        record.predecessor = Some(predecessor.id());
+        record.time_to_restored_ticks = Some(restored_ticks);
+        record.time_to_restored_ms = Some(ticks_to_ms(restored_ticks));
+        let because = match record.shared {
+            Some(shared) => {
+                Notice::SharedEvent { version: predecessor.id(), with: id.clone(), shared }.into()
+            }
+            None => record.trigger.text.clone(),
+        };
+        let note = TransitionNote {
+            cause: Some(ActiveCause::Restore),
+            before: vec![evidence(&record)?],
+            ..TransitionNote::because(because)
+        };
+        match self.record.transition(&id.family, LifecycleEvent::FinishRollback { version, leave }, note) {
+            Ok(_) => {
+                if let Some(watched) = watched {
+                    self.monitors.insert(watched);
+                }
+                let notice = self.abandon_goal(record.in_flight);
+                rung(self.record, &mut record, Rung::SwapBinding, None, notice);
+            }
+            Err(EngineFault::VersionTable(VersionTableError::Store(error))) => {
+                let notice = Notice::SwapFailed { problem: error.sentence() };
+                rung(self.record, &mut record, Rung::SwapBinding, Some(RungFailure::StoreFailed), notice);
+                return self.safe_stop(id, version, record).map(|()| None);
+            }
+            Err(fault) => return Err(fault),
+        }
+        if let Some(shared) = record.shared {
+            shared_stops::alarm(self.context, self.record, &predecessor.id(), id, shared);
+        }
+        Ok(Some(Resumption::new(predecessor.id(), record, self.record.now_ms())))
+    }
+
+    /// Has the rollback target run a fork of the task, and returns the safety event of the version if the target has it
+    /// too, and every other one of the task.
+    fn shared_event(
+        &self,
+        scene: LiveScene<'_>,
+        trigger: &Trigger,
+        target: &Capability,
+    ) -> Option<SharedEvent> {
+        if trigger.kind != TriggerKind::SafetyEvent {
+            return None;
+        }
+        let events = stopping_events(scene.task.record, &self.context.profile);
+        let event = trigger.event.or_else(|| events.first().copied())?;
+        let mut fork = self.context.cell.trial().ok()?;
+        fork.go_on_from(scene.start).ok()?;
+        let (task, seed) = (scene.task.record.task, scene.task.record.seed);
+        let forked = ForkedTask::new(fork, target, &self.terms(target), task, seed);
+        let (_, worked) = forked.run(&mut |_, _| {})?;
+        let of_target = stopping_events(&worked, &self.context.profile);
+        if worked.invalid || !events.iter().chain([&event]).all(|event| of_target.contains(event)) {
+            return None;
+        }
+        let event = StoppingEvent::Safety(event);
+        let past = past_limit(event, &worked, &self.context.profile);
+        Some(SharedEvent { scene: SceneKind::Live, seed, event, past })
+    }
+
+    /// Runs the rungs that move the arm. A failed body is not at standstill.
+    fn bring_to_rest(
+        &mut self,
+        id: &CapabilityId,
+        trip: Option<&Trip>,
+        record: &mut RollbackRecord,
+    ) -> Result<LadderMotion, EngineFault> {
+        let leaving = self.record.capability(id)?;
+        let terms = self.terms(&leaving);
+        let sketch = self.sketch(&leaving, &terms);
+        let is_rehearsed = self.evidence_files.of(id).is_some_and(EvidenceFile::has_passed_rollback_drills);
+        let cause = (record.trigger.kind, is_rehearsed);
+        let outcome = match self.world.cell.rig_mut() {
+            Some(rig) => {
+                rig.arm_mut().body_mut().draw(sketch);
+                let motion = rig.run_motion_rungs(&leaving, &terms, trip, cause);
+                rig.arm_mut().body_mut().draw(None);
+                motion.map_err(|error| Notice::BodyFailed { problem: error.to_string() })
+            }
+            None => Err(Notice::ArmOutOfReach),
+        };
+        let motion = outcome.unwrap_or_else(|notice| LadderMotion {
+            rungs: vec![RungRecord::new(Rung::Hold, Some(RungFailure::NoStandstill), 0, notice)],
+            ticks_to_safe: None,
+            ticks_since_trigger: 0,
+            rung_ticks: 0,
+            motion_ticks: 0,
+        });
+        self.record.advance(ticks_to_ms(motion.rung_ticks));
+        record.time_to_safe_ticks = motion.ticks_to_safe;
+        record.time_to_safe_ms = motion.ticks_to_safe.map(ticks_to_ms);
+        record.unsafe_continuation_ms = ticks_to_ms(motion.motion_ticks);
+        for rung in &motion.rungs {
+            push_rung(self.record, record, rung.clone());
+        }
+        Ok(motion)
+    }
+
+    /// The predecessor, read from the store again.
+    fn load_predecessor(
+        &mut self,
+        id: &CapabilityId,
+        target: Option<VersionRef>,
+        record: &mut RollbackRecord,
+    ) -> Option<Capability> {
+        let known = target.and_then(|target| {
+            let entry = self.record.version_table().family(&id.family).ok()?;
+            let restorable = entry.state.state(target) == Some(State::Superseded);
+            let member = entry.members.get(usize::from(target.0)).filter(|_| restorable)?;
+            Some(member.capability.id())
+        });
+        let profile = self.context.profile.name;
+        let admission_problem = known.as_ref().and_then(|known| {
+            let version_table = self.record.version_table();
+            let refusal =
+                not_admitted(self.context, version_table, &version_table.version(known).ok()?.2.capability)?;
+            Some(Notice::TargetNotAdmitted { version: known.clone(), profile, refusal })
+        });
+        let loaded = match (&known, admission_problem) {
+            (Some(_), Some(notice)) => Err((RungFailure::PredecessorMissing, notice)),
+            (None, _) => Err((RungFailure::PredecessorMissing, Notice::NoTarget)),
+            (Some(known), None) => self.record.version_table().reload(known).map_err(|error| {
+                let failure = match error {
+                    VersionTableError::Store(_) => RungFailure::StoreFailed,
+                    VersionTableError::UnknownFamily(_) | VersionTableError::UnknownVersion(_) => {
+                        RungFailure::PredecessorMissing
+                    }
+                    VersionTableError::Exists(_)
+                    | VersionTableError::Refused(_)
+                    | VersionTableError::Load { .. }
+                    | VersionTableError::Record { .. }
+                    | VersionTableError::DigestDiffers { .. } => RungFailure::DigestMismatch,
+                };
+                (failure, Notice::TargetUnreadable { problem: error.to_string() })
+            }),
+        };
+        match loaded {
+            Ok(predecessor) => {
+                let notice = Notice::TargetVerified { version: predecessor.id() };
+                rung(self.record, record, Rung::LoadPredecessor, None, notice);
+                Some(predecessor)
+            }
+            Err((failure, notice)) => {
+                rung(self.record, record, Rung::LoadPredecessor, Some(failure), notice);
+                None
+            }
+        }
+    }
+
+    /// Compiles the profile's policies again and compares them with those in force, and with the store's context.
+    fn policy_failure(&self) -> Option<RungFailure> {
+        let compiles_to_same =
+            self.context.recompiled().is_ok_and(|table| table.digest == self.context.table.digest);
+        let Ok(context) = self.record.version_table().store().views().and_then(|views| views.context())
+        else {
+            return Some(RungFailure::StoreFailed);
+        };
+        let is_on_record = context.is_some_and(|(_, digest, _)| digest == self.context.digest);
+        (!(compiles_to_same && is_on_record)).then_some(RungFailure::PolicyMismatch)
+    }
+
+    /// Ends the current task with its sequence; the version that takes over runs the goal from its first primitive.
+    fn abandon_goal(&mut self, in_flight: bool) -> Notice {
+        // A task that failed and ended is no longer in flight.
+        let abandoned = self.world.cell.rig_mut().map(Rig::give_up).filter(|_| in_flight);
+        match abandoned {
+            Some(AbandonedGoal { in_flight, planned }) => {
+                Notice::TargetBound { task: in_flight, planned: planned as u64 }
+            }
+            None => Notice::TargetBound { task: None, planned: 0 },
+        }
+    }
+
+    fn check_target_ready(&mut self, predecessor: &Capability) -> RungRecord {
+        let terms = self.terms(predecessor);
+        let sketch = self.sketch(predecessor, &terms);
+        let outcome = match self.world.cell.rig_mut() {
+            Some(rig) => {
+                rig.arm_mut().body_mut().draw(sketch);
+                let rung = rig.check_target_ready(predecessor, &terms);
+                rig.arm_mut().body_mut().draw(None);
+                rung.map_err(|error| Notice::BodyFailed { problem: error.to_string() })
+            }
+            None => Err(Notice::ArmOutOfReach),
+        };
+        outcome.unwrap_or_else(|notice| {
+            RungRecord::new(Rung::ReadyPredecessor, Some(RungFailure::PredecessorFailed), 0, notice)
+        })
+    }
+
+    /// The terms that a version runs under now.
+    fn terms(&self, version: &Capability) -> SkillTerms {
+        terms_of(self.context, self.record.version_table(), self.evidence_files, self.monitors, version)
+    }
+
+    /// Draws the ladder if video frames are wanted.
+    fn sketch(&self, of: &Capability, terms: &SkillTerms) -> Option<LadderPainter> {
+        let sink = self.world.frame_sink.clone()?;
+        let envelope = cell_frame::envelope(terms.envelope());
+        let sequence = self.world.cell.sequences().saturating_sub(1);
+        Some(LadderPainter::new(sink, self.record.clock().clone(), sequence, of.id(), envelope))
+    }
+
+    /// Leaves the family safe-stopped: a rung failed, or there is no rollback target.
+    fn safe_stop(
+        &mut self,
+        id: &CapabilityId,
+        version: VersionRef,
+        mut record: RollbackRecord,
+    ) -> Result<(), EngineFault> {
+        record.post_status = PostStatus::SafeStopped;
+        record.predecessor = None;
+        record.time_to_restored_ticks = None;
+        record.time_to_restored_ms = None;
+        record.recovered = Some(false);
+        let failure = record.stopped_by();
+        let trigger = Box::new(record.trigger.text.clone());
+        let note = TransitionNote {
+            cause: Some(ActiveCause::Vacate),
+            before: vec![evidence(&record)?],
+            ..TransitionNote::because(Notice::RollbackFailed { failure, trigger })
+        };
+        self.record.transition(&id.family, LifecycleEvent::FailRollback { version }, note)?;
+        let priority = self.context.profile.alarms.safe_stopped;
+        let notice = Notice::SafeStopped { family: id.family.clone(), failure };
+        self.record.raise(AlarmKey::SafeStopped(id.family.clone()), priority, true, notice);
+        self.record.tell(event(record));
+        self.record.close_audit(id, PostStatus::SafeStopped.into())
+    }
+}
+
+#[cfg(test)]
+pub(crate) mod tests;

@@ -1,0 +1,49 @@
+//! Events that a candidate shares with the active version: they are kept, and raise an alarm about the active version.
+
+use holdpoint_governance::alarms::AlarmKey;
+use holdpoint_governance::ids::CapabilityId;
+use holdpoint_governance::notice::Notice;
+use holdpoint_governance::shared_event::SharedEvent;
+use holdpoint_trials::scene_stops::SceneStops;
+
+use crate::decide::context::Context;
+use crate::decide::evidence_file::EvidenceFile;
+use crate::decide::recorder::EngineRecorder;
+
+/// Keeps the hard stops so far of a candidate and the active version.
+pub(crate) fn keep_stops(
+    context: &Context,
+    record: &mut EngineRecorder,
+    evidence_file: &mut EvidenceFile,
+    (candidate, active): (&CapabilityId, &CapabilityId),
+    stops: &SceneStops,
+) {
+    evidence_file.hard_stops.clone_from(&stops.own);
+    alarm_since(context, record, (candidate, active), stops, evidence_file.shared_events.len());
+    evidence_file.shared_events.clone_from(&stops.shared);
+}
+
+/// Raises the alarm for what the two share beyond the first `known` events.
+pub(crate) fn alarm_since(
+    context: &Context,
+    record: &mut EngineRecorder,
+    (candidate, active): (&CapabilityId, &CapabilityId),
+    stops: &SceneStops,
+    known: usize,
+) {
+    for shared in stops.shared.iter().skip(known) {
+        alarm(context, record, active, candidate, *shared);
+    }
+}
+
+/// Raises the alarm that an active version has the same event as another.
+pub(crate) fn alarm(
+    context: &Context,
+    record: &mut EngineRecorder,
+    version: &CapabilityId,
+    with: &CapabilityId,
+    shared: SharedEvent,
+) {
+    let notice = Notice::SharedEvent { version: version.clone(), with: with.clone(), shared };
+    record.raise(AlarmKey::SharedEvent(version.clone()), context.profile.alarms.violation, true, notice);
+}

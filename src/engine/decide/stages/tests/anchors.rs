@@ -1,0 +1,60 @@
+//! The anchor of a family: who may be one, and what a new one does to work under way.
+
+use std::path::Path;
+
+use holdpoint_governance::ids::CapabilityId;
+use holdpoint_governance::lifecycle::LifecycleEvent;
+use holdpoint_governance::notice::Notice;
+use holdpoint_governance::record::VersionGroup;
+use holdpoint_governance::submission::Package;
+use holdpoint_protocol::command::{Command, Operation, Reply};
+use holdpoint_runtime::capability;
+
+use crate::decide::stages::confirmation;
+use crate::decide::stages::rollback::tests::Bench;
+use crate::decide::version_table::TransitionNote;
+
+fn renumbered(to: &str) -> Package {
+    let mut package = capability::read(&Path::new(crate::MANIFESTS).join("grasp/1.0.0")).unwrap();
+    package.manifest = package.manifest.replacen("1.0.0", to, 1);
+    package
+}
+
+fn choose(bench: &mut Bench, id: &CapabilityId) -> Reply {
+    let operation = Operation { version: id.clone(), by: "ada".to_owned(), reason: "a test".to_owned() };
+    bench.pipeline.command(Command::Anchor(operation))
+}
+
+#[test]
+fn a_confirmation_begins_again_under_another_anchor() {
+    let mut bench = Bench::new();
+    let first = bench.activate_package(renumbered("1.0.1"), &[]);
+    assert!(matches!(choose(&mut bench, &first), Reply::Refused { .. }), "it is not confirmed yet");
+    let live = bench.pipeline.live();
+    let version = live.record.version_table().version(&first).unwrap().0;
+    let note = TransitionNote::because(Notice::StageBegins);
+    live.record.transition(&first.family, LifecycleEvent::Confirm { version }, note).unwrap();
+    let second = bench.activate_package(renumbered("1.0.2"), &[]);
+    let begin = |bench: &mut Bench| {
+        let live = bench.pipeline.live();
+        confirmation::begin(live.context, live.record, live.evidence_files, &second).unwrap().unwrap()
+    };
+    let run = begin(&mut bench);
+    assert!(
+        run.is_current(bench.pipeline.record().version_table()),
+        "the commissioned version is the anchor"
+    );
+    assert!(matches!(choose(&mut bench, &first), Reply::Accepted { .. }));
+    assert!(!run.is_current(bench.pipeline.record().version_table()), "it compares with another one");
+    let run = begin(&mut bench);
+    assert!(run.is_current(bench.pipeline.record().version_table()), "the predecessor is the anchor now");
+    // A restart reads the choice from the record.
+    let table = bench.pipeline.record().version_table();
+    let chosen = crate::decide::version_table::chosen_anchors(&table.store().views().unwrap()).unwrap();
+    assert_eq!(chosen.get(&first.family), Some(&first));
+    let registry = Command::Registry { group: VersionGroup::All, text: String::new(), offset: 0, limit: 10 };
+    let Reply::Registry { page } = bench.pipeline.command(registry) else {
+        panic!("no page of the registry")
+    };
+    assert_eq!(page.anchors, [first]);
+}

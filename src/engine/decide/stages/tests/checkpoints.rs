@@ -1,0 +1,32 @@
+//! A checkpoint that cannot be written raises an alarm, and the store continues.
+
+use std::fs;
+
+use holdpoint_governance::alarms::AlarmKey;
+
+use crate::decide::stages::rollback::tests::Bench;
+
+#[test]
+fn unwritable_checkpoint_raises_an_alarm_until_one_is_written() {
+    let mut bench = Bench::new();
+    let folder = bench.pipeline.record().version_table().store().layout().checkpoints();
+    let aside = folder.with_extension("aside");
+    let condition = |bench: &Bench| {
+        bench.pipeline.record().alarms().get(&AlarmKey::CheckpointFailed).map(|alarm| alarm.condition)
+    };
+    bench.pipeline.advance();
+    assert_eq!(condition(&bench), None);
+    fs::rename(&folder, &aside).unwrap();
+    // Every activation makes a checkpoint.
+    let first = bench.activate("align-improved");
+    bench.pipeline.advance();
+    assert_eq!(condition(&bench), Some(true));
+    assert!(
+        bench.pipeline.record().version_table().version(&first).is_ok()
+            && bench.pipeline.record().holding().is_none()
+    );
+    fs::rename(&aside, &folder).unwrap();
+    bench.activate("grasp-improved");
+    bench.pipeline.advance();
+    assert_ne!(condition(&bench), Some(true));
+}

@@ -1,0 +1,298 @@
+//! What a pause, and whatever else changes a version, does to what was under way with it: nothing is lost, and the
+//! engine does not hold for it.
+
+use holdpoint_body::disturbance::{DriftKind, LiveFault, Magnitude};
+use holdpoint_governance::ids::CapabilityId;
+use holdpoint_governance::lifecycle::{LifecycleEvent, Stage, State, VersionFlags};
+use holdpoint_governance::notice::Notice;
+use holdpoint_governance::profile::ProfileName;
+use holdpoint_governance::record::RecordKind;
+use holdpoint_protocol::command::{Command, Operation, Refusal, Reply};
+use holdpoint_protocol::event::EventKind;
+use holdpoint_registry::AuditFilter;
+
+use crate::decide::pipeline::SliceOutcome;
+use crate::decide::stages::activation::tests::{package, request_activation};
+use crate::decide::stages::rollback::tests::Bench;
+use crate::decide::version_table::TransitionNote;
+
+const CANDIDATE: &str = "align-improved";
+
+fn operation(version: &CapabilityId) -> Operation {
+    Operation { version: version.clone(), by: "ada".to_owned(), reason: "a test".to_owned() }
+}
+
+fn done(bench: &mut Bench, command: Command) {
+    let reply = bench.pipeline.command(command.clone());
+    assert!(matches!(reply, Reply::Accepted { .. }), "{command:?}: {reply:?}");
+}
+
+fn pause(bench: &mut Bench, id: &CapabilityId) {
+    done(bench, Command::Pause(operation(id)));
+}
+
+fn resume(bench: &mut Bench, id: &CapabilityId) {
+    done(bench, Command::Resume(operation(id)));
+}
+
+fn state_of(bench: &Bench, id: &CapabilityId) -> (State, VersionFlags) {
+    let (_, lifecycle, _) = bench.pipeline.record().version_table().version(id).unwrap();
+    (lifecycle.state, lifecycle.flags)
+}
+
+fn transition(bench: &mut Bench, id: &CapabilityId, event: LifecycleEvent) {
+    bench
+        .pipeline
+        .live()
+        .record
+        .transition(&id.family, event, TransitionNote::because(Notice::StageBegins))
+        .unwrap();
+}
+
+/// The pipeline does what it does by itself, and never holds.
+fn work(bench: &mut Bench, slices: usize) {
+    for _ in 0..slices {
+        let progress = bench.pipeline.advance();
+        assert_eq!(bench.pipeline.record().holding(), None);
+        if progress == (SliceOutcome::Idle { next_ms: None }) {
+            break;
+        }
+    }
+}
+
+/// No question is open, neither here nor in the store.
+fn no_request_is_open(bench: &Bench) -> bool {
+    let open = bench.pipeline.record().version_table().store().views().unwrap().open_requests().unwrap();
+    open.is_empty() && bench.pipeline.snapshot().prompts.is_empty()
+}
+
+fn begins_the_gate(bench: &mut Bench, id: &CapabilityId) -> bool {
+    bench.pipeline.drain_events();
+    work(bench, 3);
+    let begun = |event: &EventKind| matches!(event, EventKind::StageStarted { version, stage: Stage::Activation, .. } if version == id);
+    bench.pipeline.drain_events().iter().any(begun)
+}
+
+/// The window of a paused version ended in a confirmation that the lifecycle refuses, and the engine held.
+#[test]
+fn paused_active_version_keeps_running_and_is_confirmed_on_resume() {
+    let mut bench = Bench::new();
+    let id = bench.activate(CANDIDATE);
+    let reply = bench.pipeline.command(Command::Pause(operation(&id)));
+    let Reply::Accepted { text, .. } = &reply else { panic!("{reply:?}") };
+    assert!(text.contains("its promotion is paused"), "{text}");
+    let over = |bench: &mut Bench| bench.pipeline.live().monitors.of(&id).unwrap().monitor.is_confirmed();
+    for _ in 0..200 {
+        work(&mut bench, 1);
+        if over(&mut bench) {
+            break;
+        }
+    }
+    assert!(over(&mut bench), "it works on");
+    work(&mut bench, 3);
+    let (state, flags) = state_of(&bench, &id);
+    assert!(state == State::Active && flags.provisional && flags.paused, "{flags:?}");
+    resume(&mut bench, &id);
+    let (state, flags) = state_of(&bench, &id);
+    assert!(state == State::Active && !flags.provisional && !flags.paused, "{flags:?}");
+    let is_confirmation =
+        |event: &EventKind| matches!(event, EventKind::Confirmed { version, .. } if *version == id);
+    assert!(bench.pipeline.drain_events().iter().any(is_confirmation));
+}
+
+/// A pause of a confirmed version was accepted and changed nothing.
+#[test]
+fn pausing_a_confirmed_version_is_refused_with_a_hint() {
+    let mut bench = Bench::new();
+    let id = bench.activate(CANDIDATE);
+    let version = bench.pipeline.record().version_table().version(&id).unwrap().0;
+    transition(&mut bench, &id, LifecycleEvent::Confirm { version });
+    let reply = bench.pipeline.command(Command::Pause(operation(&id)));
+    let Reply::Refused { hint: Some(hint), .. } = &reply else { panic!("{reply:?}") };
+    assert!(hint.contains("holdpoint stop") && hint.contains("holdpoint version restrict"), "{hint}");
+    assert!(!state_of(&bench, &id).1.paused);
+}
+
+/// The sandbox of a paused version was worked to its end, which the lifecycle refuses, and the engine held.
+#[test]
+fn stage_of_a_paused_version_waits_and_resumes() {
+    let mut bench = Bench::new();
+    let id = bench.pass(CANDIDATE, &Stage::ALL[..1]);
+    work(&mut bench, 3);
+    assert_eq!(state_of(&bench, &id).1.running, Some(Stage::Sandbox));
+    let done = |bench: &Bench| {
+        let candidates = bench.pipeline.snapshot().candidates;
+        candidates.into_iter().find(|view| view.version == id).unwrap().progress.unwrap().done
+    };
+    pause(&mut bench, &id);
+    let before = done(&bench);
+    work(&mut bench, 20);
+    assert_eq!(done(&bench), before, "nothing of it is worked while it is paused");
+    // Another version does not wait behind it.
+    let other = bench.pass("place-refined", &[]);
+    work(&mut bench, 1);
+    assert_eq!(state_of(&bench, &other).0, State::Validated);
+    reject(&mut bench, &other);
+    resume(&mut bench, &id);
+    for _ in 0..20 {
+        work(&mut bench, 1);
+    }
+    assert!(done(&bench) > before, "it goes on from where it rested");
+    assert_eq!(state_of(&bench, &id).1.running, Some(Stage::Sandbox));
+}
+
+fn reject(bench: &mut Bench, id: &CapabilityId) {
+    done(bench, Command::Reject(operation(id)));
+}
+
+/// Regression: an answer over a changed row was refused, the question was gone, and no one could be asked again.
+#[test]
+fn a_pause_voids_a_request_and_the_gate_asks_again() {
+    let mut bench = Bench::new();
+    let id = request_activation(&mut bench.pipeline, package(CANDIDATE, &[]));
+    assert!(!no_request_is_open(&bench));
+    bench.pipeline.drain_events();
+    pause(&mut bench, &id);
+    assert!(no_request_is_open(&bench));
+    let events = bench.pipeline.drain_events();
+    let is_void = |event: &EventKind| {
+        let EventKind::Voided { reason, .. } = event else { return false };
+        matches!(reason.notice(), Some(Notice::RequestVoid { version, .. }) if *version == id)
+    };
+    assert!(events.iter().any(is_void), "{events:?}");
+    assert!(!begins_the_gate(&mut bench, &id), "it is paused");
+    resume(&mut bench, &id);
+    assert!(begins_the_gate(&mut bench, &id), "the gate checks it again");
+}
+
+/// The pause came after the approval and before the end of the sequence: the engine held.
+#[test]
+fn pause_voids_an_approval_that_waits_for_the_end_of_a_sequence() {
+    for by_command in [true, false] {
+        let mut bench = Bench::new();
+        let id = request_activation(&mut bench.pipeline, package(CANDIDATE, &[]));
+        bench.pipeline.activation().approvals.grant_later(&id);
+        if by_command {
+            pause(&mut bench, &id);
+        } else {
+            // As if it had changed in the meantime.
+            let version = bench.pipeline.record().version_table().version(&id).unwrap().0;
+            transition(&mut bench, &id, LifecycleEvent::Pause { version });
+            bench.pipeline.activation().take_granted().unwrap();
+        }
+        work(&mut bench, 5);
+        assert!(no_request_is_open(&bench));
+        let (state, flags) = state_of(&bench, &id);
+        assert!(state == State::Shadowed && flags.paused && !flags.awaiting_approval, "{flags:?}");
+        resume(&mut bench, &id);
+        assert!(begins_the_gate(&mut bench, &id));
+    }
+}
+
+/// A block under a profile changes the version's row as well.
+#[test]
+fn a_block_voids_an_approval_request() {
+    let mut bench = Bench::new();
+    let id = request_activation(&mut bench.pipeline, package(CANDIDATE, &[]));
+    done(&mut bench, Command::Demote { operation: operation(&id), profiles: vec![ProfileName::Human] });
+    assert!(no_request_is_open(&bench));
+    assert!(begins_the_gate(&mut bench, &id), "under another profile it may go on");
+}
+
+/// Regression: a request beside the version that took over never ended; at its deadline the engine halted.
+#[test]
+fn a_request_beside_an_activated_version_is_repeated() {
+    let mut bench = Bench::new();
+    let id = request_activation(&mut bench.pipeline, package(CANDIDATE, &[]));
+    let deadline_ms = bench.pipeline.record().engine_ms_at(bench.pipeline.snapshot().prompts[0].until);
+    bench.activate("align-low-transit");
+    assert!(bench.pipeline.look_at_deadlines().unwrap());
+    assert!(no_request_is_open(&bench));
+    assert_eq!(state_of(&bench, &id).1.running, None, "the gate may look at it again");
+    bench.pipeline.jump_to(deadline_ms);
+    while bench.pipeline.look_at_deadlines().unwrap() {}
+    assert_eq!(bench.pipeline.record().holding(), None);
+}
+
+/// The strip says which stage stopped a version: known at once, and after a restart.
+#[test]
+fn the_stage_of_a_rejection_is_on_record() {
+    for repeated in [Stage::Sandbox, Stage::Shadow] {
+        let mut bench = Bench::new();
+        let id = bench.pass(CANDIDATE, &Stage::ALL[..3]);
+        done(&mut bench, Command::Repeat { operation: operation(&id), stage: repeated });
+        let version = bench.pipeline.record().version_table().version(&id).unwrap().0;
+        transition(&mut bench, &id, LifecycleEvent::Reject { version });
+        let ran = |bench: &Bench| {
+            let candidates = bench.pipeline.snapshot().candidates;
+            let view = candidates.into_iter().find(|view| view.version == id).unwrap();
+            (view.left, view.ran)
+        };
+        let left = (Some(State::Demoted), Some(repeated));
+        assert_eq!(ran(&bench), left);
+        assert_eq!(ran(&bench.restart()), left);
+    }
+}
+
+/// The end of a drift, and of a fault, was answered as if one had set in.
+#[test]
+fn end_of_a_drift_or_fault_has_its_own_answer() {
+    let mut bench = Bench::new();
+    let mut reply_text = |command: Command| match bench.pipeline.command(command) {
+        Reply::Accepted { text, .. } => text,
+        other => panic!("{other:?}"),
+    };
+    let (kind, magnitude) = (Some(DriftKind::SensorNoise), Some(Magnitude::Mild));
+    assert!(reply_text(Command::Drift { kind, magnitude }).contains("set in"));
+    assert_eq!(reply_text(Command::Drift { kind: None, magnitude: None }), "the drift has ended");
+    assert!(reply_text(Command::LiveFault { fault: Some(LiveFault::ALL[0]) }).contains("set in"));
+    assert!(!reply_text(Command::LiveFault { fault: None }).contains("set in"));
+}
+
+/// A reason of zero-width characters passed for a reason.
+#[test]
+fn every_command_refuses_an_unreadable_reason() {
+    let mut bench = Bench::new();
+    let id = bench.activate(CANDIDATE);
+    for unseen in ["\u{200b}", " \u{2060}\u{feff}", "\u{3164}", "\t"] {
+        let (by, reason) = ("ada".to_owned(), unseen.to_owned());
+        let of = || Operation { version: id.clone(), by: by.clone(), reason: reason.clone() };
+        let commands = [
+            Command::Reject(of()),
+            Command::Rollback(of()),
+            Command::Vacate(of()),
+            Command::Demote { operation: of(), profiles: vec![ProfileName::Real] },
+            Command::Release { operation: of(), profiles: Vec::new() },
+            Command::Pause(of()),
+            Command::Resume(of()),
+            Command::Repeat { operation: of(), stage: Stage::Sandbox },
+            Command::Restrict(of()),
+            Command::Rearm(of()),
+            Command::Continue(of()),
+            Command::Goal { goal: "grasp".to_owned(), by: by.clone(), reason: reason.clone() },
+        ];
+        for command in commands {
+            let reply = bench.pipeline.command(command.clone());
+            let Reply::Refused { code, text, .. } = &reply else { panic!("{command:?}: {reply:?}") };
+            assert!(*code == Refusal::BadInput && text.contains("reason"), "{command:?}: {reply:?}");
+        }
+    }
+}
+
+/// Regression: the reason of a pause was nowhere in the store.
+#[test]
+fn a_pause_and_its_end_are_on_record_with_person_and_reason() {
+    let mut bench = Bench::new();
+    let id = bench.pass(CANDIDATE, &Stage::ALL[..1]);
+    pause(&mut bench, &id);
+    resume(&mut bench, &id);
+    let filter = AuditFilter { kind: Some(RecordKind::PauseSet), ..AuditFilter::default() };
+    let found = bench.pipeline.record().version_table().store().views().unwrap().audit(&filter).unwrap();
+    let Operation { by, reason, .. } = operation(&id);
+    for (record, act) in found.iter().zip(["paused", "resumed"]) {
+        let body: serde_json::Value = serde_json::from_str(&record.body).unwrap();
+        assert_eq!((&record.subject, &body["act"]), (&id.to_string(), &act.into()), "{body}");
+        assert_eq!((&body["by"], &body["reason"]), (&by.as_str().into(), &reason.as_str().into()), "{body}");
+    }
+    assert_eq!(found.len(), 2);
+}

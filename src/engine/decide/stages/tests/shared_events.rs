@@ -1,0 +1,98 @@
+//! An event that stops a version: where the version compared with has the same, it speaks against neither.
+
+use std::path::Path;
+
+use holdpoint_governance::alarms::AlarmKey;
+use holdpoint_governance::ids::CapabilityId;
+use holdpoint_governance::lifecycle::{LifecycleEvent, State};
+use holdpoint_governance::notice::Notice;
+use holdpoint_governance::rollback::{PostStatus, RollbackRecord, TriggerKind};
+use holdpoint_governance::shared_event::{SceneKind, StoppingEvent};
+use holdpoint_governance::submission::Package;
+use holdpoint_protocol::command::{Command, Reply};
+use holdpoint_protocol::event::EventKind;
+use holdpoint_runtime::capability::{self, Capability};
+
+use crate::decide::pipeline::SliceOutcome;
+use crate::decide::stages::rollback::tests::Bench;
+use crate::decide::version_table::TransitionNote;
+
+/// A version under the next number, with nothing else changed.
+fn renumbered(folder: &str, from: &str, to: &str) -> Package {
+    let mut package = capability::read(&Path::new(crate::MANIFESTS).join(folder)).unwrap();
+    package.manifest = package.manifest.replacen(from, to, 1);
+    package
+}
+
+/// Confirms an activated version without its window.
+fn confirm(bench: &mut Bench, id: &CapabilityId) {
+    let version = bench.pipeline.record().version_table().version(id).unwrap().0;
+    let note = TransitionNote::because(Notice::StageBegins);
+    let live = bench.pipeline.live();
+    live.record.transition(&id.family, LifecycleEvent::Confirm { version }, note).unwrap();
+}
+
+/// Runs until a version is rolled back.
+fn rollback_of(bench: &mut Bench, id: &CapabilityId) -> RollbackRecord {
+    for _ in 0..60 {
+        assert_eq!(bench.pipeline.advance(), SliceOutcome::Ran);
+        for event in bench.pipeline.drain_events() {
+            if let EventKind::RolledBack { version, record, .. } = event
+                && version == *id
+            {
+                return *record;
+            }
+        }
+    }
+    panic!("{id} was not rolled back");
+}
+
+#[test]
+fn version_whose_rollback_target_has_the_same_event_is_demoted() {
+    let mut bench = Bench::new();
+    // It flies low, among the live cell's clutter.
+    let before = bench.activate("align-low-transit");
+    confirm(&mut bench, &before);
+    let again = renumbered("candidates/align-low-transit", "1.1.1", "1.1.2");
+    let id = bench.activate_package(again, &[]);
+    let record = rollback_of(&mut bench, &id);
+    assert_eq!((record.trigger.kind, record.post_status), (TriggerKind::SafetyEvent, PostStatus::Demoted));
+    assert!(record.time_to_safe_ticks.is_some(), "the arm is made safe first");
+    let shared = record.shared.unwrap();
+    assert_eq!(shared.scene, SceneKind::Live);
+    assert_eq!(Some(shared.event), record.trigger.event.map(StoppingEvent::Safety));
+    let version_table = bench.pipeline.record().version_table();
+    assert_eq!(version_table.version(&id).unwrap().1.state, State::Demoted);
+    let alarm = bench.pipeline.record().alarms().get(&AlarmKey::SharedEvent(before));
+    assert!(alarm.is_some(), "{:?}", bench.pipeline.record().alarms());
+}
+
+#[test]
+fn version_whose_rollback_target_is_safe_in_the_same_task_is_rolled_back() {
+    let mut bench = Bench::new();
+    let id = bench.activate("align-low-transit");
+    let record = rollback_of(&mut bench, &id);
+    assert_eq!((record.post_status, record.shared), (PostStatus::RolledBack, None));
+    assert_eq!(bench.pipeline.record().version_table().version(&id).unwrap().1.state, State::RolledBack);
+}
+
+/// Regression: on this run seed, a person reaches onto the arm in one of the episodes under stress, and the commissioned
+/// version under another number was rejected for it.
+#[test]
+fn commissioned_version_is_not_rejected_for_a_person_who_reaches_onto_the_arm() {
+    let mut bench = Bench::seeded(55);
+    let package = renumbered("grasp/1.0.0", "1.0.0", "1.0.1");
+    let id = Capability::load("test", package.clone()).unwrap().id();
+    let reply = bench.pipeline.command(Command::Register { package, name: "again".to_owned(), by: None });
+    assert!(matches!(reply, Reply::Accepted { .. }), "{reply:?}");
+    for _ in 0..60 {
+        assert_eq!(bench.pipeline.advance(), SliceOutcome::Ran);
+        let evidence_file = bench.pipeline.live().evidence_files.of(&id).cloned().unwrap_or_default();
+        if evidence_file.modes.len() == 2 {
+            assert!(evidence_file.hard_stops.is_empty(), "{:?}", evidence_file.hard_stops);
+            assert_eq!(evidence_file.unsafe_under_stress, 0, "the commissioned version does the same");
+            return;
+        }
+    }
+    panic!("the modes did not run");
+}
