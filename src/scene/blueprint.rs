@@ -4,17 +4,17 @@
 
 use std::io;
 
-use re_sdk_types::blueprint::archetypes::{
-    Background, ContainerBlueprint, EyeControls3D, PanelBlueprint, TimePanelBlueprint, ViewBlueprint,
-    ViewContents, ViewportBlueprint,
-};
-use re_sdk_types::components::Name;
-use re_sdk_types::datatypes;
 use rerun::blueprint::components::{
     ActiveTab, AutoLayout, AutoViews, BackgroundKind, ColumnShare, ContainerKind, IncludedContent, LoopMode,
     PanelState, QueryExpression, RootContainer, RowShare, TimelineName, ViewClass,
 };
+use rerun::components::Name;
+use rerun::datatypes;
 use rerun::external::re_log_types::BlueprintActivationCommand;
+use rerun::external::re_sdk_types::blueprint::archetypes::{
+    Background, ContainerBlueprint, EyeControls3D, PanelBlueprint, TimePanelBlueprint, ViewBlueprint,
+    ViewContents, ViewportBlueprint,
+};
 use rerun::log::{Chunk, LogMsg};
 use rerun::time::{TimeCell, TimePoint};
 use rerun::{AsComponents, EntityPath, StoreId, StoreKind};
@@ -77,14 +77,14 @@ struct BlueprintPage {
 }
 
 /// A fixed id; `kind` keeps views and containers apart.
-fn uuid(kind: u8, number: u8) -> re_sdk_types::external::uuid::Uuid {
+fn uuid(kind: u8, number: u8) -> rerun::external::uuid::Uuid {
     let mut bytes = *b"holdpoint-layout";
     // Version 4, variant 1, as every reader expects of an id.
     bytes[6] = 0x40;
     bytes[8] = 0x80;
     bytes[14] = kind;
     bytes[15] = number;
-    re_sdk_types::external::uuid::Uuid::from_bytes(bytes)
+    rerun::external::uuid::Uuid::from_bytes(bytes)
 }
 
 fn view_path(number: u8) -> String {

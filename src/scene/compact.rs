@@ -7,9 +7,9 @@ use std::fs::{self, File};
 use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
 
-use re_sdk_types::AnyValues;
-use re_sdk_types::components::Text;
+use rerun::AnyValues;
 use rerun::EntityPath;
+use rerun::components::Text;
 use rerun::log::Chunk;
 use sha2::{Digest as _, Sha256};
 

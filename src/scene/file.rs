@@ -6,12 +6,12 @@
 use std::collections::BTreeMap;
 use std::io::{self, Write};
 
-use re_chunk::Span;
-use re_log_encoding::{
+use rerun::external::arrow::datatypes::Schema;
+use rerun::external::re_chunk_store::Span;
+use rerun::external::re_log_encoding::{
     Compression, CrateVersion, Encodable, EncodingOptions, MessageHeader, MessageKind, RRD_FOURCC,
     RawRrdManifest, RrdFooter, RrdManifestBuilder, StreamFooter, StreamHeader, ToTransport,
 };
-use rerun::external::arrow::datatypes::Schema;
 use rerun::external::re_log_types::{SetStoreInfo, StoreInfo, StoreSource};
 use rerun::log::{Chunk, LogMsg};
 use rerun::{StoreId, StoreKind};

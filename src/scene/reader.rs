@@ -6,9 +6,9 @@ use std::collections::BTreeMap;
 use std::io::Read as _;
 use std::path::Path;
 
-use re_log_encoding::DecoderApp;
-use re_sdk_types::archetypes::{Arrows3D, Boxes3D, Points3D, Scalars, TextLog};
-use re_sdk_types::components::{Position3D, Scalar, Text};
+use rerun::archetypes::{Arrows3D, Boxes3D, Points3D, Scalars, TextLog};
+use rerun::components::{Position3D, Scalar, Text};
+use rerun::external::re_log_encoding::DecoderApp;
 use rerun::log::{Chunk, LogMsg};
 use rerun::{Component, ComponentDescriptor};
 
@@ -158,7 +158,7 @@ struct Bodies {
 
 impl Bodies {
     fn of(chunks: &[Chunk], root: &str) -> Self {
-        use re_sdk_types::components::{RotationQuat, Translation3D};
+        use rerun::components::{RotationQuat, Translation3D};
         let points = |path: &str| {
             let rows = column::<Translation3D>(chunks, path, &Boxes3D::descriptor_centers());
             rows.into_iter()

@@ -3,9 +3,9 @@
 //! The decoder and the Arrow reader allocate the stated size before the data is there. An impossible size aborts the
 //! process, and no guard catches that. Sizes are therefore compared with the bytes first.
 
-use re_log_encoding::external::lz4_flex::block::decompress;
-use re_log_encoding::{Decodable as _, MessageHeader, MessageKind, StreamHeader};
 use rerun::external::arrow::ipc::root_as_message;
+use rerun::external::re_log_encoding::external::lz4_flex::block::decompress;
+use rerun::external::re_log_encoding::{Decodable as _, MessageHeader, MessageKind, StreamHeader};
 
 /// LZ4 expands one byte to at most this many.
 const LZ4_RATIO_MAX: usize = 256;

@@ -5,8 +5,8 @@ use std::io::{self, BufWriter};
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use re_sdk_types::AnyValues;
-use re_sdk_types::components;
+use rerun::AnyValues;
+use rerun::components;
 use rerun::{EntityPath, RecordingInfo, StoreId};
 
 use super::compact;

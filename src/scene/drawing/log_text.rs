@@ -1,7 +1,7 @@
 //! Text: the upgrade's phase, the log of events and alarms, and the upgrade's document.
 
-use re_sdk_types::archetypes::{StateChange, TextDocument, TextLog};
-use re_sdk_types::components::TextLogLevel;
+use rerun::archetypes::{StateChange, TextDocument, TextLog};
+use rerun::components::TextLogLevel;
 
 use super::Drawing;
 use crate::labels;

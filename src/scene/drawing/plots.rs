@@ -1,6 +1,6 @@
 //! Charts: measurements of the tool, the pairs, the shadow, the four kappas and the monitor, with its limits.
 
-use re_sdk_types::archetypes::Scalars;
+use rerun::archetypes::Scalars;
 
 use super::{Drawing, part, style};
 use crate::limits::{LIMIT_EVERY_MS, TEXT_WIDTH_MAX};

@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use re_sdk_types::archetypes::TextLog;
+use rerun::archetypes::TextLog;
 
 use crate::rows::{PendingRows, RowTime};
 use holdpoint_body::TaskKind;

@@ -1,9 +1,7 @@
 //! The fixed scene, and the style of the bodies that move.
 
-use re_sdk_types::archetypes::{
-    Arrows3D, Boxes3D, Capsules3D, LineStrips3D, Points3D, TextLog, ViewCoordinates,
-};
-use re_sdk_types::components::{FillMode, Radius};
+use rerun::archetypes::{Arrows3D, Boxes3D, Capsules3D, LineStrips3D, Points3D, TextLog, ViewCoordinates};
+use rerun::components::{FillMode, Radius};
 
 use super::world::BodyRole;
 use super::{part, theme};

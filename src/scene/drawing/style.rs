@@ -1,7 +1,7 @@
 //! Style of the charts: name, color and width, written once for each line.
 
-use re_sdk_types::archetypes::SeriesLines;
-use re_sdk_types::components::InterpolationMode;
+use rerun::archetypes::SeriesLines;
+use rerun::components::InterpolationMode;
 
 use super::theme;
 use crate::rows::PendingRows;

@@ -1,6 +1,6 @@
 //! The only place that makes colors for a viewer; the console has its own theme.
 
-use re_sdk_types::components::Color;
+use rerun::components::Color;
 
 /// An opaque color.
 #[must_use]

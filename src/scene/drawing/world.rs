@@ -1,8 +1,8 @@
 //! The moving scene: arm, gripper, object, contacts, the tool's path, and the candidate's twin as a ghost.
 
-use re_sdk_types::archetypes::{Arrows3D, Boxes3D, Capsules3D, Clear, LineStrips3D, Points3D};
-use re_sdk_types::components::{Color, RotationQuat};
-use re_sdk_types::datatypes::Quaternion;
+use rerun::archetypes::{Arrows3D, Boxes3D, Capsules3D, Clear, LineStrips3D, Points3D};
+use rerun::components::{Color, RotationQuat};
+use rerun::datatypes::Quaternion;
 
 use super::{Drawing, Trail, theme};
 use crate::limits::{GRID_PER_M, PATH_POINTS_MAX, PATH_STEP_M};
