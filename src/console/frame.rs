@@ -111,7 +111,11 @@ pub fn decision_on_screen(model: &ConsoleModel, look: &Look, area: Rect) -> Opti
             let area = if fit == Fit::Tiny { body } else { view_area(model, body) };
             Some(views::form::on_screen(model, form, &pen, area))
         }
-        Overlay::Palette(_) | Overlay::Why(_) | Overlay::Film(_) | Overlay::Replay(_) | Overlay::KeyLog(_) => None,
+        Overlay::Palette(_)
+        | Overlay::Why(_)
+        | Overlay::Film(_)
+        | Overlay::Replay(_)
+        | Overlay::KeyLog(_) => None,
     }
 }
 

@@ -165,7 +165,13 @@ fn take_in(model: &mut ConsoleModel, msg: Msg) -> Vec<Effect> {
             match &mut model.input.overlay {
                 Some(Overlay::Approval(prompt)) => prompt.mark_read(&visible),
                 Some(Overlay::Form(form)) => form.mark_read(&visible),
-                Some(Overlay::Palette(_) | Overlay::Why(_) | Overlay::Film(_) | Overlay::Replay(_) | Overlay::KeyLog(_))
+                Some(
+                    Overlay::Palette(_)
+                    | Overlay::Why(_)
+                    | Overlay::Film(_)
+                    | Overlay::Replay(_)
+                    | Overlay::KeyLog(_),
+                )
                 | None => {}
             }
             Vec::new()

@@ -467,7 +467,14 @@ impl Session {
         let unread = |model: &ConsoleModel| match &model.input.overlay {
             Some(Overlay::Approval(prompt)) => prompt.unread(),
             Some(Overlay::Form(form)) => form.unread(),
-            Some(Overlay::Palette(_) | Overlay::Why(_) | Overlay::Film(_) | Overlay::Replay(_) | Overlay::KeyLog(_)) | None => 0,
+            Some(
+                Overlay::Palette(_)
+                | Overlay::Why(_)
+                | Overlay::Film(_)
+                | Overlay::Replay(_)
+                | Overlay::KeyLog(_),
+            )
+            | None => 0,
         };
         let before = unread(&self.model);
         self.fold_one(MsgKind::DecisionShown(visible));

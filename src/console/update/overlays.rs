@@ -195,7 +195,14 @@ pub(super) fn unsigned(model: &mut ConsoleModel, id: &str, text: String) {
                 return signing.failed(text);
             }
         }
-        Some(Overlay::Palette(_) | Overlay::Why(_) | Overlay::Film(_) | Overlay::Replay(_) | Overlay::KeyLog(_)) | None => {}
+        Some(
+            Overlay::Palette(_)
+            | Overlay::Why(_)
+            | Overlay::Film(_)
+            | Overlay::Replay(_)
+            | Overlay::KeyLog(_),
+        )
+        | None => {}
     }
     show_message(model, text, true);
 }
@@ -213,7 +220,14 @@ pub(super) fn unanswered(model: &mut ConsoleModel, why: &str) {
                 signing.failed(why.to_owned());
             }
         }
-        Some(Overlay::Palette(_) | Overlay::Why(_) | Overlay::Film(_) | Overlay::Replay(_) | Overlay::KeyLog(_)) | None => {}
+        Some(
+            Overlay::Palette(_)
+            | Overlay::Why(_)
+            | Overlay::Film(_)
+            | Overlay::Replay(_)
+            | Overlay::KeyLog(_),
+        )
+        | None => {}
     }
 }
 
@@ -224,7 +238,14 @@ pub(super) fn answered(model: &mut ConsoleModel, id: &str) {
             prompt.signing.as_ref().is_some_and(|signing| signing.waits_for(id))
         }
         Some(Overlay::Form(form)) => form.signing.as_ref().is_some_and(|signing| signing.waits_for(id)),
-        Some(Overlay::Palette(_) | Overlay::Why(_) | Overlay::Film(_) | Overlay::Replay(_) | Overlay::KeyLog(_)) | None => false,
+        Some(
+            Overlay::Palette(_)
+            | Overlay::Why(_)
+            | Overlay::Film(_)
+            | Overlay::Replay(_)
+            | Overlay::KeyLog(_),
+        )
+        | None => false,
     };
     if waited {
         model.input.overlay = None;

@@ -22,16 +22,16 @@ use holdpoint_registry::{Layout, StopMarks, Store, StoreError, UnverifiedStore, 
 use holdpoint_text::Hint as _;
 
 use crate::decide::context::Context;
+use crate::decide::halt;
+use crate::decide::store_identity;
+use crate::decide::wall_clock::wall_now;
+use crate::explain::view::snapshot::alarm_view;
+use crate::live::scenery;
+use crate::live::stop_switch::{Controls, StopRequest, StopSwitch};
 use crate::service::control_socket::{
     AccountRoles, ConsoleRegistry, ControlSocket, LiveViews, SceneServerSlot, SignalHandling,
 };
-use crate::decide::halt;
 use crate::service::persisted_clock;
-use crate::decide::store_identity;
-use crate::explain::view::snapshot::alarm_view;
-use crate::decide::wall_clock::wall_now;
-use crate::live::scenery;
-use crate::live::stop_switch::{Controls, StopRequest, StopSwitch};
 use crate::{Config, Engine, StartError, StartRules};
 
 /// How long a request for the state waits for the engine before the bootstrap answers with unverified rows.

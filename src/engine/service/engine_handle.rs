@@ -35,8 +35,9 @@ use super::control_socket::{
     UnverifiedOrigin,
 };
 use super::pump::Pump;
-use crate::service::bootstrap::{EngineBootstrap, LOOK_PATIENCE, ReadProgressFn};
+use crate::Config;
 use crate::live::stop_switch::{StopRequest, StopSwitch};
+use crate::service::bootstrap::{EngineBootstrap, LOOK_PATIENCE, ReadProgressFn};
 use holdpoint_protocol::account_role::AccountRole;
 use holdpoint_protocol::command::{Command, Request};
 use holdpoint_protocol::console_presence::ConsolePresence;

@@ -290,7 +290,12 @@ fn a_version_that_left_says_who_or_what_decided() {
             "align@1.1.1 was REJECTED by bob (engineer): not at night (record 58, Thu 1 Jan 00:00 UTC)",
         ),
         (
-            VersionPosition::RolledBack { status: PostStatus::Demoted, target, cause: cause(), measured: None },
+            VersionPosition::RolledBack {
+                status: PostStatus::Demoted,
+                target,
+                cause: cause(),
+                measured: None,
+            },
             "align@1.1.1 was ROLLED BACK to align@1.0.0 and returned to evaluation (record 58, Thu 1 Jan 00:00 UTC): the \
              family has no active version to compare with",
         ),

@@ -40,11 +40,10 @@ use crate::decide::context::Context;
 use crate::decide::evidence_binding::stale_causes;
 use crate::decide::evidence_file::{EvidenceFile, EvidenceFiles};
 use crate::decide::recorder::EngineRecorder;
-use crate::explain::view::{check_explanation, evidence};
-use crate::explain::why::is_in_favor;
-use crate::fault::EngineFault;
 use crate::explain::view::check_explanation::{SUMMARIZED, summary};
 use crate::explain::view::evidence;
+use crate::explain::why::is_in_favor;
+use crate::fault::EngineFault;
 
 /// The most requests that are remembered: one for each open question and each person.
 const REQUESTS_MAX: usize = 4096;

@@ -28,15 +28,15 @@ use crate::decide::recorder::EngineRecorder;
 use crate::decide::version_concern::VersionConcern;
 use crate::decide::version_table::TransitionNote;
 use crate::fault::EngineFault;
-use crate::live::live_task_record::{LIVE, LiveTaskMarks, LiveTaskRecord, UNWATCHED};
-use holdpoint_trials::past_limit::MeasuredTask;
 use crate::live::LiveWorld;
 use crate::live::listener::NoListener;
-use crate::live::station::{SequenceReport, TaskStart};
+use crate::live::live_task_record::{LIVE, LiveTaskMarks, LiveTaskRecord, UNWATCHED};
 use crate::live::painter::{Painter, SequencePainter};
 use crate::live::sequence::{self, FinishedSequence, StartedSequence, StoppedTask};
 use crate::live::shadow::Shadow;
+use crate::live::station::{SequenceReport, TaskStart};
 use crate::live::supervisor::{Trip, safety_events};
+use holdpoint_trials::past_limit::MeasuredTask;
 
 /// The live world under watch: neither prompts nor evaluations.
 pub struct LiveMonitoring<'a> {

@@ -18,7 +18,6 @@ use holdpoint_runtime::agent::AbandonedGoal;
 use holdpoint_runtime::capability::Capability;
 use holdpoint_runtime::terms::SkillTerms;
 use holdpoint_text::Hint;
-use holdpoint_trials::scene_stops::past_limit;
 
 use super::ladder::{event, evidence, push_rung, rung};
 use super::resume::Resumption;
@@ -31,14 +30,14 @@ use crate::decide::monitors::Monitors;
 use crate::decide::recorder::EngineRecorder;
 use crate::decide::version_table::{TransitionNote, VersionTableError};
 use crate::fault::EngineFault;
-use holdpoint_trials::past_limit::{MeasuredTask, past_limit};
 use crate::live::LiveWorld;
 use crate::live::cell_frame;
 use crate::live::forked_task::ForkedTask;
 use crate::live::ladder_motion::LadderMotion;
-use crate::live::station::Rig;
 use crate::live::painter::LadderPainter;
+use crate::live::station::Rig;
 use crate::live::supervisor::{Trip, stopping_events};
+use holdpoint_trials::past_limit::{MeasuredTask, past_limit};
 
 /// The trigger of a rollback that begins now.
 pub(crate) fn trigger(record: &EngineRecorder, kind: TriggerKind, text: Notice) -> Trigger {

@@ -9,6 +9,11 @@ use holdpoint_registry::verify_approval;
 use super::{Approvals, PendingApproval, RecordedAnswer, RequestKind, activation_terms, vote};
 use crate::decide::context::Context;
 use crate::decide::evidence_file::EvidenceFiles;
+use crate::decide::people::persons::unconfirmed;
+use crate::decide::people::request_display::is_display_current;
+use crate::decide::recorder::EngineRecorder;
+use crate::decide::stages::activation::gate;
+use crate::decide::version_origin;
 use crate::fault::EngineFault;
 
 impl Approvals {

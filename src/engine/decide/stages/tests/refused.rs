@@ -16,9 +16,9 @@ use holdpoint_trials::undisturbed_run::{TrialCase, UndisturbedRun};
 use holdpoint_trials::worker::Worker;
 
 use crate::decide::stages::rollback::tests::Bench;
-use holdpoint_trials::past_limit::MeasuredTask;
 use crate::live::listener::Listener as _;
 use crate::live::shadow::Shadow;
+use holdpoint_trials::past_limit::MeasuredTask;
 
 /// The most sequences a version may fail in before it is rolled back.
 const FEW: usize = 12;
