@@ -155,7 +155,7 @@ fn a_long_version_leaves_its_state_whole() {
     let name = long_version();
     let provisional = VersionFlags { provisional: true, paused: false, ..PAUSED };
     for (state, flags, label) in [
-        (State::Sandboxed, PAUSED, "held"),
+        (State::Sandboxed, PAUSED, "paused"),
         (State::Rejected, VersionFlags { paused: false, ..PAUSED }, "rejected"),
         (State::Active, provisional, "active, provisional"),
         (State::Shadowed, VersionFlags { awaiting_approval: true, ..provisional }, "awaiting approval"),

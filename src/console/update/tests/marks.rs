@@ -149,10 +149,10 @@ fn only_reject_and_hold_take_marks() {
 #[test]
 fn marks_are_shown_copied_and_removed() {
     let mut console = console_with_candidates();
-    assert!(!screen(&console, 100, 30).contains("- align@1.1.0"));
+    assert!(!screen(&console, 100, 30).contains("M align@1.1.0"));
     mark(&mut console, &["place@1.1.0", "align@1.1.0"]);
     let shown = screen(&console, 100, 30);
-    assert!(shown.contains("- align@1.1.0") && shown.contains("- place@1.1.0"), "{shown}");
+    assert!(shown.contains("M align@1.1.0") && shown.contains("M place@1.1.0"), "{shown}");
     assert_eq!(console.keys("y"), [Effect::Copy("align@1.1.0\nplace@1.1.0".to_owned())]);
     // In a view of one version, marks have no effect.
     console.keys("3");

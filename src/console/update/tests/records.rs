@@ -108,7 +108,7 @@ fn a_small_window_shows_the_view_below_alarms() {
         ("1", CANDIDATE),
         ("2", "Registry: All"),
         ("3", "Candidate: Checks"),
-        ("4", "been shadowed"),
+        ("4", "Its shadow is over"),
         ("5", "latched"),
         ("6", "approval grasp@1.3.0"),
         ("7", "registered -> v"),
@@ -192,7 +192,7 @@ fn the_registry_is_sorted_by_its_columns_and_back_to_the_tree() {
     assert_eq!(versions(&console), ["grasp@1.10.0", "grasp@1.0.0", "grasp@1.2.0", "align@1.0.0"], "behavior");
     assert_eq!(console.model.version_here().unwrap().to_string(), "grasp@1.10.0");
     let text = screen(&console, 120, 36);
-    assert!(text.contains("kB^") && text.contains("grasp@1.10.0"), "{text}");
+    assert!(text.contains("behavior^") && text.contains("grasp@1.10.0"), "{text}");
     console.keys("S");
     assert_eq!(
         versions(&console),
@@ -309,7 +309,7 @@ fn every_marked_alarm_is_acknowledged_by_one_key() {
     console.keys("5g");
     console.keys("mmm");
     assert_eq!(console.model.view_state.marked.len(), 3);
-    assert!(screen(&console, 100, 30).contains("LOW-"), "{}", screen(&console, 100, 30));
+    assert!(screen(&console, 100, 30).contains("LOWM"), "{}", screen(&console, 100, 30));
     let effects = console.keys(" ");
     let named: Vec<&str> = effects
         .iter()

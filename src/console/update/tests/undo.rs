@@ -107,7 +107,7 @@ fn a_changed_state_is_refused_and_the_action_before_it_is_next() {
     // Another person has resumed it meanwhile.
     console.accept(&effects, |now| shelved_by("ana", now));
     let why = console.refused_undo();
-    assert!(why.contains("only what is held can be resumed"), "{why}");
+    assert!(why.contains("only what is paused or on hold can be resumed"), "{why}");
     console.now_ms += GUARD_MS;
     let effects = console.keys("U");
     let [Effect::Ask { question: Q::Unshelve { alarm, by }, .. }] = &effects[..] else {
