@@ -204,7 +204,7 @@ fn a_decision_shows_how_much_is_unread_and_the_key_for_it() {
     model.input.overlay = Some(Overlay::Approval(Box::new(prompt.clone())));
     let text = shown(&model, (80, 24));
     assert!(text.contains(&format!("{all} of {all} lines unread: pagedown")), "{text}");
-    assert!(text.contains("[Y Promote]"), "{text}");
+    assert!(text.contains("[Y Sign]"), "{text}");
     // Page by page, as frames are drawn.
     for _ in 0..all {
         model.input.overlay = Some(Overlay::Approval(Box::new(prompt.clone())));
