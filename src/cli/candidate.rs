@@ -3,6 +3,7 @@
 //! Parses arguments and prints; [`capability`] reads folders and [`check`] judges what is in them.
 
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use clap::{Args, Subcommand};
 use serde::Serialize;
@@ -11,11 +12,12 @@ use serde_json::Value;
 use super::data;
 use super::output::TextTable;
 use super::profile_choice::{RequestedProfile, RequestedProfileParser, chosen, last};
-use crate::cells::CELLS;
+use super::site_choice;
 use crate::cli::context::CliContext;
 use crate::cli::engine_verbs::EngineVerbs;
 use crate::cli::output::CommandOutput;
 use crate::error::{CliError, Exit};
+use crate::headless::cell;
 use holdpoint_approvals::SignedAuthorship;
 use holdpoint_engine::decide::check::{self, ProfileFindings, RegisteredVersions, UnmetFallback};
 use holdpoint_engine::explain::tryout::Tryout;
@@ -32,7 +34,7 @@ use holdpoint_governance::time_excess::TimeExcess;
 use holdpoint_registry::Layout;
 use holdpoint_runtime::capability::{self, Capability, PackageError, ParsedPackage};
 use holdpoint_text::{ErrorReason, Untrusted};
-use holdpoint_trials::cell::Cell;
+use holdpoint_trials::site::LoadedSite;
 
 /// The arguments of `candidate`.
 #[derive(Clone, Debug, PartialEq, Eq, Args)]
@@ -138,6 +140,7 @@ far longer than declared, would put it on hold.
 
 Examples:
   holdpoint candidate check manifests/candidates/grasp-improved --json
+  holdpoint candidate check manifests/candidates/grasp-improved --site manifests/site.toml
   holdpoint candidate check manifests/candidates/grasp-improved --profile profiles/real.toml")]
 pub struct CheckArgs {
     /// The folder with manifest.toml and submission.toml.
@@ -147,6 +150,10 @@ pub struct CheckArgs {
     /// last used with].
     #[arg(long, value_name = "NAME|FILE", value_parser = RequestedProfileParser, hide_possible_values = true)]
     pub profile: Option<RequestedProfile>,
+    /// The site file whose robot, families and baselines the check uses, as on a new store [default: the versions of
+    /// the store, else the built-in site].
+    #[arg(long, value_name = "FILE")]
+    pub site: Option<PathBuf>,
 }
 
 /// The arguments of `candidate show`.
@@ -245,17 +252,20 @@ pub fn run(
             // The controller checks its parameters, as it does at registration.
             let name = capability::shown(&args.folder);
             let candidate = Capability::of(&name, parsed).map_err(CliError::usage)?;
-            if let Some(unknown) =
-                check::unknown_family(&candidate, "manifest.toml").map_err(CliError::internal)?
-            {
+            let site = site_choice::named(args.site.as_deref())?;
+            let versions = comparison_versions(&context.data, site.as_deref())?;
+            if let Some(unknown) = versions.unknown_family(&candidate, "manifest.toml") {
                 return Err(CliError::usage(unknown));
             }
             if let Some(refused) = check::taskless_family(&candidate, "manifest.toml") {
                 return Err(CliError::usage(refused));
             }
-            let profiles = check_profiles(&context.data, args.profile.as_ref())?;
-            let registered = registered_state(&context.data, &candidate.id())?;
-            return check(&candidate, &comparison_versions(&context.data)?, (&profiles, registered), out);
+            let profiles = check_profiles(&context.data, args.profile.as_ref(), site.as_deref())?;
+            let registered = match &site {
+                Some(_) => None,
+                None => registered_state(&context.data, &candidate.id())?,
+            };
+            return check(&candidate, (&versions, site.as_ref()), (&profiles, registered), out);
         }
         CandidateVerb::Diff(args) => diff(&read(&args.old)?, &read(&args.new)?, out)?,
     }
@@ -308,27 +318,41 @@ impl CheckVerdict {
     }
 }
 
-/// The profiles to check the folder under: the requested one, else the built-in ones and the store's site profile.
-fn check_profiles(data: &Path, requested: Option<&RequestedProfile>) -> Result<Vec<ChosenProfile>, CliError> {
+/// The profiles to check the folder under: the requested one, else the built-in ones and the own one of the site or the
+/// store.
+fn check_profiles(
+    data: &Path,
+    requested: Option<&RequestedProfile>,
+    site: Option<&LoadedSite>,
+) -> Result<Vec<ChosenProfile>, CliError> {
     if requested.is_some() {
         return Ok(vec![chosen(data, requested)?]);
     }
-    let own = Some(last(data)?).filter(|last| last.texts().is_some());
+    let used = match site {
+        Some(site) => chosen(data, Some(&site_choice::profile(site)))?,
+        None => last(data)?,
+    };
+    let own = Some(used).filter(|used| used.texts().is_some());
     Ok(ProfileName::ALL.into_iter().map(ChosenProfile::from).chain(own).collect())
 }
 
-/// The versions to compare with: the store's, or without a store the baselines.
-fn comparison_versions(data: &Path) -> Result<RegisteredVersions, CliError> {
+/// The versions to compare with: the baselines of the named site, else the store's, or without a store the built-in
+/// baselines.
+fn comparison_versions(data: &Path, site: Option<&LoadedSite>) -> Result<RegisteredVersions, CliError> {
+    let commissioned = || RegisteredVersions::commissioned(site).map_err(CliError::internal);
+    if site.is_some() {
+        return commissioned();
+    }
     let versions = if Layout::new(data).database().exists() {
         RegisteredVersions::of(&data::open(data)?).map_err(|error| {
             CliError::usage(error).with_hint("`holdpoint audit verify` shows the error in the store")
         })
     } else {
-        RegisteredVersions::commissioned().map_err(CliError::internal)
+        commissioned()
     };
     // A new store begins with the same versions.
     match versions {
-        Ok(versions) if versions.is_empty() => RegisteredVersions::commissioned().map_err(CliError::internal),
+        Ok(versions) if versions.is_empty() => commissioned(),
         other => other,
     }
 }
@@ -395,7 +419,7 @@ fn summary(report: &CandidateReport) -> String {
 /// The format, and the static checks under each profile. The other stages measure.
 fn check(
     candidate: &Capability,
-    versions: &RegisteredVersions,
+    (versions, site): (&RegisteredVersions, Option<&Arc<LoadedSite>>),
     (profiles, registered): (&[ChosenProfile], Option<String>),
     out: &mut CommandOutput<'_>,
 ) -> Result<Exit, CliError> {
@@ -419,7 +443,7 @@ fn check(
         verdicts,
         recovery: versions.recovery(candidate).iter().map(holdpoint_wording::line).collect(),
         cell_faults: versions.cell_faults(candidate).iter().map(holdpoint_wording::line).collect(),
-        slow_ticks: slow_ticks(candidate, &findings)?.as_ref().map(holdpoint_wording::line),
+        slow_ticks: slow_ticks(candidate, &findings, site)?.as_ref().map(holdpoint_wording::line),
         unmet_fallback: versions.unmet_fallback(candidate),
         registered,
     };
@@ -483,14 +507,17 @@ fn check(
 }
 
 /// The reason that validation would put a component on hold for, under the first profile that admits it and has one.
-fn slow_ticks(candidate: &Capability, findings: &[ProfileFindings]) -> Result<Option<Reason>, CliError> {
+fn slow_ticks(
+    candidate: &Capability,
+    findings: &[ProfileFindings],
+    site: Option<&Arc<LoadedSite>>,
+) -> Result<Option<Reason>, CliError> {
     let admitting: Vec<&Profile> =
         findings.iter().filter(|found| found.admits()).map(|found| &found.profile).collect();
     if candidate.package.component.is_none() || admitting.is_empty() {
         return Ok(None);
     }
-    let tryout = Tryout::new(candidate.clone(), Cell::of(&CELLS, None).map_err(CliError::internal)?)
-        .map_err(CliError::internal)?;
+    let tryout = Tryout::new(candidate.clone(), cell(None, site)?).map_err(CliError::internal)?;
     let Some(tick_us) = tryout.median_tick_us() else { return Ok(None) };
     let declared_us = candidate.manifest.permissions.resources.cpu_us_per_tick;
     let reason =

@@ -276,8 +276,8 @@ impl EngineArgs {
     /// # Errors
     /// If the file cannot be used.
     pub fn site(&self, data: Option<&Path>) -> Result<Option<Arc<LoadedSite>>, CliError> {
-        match &self.site {
-            Some(file) => Ok(Some(Arc::new(LoadedSite::read(file).map_err(CliError::usage)?))),
+        match site_choice::named(self.site.as_deref())? {
+            Some(site) => Ok(Some(site)),
             None => data.map_or(Ok(None), site_choice::last),
         }
     }

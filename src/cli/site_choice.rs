@@ -1,4 +1,4 @@
-//! What the command line takes from a site file: the file that the store was last used with, and the profile it names.
+//! What the command line takes from a site file: the named file or that of the store, and the profile it names.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -11,6 +11,14 @@ use holdpoint_registry::Layout;
 use holdpoint_runtime::capability::shown;
 use holdpoint_text::shell_word;
 use holdpoint_trials::site::LoadedSite;
+
+/// The site file that an option names; `None` without the option.
+///
+/// # Errors
+/// If the file cannot be used.
+pub(super) fn named(file: Option<&Path>) -> Result<Option<Arc<LoadedSite>>, CliError> {
+    file.map(|file| LoadedSite::read(file).map(Arc::new).map_err(CliError::usage)).transpose()
+}
 
 /// The site file that the store was last used with, unchanged, because another one voids its measurements. `None` for
 /// the built-in site, and for a new store.

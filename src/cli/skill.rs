@@ -115,6 +115,9 @@ pub struct TestArgs {
     /// Seed of the first episode; the others follow.
     #[arg(long, value_name = "N", default_value_t = 1)]
     pub seed: u64,
+    /// The site file whose robot, families and baselines the episodes use [default: the built-in site].
+    #[arg(long, value_name = "FILE")]
+    pub site: Option<PathBuf>,
 }
 
 /// The arguments of `skill run`.
@@ -130,6 +133,9 @@ pub struct SkillRunArgs {
     /// Seed of the episode.
     #[arg(long, value_name = "N", default_value_t = 1)]
     pub seed: u64,
+    /// The site file whose robot, families and baselines the episode uses [default: the built-in site].
+    #[arg(long, value_name = "FILE")]
+    pub site: Option<PathBuf>,
     /// Draws it in this terminal; without a terminal, prints two moments a second.
     #[cfg(feature = "console")]
     #[arg(long)]

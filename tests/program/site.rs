@@ -111,3 +111,52 @@ fn a_site_file_names_the_profile() {
         assert_eq!(status["profile"], expected, "{status}");
     }
 }
+
+/// A copy of a version's folder beside the site file, with a change of its manifest.
+fn copied(folder: &Path, from: &Path, to: &str, (old, new): (&str, &str)) -> PathBuf {
+    let copy = folder.join(to);
+    fs::create_dir(&copy).unwrap();
+    for name in ["manifest.toml", "submission.toml", "params.toml"] {
+        let text = fs::read_to_string(from.join(name)).unwrap();
+        assert!(name != "manifest.toml" || text.contains(old), "{old}");
+        fs::write(copy.join(name), text.replacen(old, new, 1)).unwrap();
+    }
+    copy
+}
+
+/// A site with a fallback family of its own: its versions, and candidates that bind it, are judged by the file.
+#[test]
+fn a_check_uses_the_families_of_a_site_file() {
+    let root = tempfile::tempdir().unwrap();
+    let park = Path::new(SHIPPED).with_file_name("park/1.0.0");
+    let rest = copied(root.path(), &park, "rest", ("name = \"park\"", "name = \"rest\""));
+    let file = changed(
+        root.path(),
+        "[[families]]\n",
+        "[[families]]\nname = \"rest\"\nbaseline = \"rest\"\n\n[[families]]\n",
+    );
+    let site = ["--site", file.to_str().unwrap()];
+    let checks = |folder: &Path, more: &[&str]| {
+        let line = ["candidate", "check", folder.to_str().unwrap(), "--json"];
+        on(&root.path().join("none"), &[&line[..], more].concat())
+    };
+    let says = |text: &Value, part: &str| text.as_str().is_some_and(|text| text.contains(part));
+    // Without the file the family is unknown, and the hint says what adds one.
+    let unknown = assert_error(&checks(&rest, &[]), 2, "bad-file");
+    assert!(says(&unknown["error"], "allowed: ") && says(&unknown["error"], "grasp"), "{unknown}");
+    assert!(!says(&unknown["error"], "cannot be upgraded"), "{unknown}");
+    assert!(says(&unknown["hint"], "--site FILE"), "{unknown}");
+    // With it the family is known; a family without a task has no candidates.
+    let taskless = assert_error(&checks(&rest, &site), 2, "bad-file");
+    assert!(says(&taskless["error"], "cannot be upgraded"), "{taskless}");
+    let tested = on(&root.path().join("none"), &["skill", "test", rest.to_str().unwrap(), "--json"]);
+    assert!(says(&assert_error(&tested, 2, "bad-file")["hint"], "--site FILE"));
+    // A candidate may bind the site's family as its fallback.
+    let bound = copied(root.path(), Path::new(IMPROVED), "bound", ("family = \"park\"", "family = \"rest\""));
+    let alone = document(&checks(&bound, &[]));
+    assert_eq!(alone["unmet_fallback"]["field"], "recovery.fallback", "{alone}");
+    assert!(says(&alone["against"], "built in"), "{alone}");
+    let at_site = document(&checks(&bound, &site));
+    assert_eq!(at_site["unmet_fallback"], Value::Null, "{at_site}");
+    assert!(says(&at_site["against"], "grasp@1.0.0, the baseline of the site file"), "{at_site}");
+}

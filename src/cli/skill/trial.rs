@@ -7,10 +7,11 @@ use serde::Serialize;
 
 use super::measured_skill::{MeasuredSkill, RunMeasurements};
 use super::{SkillRunArgs, TestArgs};
-use crate::cells::CELLS;
 use crate::cli::context::CliContext;
 use crate::cli::output::CommandOutput;
+use crate::cli::site_choice;
 use crate::error::{CliError, Exit};
+use crate::headless::cell;
 use holdpoint_body::CodeFault;
 use holdpoint_engine::decide::check::{ProfileFindings, RegisteredVersions};
 use holdpoint_engine::explain::tryout::{Tryout, TryoutError};
@@ -22,7 +23,7 @@ use holdpoint_governance::site_profile::ChosenProfile;
 use holdpoint_protocol::film::Film;
 use holdpoint_runtime::capability::Capability;
 use holdpoint_runtime::task::TaskRecord;
-use holdpoint_trials::cell::Cell;
+use holdpoint_trials::site::LoadedSite;
 use holdpoint_trials::worker::Worker;
 use holdpoint_wording::failure_cause;
 
@@ -88,9 +89,9 @@ impl TestReport {
     }
 }
 
-fn load(folder: &Path) -> Result<Tryout, CliError> {
+fn load(folder: &Path, site: Option<&Arc<LoadedSite>>) -> Result<Tryout, CliError> {
     let candidate = Capability::read(folder).map_err(CliError::usage)?;
-    Tryout::new(candidate, Cell::of(&CELLS, None).map_err(CliError::internal)?).map_err(|error| match error {
+    Tryout::new(candidate, cell(None, site)?).map_err(|error| match error {
         TryoutError::Family(unknown) => CliError::usage(unknown),
         TryoutError::Check(_) | TryoutError::BuiltIn(_) => CliError::internal(error),
     })
@@ -98,7 +99,8 @@ fn load(folder: &Path) -> Result<Tryout, CliError> {
 
 /// Tests a folder's candidate.
 pub(super) fn test(args: &TestArgs, out: &mut CommandOutput<'_>) -> Result<Exit, CliError> {
-    let tryout = load(&args.folder)?;
+    let site = site_choice::named(args.site.as_deref())?;
+    let tryout = load(&args.folder, site.as_ref())?;
     let last = args.seed.saturating_add(EPISODES - 1);
     let mut worker = Worker::new();
     let mut measure = |seed| run_episode(&tryout, &mut worker, seed);
@@ -123,7 +125,7 @@ pub(super) fn test(args: &TestArgs, out: &mut CommandOutput<'_>) -> Result<Exit,
     tick_ns.sort_unstable();
     let candidate = tryout.candidate();
     let resources = &candidate.manifest.permissions.resources;
-    let versions = RegisteredVersions::commissioned().map_err(CliError::internal)?;
+    let versions = RegisteredVersions::commissioned(site.as_deref()).map_err(CliError::internal)?;
     let report = TestReport {
         id: candidate.id().to_string(),
         bundle: candidate.manifest.deployment.bundle.clone().into(),
@@ -256,7 +258,8 @@ pub(super) fn run(
     args: &SkillRunArgs,
     out: &mut CommandOutput<'_>,
 ) -> Result<Exit, CliError> {
-    let tryout = load(&args.folder)?;
+    let site = site_choice::named(args.site.as_deref())?;
+    let tryout = load(&args.folder, site.as_ref())?;
     let film = tryout.film(args.seed);
     if context.json {
         out.json(&film)?;

@@ -32,13 +32,17 @@ use crate::decide::version_table::{VersionTableError, load_member};
 use crate::explain::why::difference::version_differences;
 use holdpoint_text::{ErrorDetails, ErrorReason, Hint};
 use holdpoint_trials::embedded::baselines;
+use holdpoint_trials::site::LoadedSite;
 use serde::Serialize;
 
 /// What helps with a family that does not exist, at a check as at a registration.
-pub(crate) const BUILT_IN_FAMILIES: &str = "families are built in, each with a task and a first version; `holdpoint version list` shows those of the store";
+pub(crate) const KNOWN_FAMILIES: &str = "a family comes with the program or from a site file, with a first version; `holdpoint version list` shows those of the store";
+
+/// What helps with a family that does not exist, at a check without a site file.
+const FAMILIES_WITHOUT_SITE: &str = "a family comes with the program or from a site file, with a first version; `--site FILE` names the file";
 
 /// What helps with a version of a family that cannot be upgraded.
-const TASKLESS_FAMILIES: &str = "the first version comes with the program and changes only with the program; `holdpoint version list` shows the version in use";
+const TASKLESS_FAMILIES: &str = "the first version comes with the program or from a site file and changes only with it; `holdpoint version list` shows the version in use";
 
 /// Why a version could not be checked: something built into the program does not load.
 #[derive(Debug, thiserror::Error)]
@@ -77,7 +81,7 @@ impl Hint for CheckError {
     }
 }
 
-/// A version whose family has no task in this cell. Registration refuses it as well: a family begins with a baseline.
+/// A version whose family has no first version here. Registration refuses it as well: a family begins with a baseline.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("{file}: the field \"name\" has the value {family:?}, which is not allowed; allowed: {allowed}")]
 pub struct UnknownFamily {
@@ -85,8 +89,10 @@ pub struct UnknownFamily {
     pub file: String,
     /// The family in the manifest.
     pub family: String,
-    /// The families of this cell.
+    /// The families known here.
     pub allowed: String,
+    /// Whether they are those of a named site file.
+    pub of_site: bool,
 }
 
 impl Hint for UnknownFamily {
@@ -95,21 +101,9 @@ impl Hint for UnknownFamily {
     }
 
     fn hint(&self) -> Option<Cow<'static, str>> {
-        Some(BUILT_IN_FAMILIES.into())
+        let hint = if self.of_site { KNOWN_FAMILIES } else { FAMILIES_WITHOUT_SITE };
+        Some(hint.into())
     }
-}
-
-/// The error for a version whose family has no baseline in this cell. `file` is the manifest's name in the error.
-///
-/// # Errors
-/// [`CheckError`] if a baseline does not load.
-pub fn unknown_family(candidate: &Capability, file: &str) -> Result<Option<UnknownFamily>, CheckError> {
-    let families: Vec<String> =
-        baselines()?.iter().map(|baseline| baseline.id().family.to_string()).collect();
-    let family = candidate.id().family.to_string();
-    let known = families.contains(&family);
-    let allowed = families.join(", ");
-    Ok((!known).then(|| UnknownFamily { file: file.to_owned(), family, allowed }))
 }
 
 /// A version of a family without a task of its own, such as a fallback. The sandbox compares versions at the task of their
@@ -349,20 +343,36 @@ pub struct RegisteredVersions {
     registered: Vec<RegisteredVersion>,
     /// All versions with their states.
     known: Vec<(CapabilityId, State)>,
-    /// Whether they are from a store.
-    in_store: bool,
+    /// The families of the site and of the store.
+    families: Vec<Family>,
+    origin: VersionsOrigin,
+}
+
+/// Where the versions are from that a folder is checked against.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum VersionsOrigin {
+    /// A store.
+    Store,
+    /// The baselines of the built-in site.
+    Program,
+    /// The baselines of a site file.
+    SiteFile,
 }
 
 impl RegisteredVersions {
-    /// The baselines of a cell.
+    /// The baselines of a site; those of the built-in one without a file.
     ///
     /// # Errors
     /// [`CheckError::Baseline`].
-    pub fn commissioned() -> Result<Self, CheckError> {
-        let actives = baselines()?;
+    pub fn commissioned(site: Option<&LoadedSite>) -> Result<Self, CheckError> {
+        let (actives, origin) = match site {
+            Some(site) => (site.baselines.clone(), VersionsOrigin::SiteFile),
+            None => (baselines()?, VersionsOrigin::Program),
+        };
+        let families = actives.iter().map(|baseline| baseline.id().family).collect();
         let registered = actives.iter().map(|baseline| entry(baseline, true)).collect();
         let known = actives.iter().map(|baseline| (baseline.id(), State::Active)).collect();
-        Ok(Self { actives, registered, known, in_store: false })
+        Ok(Self { actives, registered, known, families, origin })
     }
 
     /// The versions of a store, from its rows.
@@ -371,8 +381,13 @@ impl RegisteredVersions {
     /// [`CheckError::VersionTable`].
     pub fn of(views: &Views) -> Result<Self, CheckError> {
         let (mut actives, mut registered, mut known) = (Vec::new(), Vec::new(), Vec::new());
+        // The next start registers a built-in family that the store does not have.
+        let mut families: Vec<Family> = baselines()?.iter().map(|baseline| baseline.id().family).collect();
         for family in views.families().map_err(VersionTableError::from)? {
             let name = Family::new(family.name)?;
+            if !families.contains(&name) {
+                families.push(name.clone());
+            }
             for id in views.family_in_order(&name).map_err(VersionTableError::from)? {
                 let detail = views.version(&id).map_err(VersionTableError::from)?;
                 let state = detail.map(|detail| detail.summary.state);
@@ -387,7 +402,7 @@ impl RegisteredVersions {
                 }
             }
         }
-        Ok(Self { actives, registered, known, in_store: true })
+        Ok(Self { actives, registered, known, families, origin: VersionsOrigin::Store })
     }
 
     /// Whether no version is active.
@@ -402,6 +417,18 @@ impl RegisteredVersions {
         self.actives.iter().find(|active| active.id().family == *family)
     }
 
+    /// The error for a version whose family has no first version here. `file` is the manifest's name in the error.
+    #[must_use]
+    pub fn unknown_family(&self, candidate: &Capability, file: &str) -> Option<UnknownFamily> {
+        let family = candidate.id().family;
+        (!self.families.contains(&family)).then(|| UnknownFamily {
+            file: file.to_owned(),
+            family: family.to_string(),
+            allowed: self.families.iter().map(ToString::to_string).collect::<Vec<_>>().join(", "),
+            of_site: self.origin == VersionsOrigin::SiteFile,
+        })
+    }
+
     /// The risk class of a candidate here, by an author without a history.
     #[must_use]
     pub fn risk(&self, candidate: &Capability) -> RiskClass {
@@ -411,9 +438,14 @@ impl RegisteredVersions {
     /// Describes the version that a candidate is compared with.
     #[must_use]
     pub fn described(&self, family: &Family) -> String {
-        match (self.active(family), self.in_store) {
-            (Some(active), true) => format!("{}, active in the store", active.id()),
-            (Some(active), false) => format!("{}, built in: there is no store", active.id()),
+        match (self.active(family), self.origin) {
+            (Some(active), VersionsOrigin::Store) => format!("{}, active in the store", active.id()),
+            (Some(active), VersionsOrigin::Program) => {
+                format!("{}, built in: there is no store", active.id())
+            }
+            (Some(active), VersionsOrigin::SiteFile) => {
+                format!("{}, the baseline of the site file", active.id())
+            }
             (None, _) => "nothing: no version of its family is active in the store".to_owned(),
         }
     }

@@ -15,7 +15,7 @@ pub use anchor::chosen_anchors;
 pub(crate) use load::load_member;
 use load::load_members;
 
-use crate::decide::check::BUILT_IN_FAMILIES;
+use crate::decide::check::KNOWN_FAMILIES;
 use crate::decide::store_robot::StoreRobot;
 use crate::decide::wall_clock::WallClock;
 use holdpoint_governance::approval::Requester;
@@ -85,7 +85,7 @@ impl Hint for VersionTableError {
 
     fn hint(&self) -> Option<Cow<'static, str>> {
         match self {
-            Self::UnknownFamily(_) => Some(BUILT_IN_FAMILIES.into()),
+            Self::UnknownFamily(_) => Some(KNOWN_FAMILIES.into()),
             Self::UnknownVersion(_) => Some("see `holdpoint version list`".into()),
             Self::Exists(_) => Some("a changed candidate needs a new version number".into()),
             Self::Refused(error) => error.hint(),

@@ -12,13 +12,12 @@ use holdpoint_runtime::task::TaskRecord;
 use holdpoint_runtime::terms::SkillTerms;
 use holdpoint_text::Hint as _;
 use holdpoint_trials::cell::{Cell, Conditions};
-use holdpoint_trials::embedded::baselines;
 use holdpoint_trials::episodes::{alone, alone_with};
 use holdpoint_trials::tick_time::median_tick_us;
 use holdpoint_trials::undisturbed_run::TrialCase;
 use holdpoint_trials::worker::Worker;
 
-use crate::decide::check::{self, CheckError, UnknownFamily};
+use crate::decide::check::{CheckError, RegisteredVersions, UnknownFamily};
 use crate::decide::context::Context;
 use crate::decide::evidence_binding::terms_under;
 use crate::explain::episode_replay::film_render::FilmedWork;
@@ -30,7 +29,7 @@ pub enum TryoutError {
     /// The cell has no baseline of its family.
     #[error(transparent)]
     Family(#[from] UnknownFamily),
-    /// An embedded version does not load.
+    /// A baseline does not load.
     #[error(transparent)]
     Check(#[from] CheckError),
     /// An embedded profile or its policies are invalid.
@@ -49,15 +48,15 @@ pub struct Tryout {
 }
 
 impl Tryout {
-    /// A candidate beside the baseline of its family, in a cell.
+    /// A candidate beside the baseline of its family, in a cell and of its site.
     ///
     /// # Errors
     /// [`TryoutError`].
     pub fn new(candidate: Capability, cell: Cell) -> Result<Self, TryoutError> {
         let family = candidate.id().family;
-        let active = baselines().map_err(CheckError::from)?.into_iter().find(|one| one.id().family == family);
-        let Some(active) = active else {
-            return Err(match check::unknown_family(&candidate, "manifest.toml")? {
+        let versions = RegisteredVersions::commissioned(cell.site.as_deref())?;
+        let Some(active) = versions.active(&family).cloned() else {
+            return Err(match versions.unknown_family(&candidate, "manifest.toml") {
                 Some(unknown) => unknown.into(),
                 None => TryoutError::BuiltIn(format!("the family {family} has no first version")),
             });
