@@ -83,9 +83,16 @@ fn a_store_remembers_its_site_file() {
         String::from_utf8(output.stdout).unwrap()
     };
     let voided = |text: &str| text.contains("\"voided\"");
+    let status = || document(&on(&store, &["status", "--json"]));
     assert!(!voided(&runs(&["--site", named])));
     assert!(!voided(&runs(&[])), "without the option it is the same site");
+    let shown = status();
+    assert_eq!(shown["site_file"]["file"], named, "{shown}");
+    let line = format!("site     {named}, digest ");
+    let text = String::from_utf8(on(&store, &["status"]).stdout).unwrap();
+    assert_eq!(text.lines().filter(|shown| shown.starts_with(&line)).count(), 1, "{text}");
     assert!(voided(&runs(&["--site", SHIPPED])), "another site");
+    assert_eq!(status().get("site_file"), Some(&Value::Null), "the built-in site");
     assert!(voided(&runs(&["--site", named])));
     // A change takes effect only where the file is named.
     let text = fs::read_to_string(&file).unwrap();

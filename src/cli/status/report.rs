@@ -30,7 +30,9 @@ use holdpoint_protocol::clock::clock_time;
 use holdpoint_protocol::snapshot::{EscalationView, RequestKind, Snapshot, StartupProgressView, StoppedView};
 use holdpoint_protocol::work_unit::PartCount;
 use holdpoint_registry::{AuditFilter, FIRST_ADMINISTRATOR, Layout, VersionFilter, Views, lock_owner};
+use holdpoint_runtime::capability::shown;
 use holdpoint_text::{Untrusted, signing_options};
+use holdpoint_trials::site::StoreSite;
 use holdpoint_wording::counted_try;
 
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -68,6 +70,8 @@ pub(super) struct StatusReport {
     /// The name of a site profile.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(super) site: Option<SiteName>,
+    /// The site file the store was last used with; null for the built-in site.
+    pub(super) site_file: Option<StoreSite>,
     pub(super) families: Vec<FamilyStatusRow>,
     pub(super) versions: Vec<VersionRow>,
     pub(super) waiting: Vec<PendingApprovalRow>,
@@ -245,7 +249,9 @@ impl StatusReport {
         };
         let moment = |at_ms| engine.map_or_else(|| clock_time(at_ms), |engine| engine.moment(at_ms));
         let context = views.context().map_err(CliError::usage)?;
-        let record = |json: &str| serde_json::from_str::<ContextRecord>(json).ok();
+        let record =
+            context.as_ref().and_then(|(_, _, json)| serde_json::from_str::<ContextRecord>(json).ok());
+        let (site, site_file) = record.map_or((None, None), |record| (record.site, record.site_file));
         Ok(Self {
             engine_running: engine.is_some(),
             in_use_by: match engine {
@@ -264,7 +270,8 @@ impl StatusReport {
                 Some(engine) => engine.unauthorized.clone(),
                 None => profile_authorization::missing(views),
             },
-            site: context.as_ref().and_then(|(_, _, json)| record(json)?.site),
+            site,
+            site_file,
             profile: context.map(|(profile, _, _)| profile),
             families,
             versions: rows
@@ -311,6 +318,9 @@ impl StatusReport {
                 None => format!("engine   not running, last profile {profile}"),
             },
         });
+        lines.extend(self.site_file.as_ref().map(|site| {
+            format!("site     {}, digest {}", shown(&site.file), site.digest.short())
+        }));
         lines.extend(self.unverified.as_ref().map(|doubt| format!("WARNING  {}", doubt.text)));
         lines.extend(self.last_record.as_ref().map(last_record_line));
         lines.extend(self.stopped_line.clone());
