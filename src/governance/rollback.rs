@@ -13,7 +13,7 @@ use super::lifecycle::DeactivationKind;
 use super::monitor::SafetyEvent;
 use super::notice::NoticeOrText;
 use super::past_limit::MeasuredInTask;
-use super::shared_event::SharedEvent;
+use super::shared_event::{SharedEvent, UncomparedReason};
 
 crate::closed_set! {
     /// What a version is rolled back for.
@@ -231,6 +231,9 @@ pub struct RollbackRecord {
     /// The safety event, where the rollback target has the same in a fork of the same task: the version is demoted then.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub shared: Option<SharedEvent>,
+    /// Why the rollback target was not compared on the task of the safety event: the event counts as the version's own.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub uncompared: Option<UncomparedReason>,
 }
 
 impl RollbackRecord {

@@ -30,6 +30,20 @@ crate::closed_set! {
     }
 }
 
+crate::closed_set! {
+    /// Why the rollback target did not work the scene of a live event, which then counts as the version's own.
+    UncomparedReason, "reason without a comparison", {
+        /// The live cell exports no state, so a live task has no fork.
+        NoExport = "no-export",
+        /// The state at the start of the task was not kept.
+        NoStart = "no-start",
+        /// No trial cell took the state at the start of the task.
+        NoFork = "no-fork",
+        /// The task of the rollback target in the fork was invalid.
+        InvalidFork = "invalid-fork",
+    }
+}
+
 /// An event that stops a version.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, schemars::JsonSchema)]
 #[serde(rename_all = "kebab-case")]

@@ -6,6 +6,7 @@ use std::fmt::Write as _;
 
 use crate::harm::harm_past;
 use crate::past_limit::{after_event, past_limit};
+use crate::twin::uncompared;
 use crate::{failure_cause, notice};
 use holdpoint_governance::outcome::StageOutcome;
 use holdpoint_governance::profile::titled;
@@ -214,8 +215,9 @@ fn text(kind: &EventKind) -> String {
             let after =
                 |ms: &Option<u64>| ms.map_or_else(|| "never".to_owned(), |ms| format!("after {ms} ms"));
             let restored = restored.as_ref().map_or_else(|| "no version".to_owned(), ToString::to_string);
+            let own = record.uncompared.map_or_else(String::new, |why| format!("; {}", uncompared(why)));
             format!(
-                "rollback {version} -> {restored}: {}{}; safe {}, restored {}, {}",
+                "rollback {version} -> {restored}: {}{}; safe {}, restored {}, {}{own}",
                 notice(trigger),
                 after_event(record.trigger.measured.as_ref()),
                 after(time_to_safe_ms),
@@ -345,6 +347,8 @@ fn kappa(dimension: &DimensionResult) -> String {
 
 #[cfg(test)]
 mod tests {
+    use holdpoint_governance::shared_event::UncomparedReason;
+
     use super::*;
 
     /// Regression: a failed task was `failed 3.4 s anomaly`, and nothing said why.
@@ -365,6 +369,28 @@ mod tests {
                 EventKind::Sequence { index: 3, success: false, tasks: vec![task(cause)], refused: None };
             let line = sentence(&Event { seq: 1, at_ms: 0, kind }, LINE_WIDTH_MAX);
             assert!(line.as_str().ends_with(text), "{}", line.as_str());
+        }
+    }
+
+    #[test]
+    fn a_rollback_without_a_comparison_says_why() {
+        let told = |more: &str| {
+            let json = format!(
+                r#"{{"event":"rolled-back","version":"align@1.1.0","restored":"align@1.0.0","trigger":"a force",
+                    "time_to_safe_ms":100,"time_to_rollback_ms":200,"recovered":true,"record":{{
+                    "candidate":"align@1.1.0","predecessor":"align@1.0.0","trigger":{{"kind":"safety-event",
+                    "event":"force-limit","text":"a force","tick":3}},"in_flight":true,"time_to_safe_ticks":24,
+                    "time_to_safe_ms":100,"time_to_restored_ticks":48,"time_to_restored_ms":200,
+                    "unsafe_continuation_ms":0,"rungs":[],"post_status":"rolled-back","recovered":true,
+                    "resumed_tasks":1{more}}}}}"#
+            );
+            let kind: EventKind = serde_json::from_str(&json).unwrap();
+            sentence(&Event { seq: 1, at_ms: 0, kind }, LINE_WIDTH_MAX).as_str().to_owned()
+        };
+        assert!(told("").ends_with("restored after 200 ms, recovered"), "{}", told(""));
+        for why in UncomparedReason::ALL {
+            let line = told(&format!(r#","uncompared":"{why}""#));
+            assert!(line.ends_with(&format!("recovered; {}", uncompared(why))), "{line}");
         }
     }
 

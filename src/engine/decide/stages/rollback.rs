@@ -12,7 +12,7 @@ use holdpoint_governance::notice::Notice;
 use holdpoint_governance::rollback::{
     PostStatus, RollbackRecord, Rung, RungFailure, RungRecord, Trigger, TriggerKind, ticks_to_ms,
 };
-use holdpoint_governance::shared_event::{SceneKind, SharedEvent, StoppingEvent};
+use holdpoint_governance::shared_event::{SceneKind, SharedEvent, StoppingEvent, UncomparedReason};
 use holdpoint_registry::ActiveCause;
 use holdpoint_runtime::agent::AbandonedGoal;
 use holdpoint_runtime::capability::Capability;
@@ -99,6 +99,7 @@ impl Rollback<'_> {
             recovered: None,
             resumed_tasks: 0,
             shared: None,
+            uncompared: None,
         };
         rung(self.record, &mut record, Rung::RevokeAuthority, None, Notice::NoMoreCommands);
         let motion = self.bring_to_rest(id, trip, &mut record)?;
@@ -132,7 +133,10 @@ impl Rollback<'_> {
             rung(self.record, &mut record, Rung::ReadyPredecessor, failed, notice);
             return self.safe_stop(id, version, record).map(|()| None);
         };
-        record.shared = scene.and_then(|scene| self.shared_event(scene, &record.trigger, &predecessor));
+        (record.shared, record.uncompared) = match self.shared_event(scene, &record.trigger, &predecessor) {
+            Ok(shared) => (shared, None),
+            Err(uncompared) => (None, Some(uncompared)),
+        };
         let leave = if record.shared.is_some() { DeactivationKind::Demoted } else { leave };
         record.post_status = leave.into();
         record.predecessor = Some(predecessor.id());
@@ -172,29 +176,37 @@ impl Rollback<'_> {
 
     /// Has the rollback target run a fork of the task, and returns the safety event of the version if the target has it
     /// too, and every other one of the task.
+    ///
+    /// # Errors
+    /// If the target could not run it: then the event counts as the version's own.
     fn shared_event(
         &self,
-        scene: LiveScene<'_>,
+        scene: Option<LiveScene<'_>>,
         trigger: &Trigger,
         target: &Capability,
-    ) -> Option<SharedEvent> {
+    ) -> Result<Option<SharedEvent>, UncomparedReason> {
         if trigger.kind != TriggerKind::SafetyEvent {
-            return None;
+            return Ok(None);
         }
+        let Some(scene) = scene else {
+            let exports = self.context.cell.spec.abilities.export_state;
+            return Err(if exports { UncomparedReason::NoStart } else { UncomparedReason::NoExport });
+        };
         let events = stopping_events(scene.task.record, &self.context.profile);
-        let event = trigger.event.or_else(|| events.first().copied())?;
-        let mut fork = self.context.cell.trial().ok()?;
-        fork.go_on_from(scene.start).ok()?;
+        let Some(event) = trigger.event.or_else(|| events.first().copied()) else { return Ok(None) };
+        let mut fork = self.context.cell.trial().map_err(|_| UncomparedReason::NoFork)?;
+        fork.go_on_from(scene.start).map_err(|_| UncomparedReason::NoFork)?;
         let (task, seed) = (scene.task.record.task, scene.task.record.seed);
         let forked = ForkedTask::new(fork, target, &self.terms(target), task, seed);
-        let (_, worked) = forked.run(&mut |_, _| {})?;
+        let worked = forked.run(&mut |_, _| {}).map(|(_, worked)| worked).filter(|worked| !worked.invalid);
+        let worked = worked.ok_or(UncomparedReason::InvalidFork)?;
         let of_target = stopping_events(&worked, &self.context.profile);
-        if worked.invalid || !events.iter().chain([&event]).all(|event| of_target.contains(event)) {
-            return None;
+        if !events.iter().chain([&event]).all(|event| of_target.contains(event)) {
+            return Ok(None);
         }
         let event = StoppingEvent::Safety(event);
         let past = past_limit(event, &worked, &self.context.profile);
-        Some(SharedEvent { scene: SceneKind::Live, seed, event, past })
+        Ok(Some(SharedEvent { scene: SceneKind::Live, seed, event, past }))
     }
 
     /// Runs the rungs that move the arm. A failed body is not at standstill.

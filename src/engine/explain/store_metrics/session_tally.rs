@@ -105,6 +105,7 @@ mod tests {
             recovered,
             resumed_tasks: 0,
             shared: None,
+            uncompared: None,
         };
         crate::decide::stages::ladder::event(record)
     }

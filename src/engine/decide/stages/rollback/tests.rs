@@ -1,5 +1,6 @@
 //! The ladder, rung by rung: what a test can break is broken, and each class of failure is reached.
 
+mod no_comparison;
 mod rollback_hook;
 
 use std::path::Path;
