@@ -61,6 +61,9 @@ pub struct Snapshot {
     /// Its own name, if it does not come with the program.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub site: Option<SiteName>,
+    /// The site file, safe to print; absent for the built-in site.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub site_file: Option<String>,
     /// Name of the robot's description.
     pub robot: String,
     /// Seed of the run, from which every disturbance and every choice follows; absent where the seeds are secret.
@@ -112,8 +115,7 @@ pub struct Snapshot {
     /// The attached consoles, in order of attachment.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub seats: Vec<AttachedConsoleView>,
-    /// Seconds without an attached console after which an engine started by a console exits cleanly; absent if it
-    /// continues without one.
+    /// Seconds without an attached console until the engine exits cleanly; absent if it continues without one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub ends_alone_s: Option<u64>,
 }

@@ -12,7 +12,7 @@ use holdpoint_cell::{
 use holdpoint_governance::ids::Digest;
 use holdpoint_governance::site::CellKind;
 use holdpoint_governance::start_domain::StartDomain;
-use holdpoint_runtime::capability::{Capability, PackageError};
+use holdpoint_runtime::capability::{Capability, PackageError, shown};
 
 use crate::embedded;
 use crate::site::LoadedSite;
@@ -150,6 +150,12 @@ impl Cell {
     /// If an embedded one does not load.
     pub fn baselines(&self) -> Result<Vec<Capability>, PackageError> {
         self.site.as_ref().map_or_else(embedded::baselines, |site| Ok(site.baselines.clone()))
+    }
+
+    /// The site file, safe to print; absent for the built-in site.
+    #[must_use]
+    pub fn site_file(&self) -> Option<String> {
+        self.site.as_ref().and_then(|site| site.on_record()).map(|site| shown(&site.file))
     }
 
     /// Digest of what computes episodes here: this build and that of the cell.

@@ -4,6 +4,8 @@
 //!  ◇ SIM   arm-1 · seed 42 · operator ada (operator)          READ-ONLY  ENGINE HALTED …  STALE 12 s
 //! ```
 
+use std::path::Path;
+
 use ratatui::layout::Rect;
 
 use crate::formatters::{duration, seconds, time_of_day};
@@ -164,7 +166,7 @@ fn seeking(model: &ConsoleModel) -> String {
     }
 }
 
-/// Operator and seed, the most important first.
+/// Operator, seed and site file, the most important first.
 fn identity(model: &ConsoleModel) -> Vec<Row> {
     let who = match &model.session.operator {
         Some(who) => Row::of(ThemeRole::Text, &format!("  {} ({})", super::short(&who.name, 24), who.role)),
@@ -181,6 +183,10 @@ fn identity(model: &ConsoleModel) -> Vec<Row> {
             ThemeRole::Muted,
             &format!("  {}", holdpoint_wording::seeds::named(snapshot.seed)),
         ));
+        let file = snapshot.site_file.as_deref().map(Path::new).and_then(Path::file_name);
+        pieces.extend(file.map(|file| {
+            Row::of(ThemeRole::Muted, &format!("  site {}", super::short(&file.to_string_lossy(), 24)))
+        }));
     }
     pieces
 }

@@ -295,6 +295,7 @@ fn unverified_snapshot(
         clock_doubt: None,
         profile: context.profile.name,
         site: context.profile.site.clone(),
+        site_file: context.cell.site_file(),
         robot: context.cell.spec.robot.name.clone(),
         seed: config.seeds.of_run(),
         policy: context.digest,

@@ -108,3 +108,14 @@ fn only_shadowed_sequences_are_described_as_alike() {
         assert_eq!(text.contains("ended alike"), n > 0, "{n}:\n{text}");
     }
 }
+
+#[test]
+fn the_first_line_names_the_site_file() {
+    let first =
+        |console: &TestConsole| screen(console, 120, 36).lines().next().unwrap_or_default().to_owned();
+    let mut console = TestConsole::new(0);
+    assert!(!first(&console).contains("  site "), "the built-in site has no file: {}", first(&console));
+    let site_file = Some("/etc/cells/line-4.toml".to_owned());
+    console.tell(MsgKind::Snapshot(Arc::new(Snapshot { site_file, ..snapshot(0, 'e') })));
+    assert!(first(&console).contains("  site line-4.toml"), "{}", first(&console));
+}

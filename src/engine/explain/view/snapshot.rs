@@ -129,6 +129,7 @@ impl SnapshotView<'_> {
             clock_doubt: clock_mismatch::view(self.record),
             profile: self.context.profile.name,
             site: self.context.profile.site.clone(),
+            site_file: self.context.cell.site_file(),
             robot: self.context.cell.spec.robot.name.clone(),
             seed: self.record.seeds().of_run(),
             policy: self.context.digest,
