@@ -318,9 +318,11 @@ impl StatusReport {
                 None => format!("engine   not running, last profile {profile}"),
             },
         });
-        lines.extend(self.site_file.as_ref().map(|site| {
-            format!("site     {}, digest {}", shown(&site.file), site.digest.short())
-        }));
+        lines.extend(
+            self.site_file
+                .as_ref()
+                .map(|site| format!("site     {}, digest {}", shown(&site.file), site.digest.short())),
+        );
         lines.extend(self.unverified.as_ref().map(|doubt| format!("WARNING  {}", doubt.text)));
         lines.extend(self.last_record.as_ref().map(last_record_line));
         lines.extend(self.stopped_line.clone());

@@ -39,7 +39,8 @@ use serde::Serialize;
 pub(crate) const KNOWN_FAMILIES: &str = "a family comes with the program or from a site file, with a first version; `holdpoint version list` shows those of the store";
 
 /// What helps with a family that does not exist, at a check without a site file.
-const FAMILIES_WITHOUT_SITE: &str = "a family comes with the program or from a site file, with a first version; `--site FILE` names the file";
+const FAMILIES_WITHOUT_SITE: &str =
+    "a family comes with the program or from a site file, with a first version; `--site FILE` names the file";
 
 /// What helps with a version of a family that cannot be upgraded.
 const TASKLESS_FAMILIES: &str = "the first version comes with the program or from a site file and changes only with it; `holdpoint version list` shows the version in use";

@@ -11,10 +11,7 @@ use crate::live::fake_cell::FakeFactory;
 use crate::test_pipeline::pipeline_in;
 
 /// What the rollback finds for a force of a grasp in these cells, with the state at the task's start, if one was kept.
-fn compared(
-    factory: FakeFactory,
-    start: Option<&CellCopy>,
-) -> Result<Option<SharedEvent>, UncomparedReason> {
+fn compared(factory: FakeFactory, start: Option<&CellCopy>) -> Result<Option<SharedEvent>, UncomparedReason> {
     let cell = Cell::new(Arc::new(factory)).unwrap();
     let folder = tempfile::tempdir().unwrap();
     let profile = Profile::builtin(ProfileName::Sim).unwrap();
