@@ -369,6 +369,7 @@ pub fn snapshot() -> Snapshot {
         up_since_ms: Some(0),
         time: TIME,
         clock_doubt: None,
+        site_file: None,
         profile: ProfileName::Human,
         site: None,
         signing: None,

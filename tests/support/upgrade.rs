@@ -120,6 +120,7 @@ fn rolled_back(at_ms: u64) -> (u64, EventKind) {
         recovered: Some(true),
         resumed_tasks: 2,
         shared: None,
+        uncompared: None,
     };
     at(
         at_ms,
