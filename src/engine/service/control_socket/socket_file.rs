@@ -172,7 +172,7 @@ fn refused_group(path: &Path, group: u32, is_member: bool) -> ControlSocketError
         (problem, format!("use a folder of another file system: `{command}`, and `--seats /run/holdpoint`"))
     } else {
         let problem = format!("{account}, which runs the engine, is no member of the group {name}");
-        let command = format!("sudo usermod --append --groups {name} {account}");
+        let command = format!("sudo usermod -a -G {name} {account}");
         (problem, format!("`{command}` makes it one; then start the engine from a new login"))
     };
     ControlSocketError::GroupRefused { path, problem, hint }
@@ -202,7 +202,7 @@ mod tests {
             (error.to_string(), error.hint().unwrap().into_owned())
         };
         let group = described_group(u32::MAX - 1);
-        for (is_member, command) in [(false, "usermod --append --groups"), (true, "install -d -m 0750")] {
+        for (is_member, command) in [(false, "usermod -a -G"), (true, "install -d -m 0750")] {
             let (text, hint) = of(is_member);
             assert!(text.contains(&group) && hint.contains(command), "{text}: {hint}");
             assert_eq!(text.contains("is no member"), !is_member, "{text}");
