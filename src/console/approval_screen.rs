@@ -207,6 +207,8 @@ struct ApprovalReadProgress {
     /// Rows that the screen has room for, and rows in all; as of the last frame.
     room: u16,
     count: u16,
+    /// Whether the place that a page leads to was not on the screen yet.
+    is_turning: bool,
 }
 
 /// A person's answer to one request, over exactly the text on the screen. Only [`ApprovalScreen`] makes one.
@@ -520,6 +522,7 @@ impl ApprovalScreen {
     /// Notes the rows of a frame. A line counts as read once all of its rows were on the screen.
     pub fn mark_read(&mut self, visible: &VisibleRows) {
         let text = self.text();
+        self.reading.is_turning = false;
         self.reading.room = u16::try_from(visible.room).unwrap_or(u16::MAX);
         self.reading.count = u16::try_from(visible.count).unwrap_or(u16::MAX);
         self.scroll = u16::try_from(visible.first).unwrap_or(u16::MAX);
@@ -540,10 +543,18 @@ impl ApprovalScreen {
         self.text().iter().filter(|line| !self.reading.lines.contains(*line)).count()
     }
 
-    /// Scrolls by one row, or by as many rows as the screen shows without skipping one.
+    /// Scrolls by one row, or by as many rows as the screen shows without skipping one: a page counts once a frame. Behind
+    /// the end, a page leads back to the top while anything is unread.
     pub fn scroll_by(&mut self, down: bool, page: bool) {
+        if page && std::mem::replace(&mut self.reading.is_turning, true) {
+            return;
+        }
         let step = if page { self.reading.room.saturating_sub(1).max(1) } else { 1 };
         let most = self.reading.count.saturating_sub(self.reading.room);
+        if down && page && self.scroll >= most && self.unread() > 0 {
+            self.scroll = 0;
+            return;
+        }
         self.scroll =
             if down { self.scroll.saturating_add(step).min(most) } else { self.scroll.saturating_sub(step) };
     }
