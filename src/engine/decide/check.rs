@@ -38,7 +38,7 @@ use serde::Serialize;
 /// What helps with a family that does not exist, at a check as at a registration.
 pub(crate) const KNOWN_FAMILIES: &str = "a family comes with the program or from a site file, with a first version; `holdpoint version list` shows those of the store";
 
-/// What helps with a family that does not exist, at a check without a site file.
+/// What helps with a family that does not exist, at a check with neither a store nor a site file.
 const FAMILIES_WITHOUT_SITE: &str =
     "a family comes with the program or from a site file, with a first version; `--site FILE` names the file";
 
@@ -92,8 +92,8 @@ pub struct UnknownFamily {
     pub family: String,
     /// The families known here.
     pub allowed: String,
-    /// Whether they are those of a named site file.
-    pub of_site: bool,
+    /// Whether they are those of the program, for there is neither a store nor a site file.
+    pub of_program: bool,
 }
 
 impl Hint for UnknownFamily {
@@ -102,7 +102,7 @@ impl Hint for UnknownFamily {
     }
 
     fn hint(&self) -> Option<Cow<'static, str>> {
-        let hint = if self.of_site { KNOWN_FAMILIES } else { FAMILIES_WITHOUT_SITE };
+        let hint = if self.of_program { FAMILIES_WITHOUT_SITE } else { KNOWN_FAMILIES };
         Some(hint.into())
     }
 }
@@ -426,7 +426,7 @@ impl RegisteredVersions {
             file: file.to_owned(),
             family: family.to_string(),
             allowed: self.families.iter().map(ToString::to_string).collect::<Vec<_>>().join(", "),
-            of_site: self.origin == VersionsOrigin::SiteFile,
+            of_program: self.origin == VersionsOrigin::Program,
         })
     }
 
