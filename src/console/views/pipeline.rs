@@ -43,9 +43,6 @@ const NEXT_NAMED: usize = 2;
 /// Columns of the name of what runs, beside the time.
 const WHAT_MIN: usize = 8;
 
-/// Columns that a long name leaves to the state behind it.
-const STATE_WIDTH_MIN: usize = 22;
-
 /// Rows for the status of the chosen version.
 const STATUS_ROWS_MAX: usize = 3;
 
@@ -292,7 +289,7 @@ fn rows(
     width: usize,
     chosen: bool,
 ) -> Vec<Row> {
-    let name = super::short(&candidate.version.to_string(), width.saturating_sub(STATE_WIDTH_MIN));
+    let name = candidate.version.to_string();
     let room = width.saturating_sub(name.width() + 2);
     let by = format!(
         "  {}, {}, risk {}",

@@ -154,6 +154,7 @@ fn all_changes_are_shown_before_a_decision() {
     let body =
         pipeline.record().version_table().store().views().unwrap().audit(&filter).unwrap().remove(0).body;
     for text in new.iter().chain(&differences) {
+        let text = text.trim_start_matches("parameter ");
         assert!(body.contains(text), "{text}: {body}");
     }
 }
