@@ -298,7 +298,8 @@ fn rows(
         candidate.risk
     );
     let state = super::state_row(candidate.state, &candidate.flags, room, look);
-    let head = super::named(&name, state, width).with(ThemeRole::Muted, &by);
+    // The last column is for the sign that the author is cut off.
+    let head = super::named(&name, state, width.saturating_sub(1)).with(ThemeRole::Muted, &by);
     let mut rows = vec![head];
     if !candidate.state.is_terminal() || chosen {
         rows.push(strip(candidate, look, width));

@@ -136,7 +136,7 @@ fn lines_stand_in_the_order_of_their_weight() {
         "If it gets worse: ",
         "ana, engineer, signed Thu 1 Jan 00:15:20 UTC: read all",
         "Your signature is the last: it takes the arm after this sequence",
-        "If no one decides by Thu 1 Jan 00:20:00 UTC, the version stays on hold",
+        "If no one decides by Thu 1 Jan 00:20 UTC, the version stays on hold",
     ];
     assert_eq!(lines.len(), heads.len(), "{lines:#?}");
     for (line, head) in lines.iter().zip(heads) {
