@@ -27,6 +27,7 @@ pub struct MeasuredTask<'a> {
 
 impl<'a> MeasuredTask<'a> {
     /// A task of a sequence, with the envelopes of the versions at work in it.
+    #[must_use]
     pub fn new(
         sequence: u64,
         dispatched: &'a DispatchedTask,
@@ -36,12 +37,14 @@ impl<'a> MeasuredTask<'a> {
     }
 
     /// The task with the value of its first violation.
+    #[must_use]
     pub fn violation(&self) -> MeasuredInTask {
         let first = self.record.hits.first();
         self.with_value(first.and_then(|(_, hit)| hit.quantity()))
     }
 
     /// The task with the value of the safety event that stopped it, else of its first violation.
+    #[must_use]
     pub fn safety_event(&self, event: Option<SafetyEvent>) -> MeasuredInTask {
         match event {
             Some(event) => self.with_value(quantity(StoppingEvent::Safety(event))),
