@@ -267,7 +267,8 @@ impl Reader {
     fn open_console(&mut self, console: Console) {
         console.wait_for_within(self.left(), "the engine is up", |screen| {
             let text = screen.contents();
-            screen.alternate_screen() && ["SIM", "REAL", "HUMAN"].iter().any(|name| text.contains(name))
+            let has = |names: &[&str]| names.iter().any(|name| text.contains(name));
+            screen.alternate_screen() && has(&["SIM", "REAL", "HUMAN"]) && has(&["RUNNING", "STOPPED"])
         });
         self.console = Some(console);
     }

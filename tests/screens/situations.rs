@@ -312,17 +312,17 @@ fn drives(model: &mut ConsoleModel, name: &str) {
 }
 
 /// The status of a version that a person paused.
-fn paused_by(condition: VersionCondition, by: &str, reason: &str) -> Option<VersionStatus> {
+fn paused_by(condition: VersionCondition, by: &str, reason: &str) -> VersionStatus {
     let notice =
         Notice::OperatorDid { act: OperatorAct::Paused, by: by.to_owned(), reason: reason.to_owned() };
-    Some(VersionStatus {
+    VersionStatus {
         condition,
         stage: None,
         since: None,
         cause: Some(notice.into()),
         obstacle: None,
         ends: condition.end(),
-    })
+    }
 }
 
 /// Raises an alarm of this priority, beside the others.
@@ -414,7 +414,7 @@ fn candidate_paused() -> ConsoleModel {
     let mut model = quiet();
     let flags = VersionFlags { paused: true, ..VersionFlags::default() };
     let mut paused = version("wipe@3.0.0", State::Validated, flags);
-    paused.status = paused_by(VersionCondition::Paused, "mia", "odd noise");
+    paused.status = Some(paused_by(VersionCondition::Paused, "mia", "odd noise"));
     edit(&mut model, |now| now.candidates.push(paused));
     model
 }
@@ -426,7 +426,7 @@ fn promotion_paused() -> ConsoleModel {
         family(now, "place").flags = Some(flags);
         let place = &mut now.candidates[0];
         place.flags = flags;
-        place.status = paused_by(VersionCondition::PromotionPaused, "bert", "the lens is cleaned");
+        place.status = Some(paused_by(VersionCondition::PromotionPaused, "bert", "the lens is cleaned"));
     });
     model
 }

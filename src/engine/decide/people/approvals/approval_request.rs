@@ -273,7 +273,7 @@ mod tests {
         };
         let [ana, ben, eve] =
             ["ana", "ben", "eve"].map(|name| Identity::create(folder.path(), name, Role::Engineer).unwrap());
-        let answers = vec![
+        let answers = [
             signed(&ana, ApprovalDecision::Approve, 100),
             signed(&eve, ApprovalDecision::Approve, 9_000),
             signed(&ana, ApprovalDecision::Approve, 9_000),
