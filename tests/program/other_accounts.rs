@@ -168,6 +168,6 @@ fn an_engine_outside_the_group_of_the_consoles_does_not_start() {
     let Some(machine) = Machine::new() else { return };
     let output = machine.serve(OTHER_GROUP, &[]).output().unwrap();
     let error = assert_error(&output, 2, "control-socket/group");
-    assert!(error.to_string().contains("usermod --append"), "{error}");
+    assert!(error.to_string().contains("usermod -a -G"), "{error}");
     assert!(!socket_path(&Layout::new(&machine.consoles)).exists());
 }
