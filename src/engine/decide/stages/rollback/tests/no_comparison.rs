@@ -63,7 +63,7 @@ fn an_event_without_a_comparison_takes_the_version_off_for_good() {
     assert_eq!((record.post_status, record.shared), (PostStatus::RolledBack, None));
     assert_eq!(record.uncompared, Some(UncomparedReason::NoStart));
     assert_eq!(bench.pipeline.record().version_table().version(&id).unwrap().1.state, State::RolledBack);
-    // Any other rollback compares nothing, and says nothing of it.
+    // Any other rollback makes no comparison, and records no reason.
     let mut other = Bench::new();
     let id = other.activate("align-improved");
     assert_eq!(other.by_operator(&id).uncompared, None);
