@@ -90,7 +90,7 @@ pub use info::{StoreCheck, StoreInfo, check_store, store_info};
 pub use interrupted_work::InterruptedWork;
 pub use invariants::{Invariant, Violation, check_invariants};
 pub use layout::{Layout, lock_owner, other_owner, size, utc};
-pub use lock_holder::{LockHolder, lock_holder, lock_sharers};
+pub use lock_holder::{LockHolder, holds_lock, lock_holder, lock_sharers};
 pub use profile_downgrade::{ContextRules, ProfileHistory, allow_profile};
 pub use proof::{Proof, ProofError, ProofFault, ProvedRecord, prove_consistency, prove_record, stored_head};
 pub use rebuild::{UnsignedRecords, rebuild};

@@ -4,15 +4,19 @@
 //! PID namespace is not named there.
 
 use std::fs::{self, File};
-use std::io::{ErrorKind, Read as _};
+use std::io::{self, ErrorKind, Read};
 use std::os::fd::AsRawFd as _;
 use std::os::unix::fs::MetadataExt as _;
 use std::path::Path;
+use std::time::{Duration, Instant};
 
 use rustix::fs::{FlockOperation, fcntl_lock, major, minor};
 
 /// The most of the kernel's list of locks that is read, bytes; a line has some 60.
 const LOCKS_BYTES_MAX: u64 = 4 << 20;
+
+/// How long the list is read to answer one question. Every account of the machine can make the list long and slow.
+const LOOK_WITHIN: Duration = Duration::from_millis(300);
 
 /// The buffer of one read, bytes.
 const READ_BYTES: usize = 64 << 10;
@@ -24,6 +28,9 @@ const LOOKS_MAX: usize = 20;
 /// The most bytes read of the kernel's data about one open file.
 const FDINFO_BYTES_MAX: u64 = 64 << 10;
 
+/// The most open files of a process that are looked at for a lock.
+const OPEN_FILES_MAX: usize = 4096;
+
 /// The holder of a lock.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum LockHolder {
@@ -31,8 +38,24 @@ pub enum LockHolder {
     Nobody,
     /// The process of this id.
     Process(i32),
-    /// Some process may hold it; the kernel does not name it.
+    /// Some process may hold it; the kernel does not name it, or not in time.
     Untold,
+}
+
+/// Whether a process holds the lock of a folder, according to the kernel's data about its open files. Other accounts cannot
+/// delay this, unlike [`lock_holder`]; `false` as well for a process of another account, which keeps these data to itself.
+#[must_use]
+pub fn holds_lock(process: i32, folder: &Path) -> bool {
+    let Ok(found) = fs::metadata(folder) else { return false };
+    let Ok(open) = fs::read_dir(format!("/proc/{process}/fdinfo")) else { return false };
+    let infos = open.take(OPEN_FILES_MAX).filter_map(|entry| {
+        let path = entry.ok()?.path();
+        read_limited(File::open(path).ok()?, FDINFO_BYTES_MAX, None).ok()
+    });
+    let locks: String = infos.collect::<Vec<_>>().concat().replace("lock:", "");
+    let holds = |name: &KernelName| holders(&locks, name, "WRITE").any(|holder| holder == process);
+    let other_name = || KernelName::from_lock_list(&File::open(folder).ok()?);
+    holds(&KernelName::of(&found)) || other_name().is_some_and(|name| holds(&name))
 }
 
 /// The process that holds the lock of a folder: an engine's, on its store or its second socket.
@@ -45,8 +68,9 @@ pub fn lock_holder(folder: &Path) -> LockHolder {
     };
     let file = File::open(folder).ok();
     let mut names = vec![KernelName::of(&found)];
+    let until = Instant::now() + LOOK_WITHIN;
     for look in 0..LOOKS_MAX {
-        let Ok(locks) = read_limited("/proc/locks", LOCKS_BYTES_MAX) else { return LockHolder::Untold };
+        let Ok(locks) = read_locks(until) else { return LockHolder::Untold };
         if let Some(process) = names.iter().find_map(|name| holders(&locks, name, "WRITE").next()) {
             return LockHolder::Process(process);
         }
@@ -64,7 +88,7 @@ pub fn lock_holder(folder: &Path) -> LockHolder {
 /// The processes that share the lock of an open file, one entry for each lock.
 #[must_use]
 pub fn lock_sharers(file: &File) -> Vec<i32> {
-    let (Ok(found), Ok(locks)) = (file.metadata(), read_limited("/proc/locks", LOCKS_BYTES_MAX)) else {
+    let (Ok(found), Ok(locks)) = (file.metadata(), read_locks(Instant::now() + LOOK_WITHIN)) else {
         return Vec::new();
     };
     let by_stat = KernelName::of(&found);
@@ -87,7 +111,8 @@ impl KernelName {
     /// By a lock of another kind (`fcntl(2)`), which does not block a `flock`: the file's name in the kernel's list.
     fn from_lock_list(file: &File) -> Option<Self> {
         fcntl_lock(file, FlockOperation::NonBlockingLockShared).ok()?;
-        let info = read_limited(&format!("/proc/self/fdinfo/{}", file.as_raw_fd()), FDINFO_BYTES_MAX);
+        let info = File::open(format!("/proc/self/fdinfo/{}", file.as_raw_fd()))
+            .and_then(|info| read_limited(info, FDINFO_BYTES_MAX, None));
         let _ = fcntl_lock(file, FlockOperation::NonBlockingUnlock);
         let lock = info.ok()?.lines().find_map(|line| {
             let lock = KernelLock::read(line.strip_prefix("lock:")?)?;
@@ -123,11 +148,29 @@ fn holders<'a>(locks: &'a str, name: &'a KernelName, mode: &'a str) -> impl Iter
     locks.lines().filter_map(KernelLock::read).filter(held).map(|lock| lock.process)
 }
 
-fn read_limited(path: &str, bytes_max: u64) -> std::io::Result<String> {
+fn read_locks(until: Instant) -> io::Result<String> {
+    read_limited(File::open("/proc/locks")?, LOCKS_BYTES_MAX, Some(until))
+}
+
+/// Reads all of a source, but not for long.
+///
+/// # Errors
+/// [`ErrorKind::TimedOut`] if the source has not ended at `until`.
+fn read_limited(source: impl Read, bytes_max: u64, until: Option<Instant>) -> io::Result<String> {
+    let mut source = source.take(bytes_max);
     // The kernel keeps the list consistent for one read alone, so the reads are large.
-    let mut text = String::with_capacity(READ_BYTES);
-    File::open(path)?.take(bytes_max).read_to_string(&mut text)?;
-    Ok(text)
+    let (mut text, mut part) = (Vec::with_capacity(READ_BYTES), vec![0; READ_BYTES]);
+    loop {
+        match source.read(&mut part) {
+            Ok(0) => return String::from_utf8(text).map_err(io::Error::other),
+            Ok(count) => text.extend_from_slice(part.get(..count).unwrap_or_default()),
+            Err(error) if error.kind() == ErrorKind::Interrupted => {}
+            Err(error) => return Err(error),
+        }
+        if until.is_some_and(|until| Instant::now() >= until) {
+            return Err(ErrorKind::TimedOut.into());
+        }
+    }
 }
 
 #[cfg(test)]
@@ -165,13 +208,35 @@ mod tests {
     }
 
     #[test]
+    fn a_process_that_holds_a_lock_is_known_without_the_list_of_all_locks() {
+        let folder = tempfile::tempdir().unwrap();
+        assert!(!holds_lock(own(), folder.path()));
+        let lock = File::open(folder.path()).unwrap();
+        lock.try_lock_shared().unwrap();
+        assert!(!holds_lock(own(), folder.path()), "a shared lock is no engine's");
+        lock.try_lock().unwrap();
+        assert!(holds_lock(own(), folder.path()));
+        assert!(!holds_lock(-1, folder.path()) && !holds_lock(own(), &folder.path().join("absent")));
+    }
+
+    /// Any account of the machine can add 90,000 locks to the list, and a stop waited until all of it was read.
+    #[test]
+    fn a_list_without_an_end_is_read_for_a_bounded_time() {
+        let begun = Instant::now();
+        let error = read_limited(io::repeat(b'x'), u64::MAX, Some(begun + Duration::from_millis(1)));
+        assert_eq!(error.unwrap_err().kind(), ErrorKind::TimedOut);
+        assert_eq!(read_limited(&b"abc"[..], 2, Some(begun + Duration::from_hours(1))).unwrap(), "ab");
+        assert!(begun.elapsed() < Duration::from_mins(1));
+    }
+
+    #[test]
     fn kernel_name_of_a_file_is_found_without_its_device_number() {
         let folder = tempfile::tempdir().unwrap();
         let held = File::open(folder.path()).unwrap();
         held.try_lock().unwrap();
         let file = File::open(folder.path()).unwrap();
         let name = KernelName::from_lock_list(&file).expect("the kernel says it");
-        let locks = read_limited("/proc/locks", LOCKS_BYTES_MAX).unwrap();
+        let locks = read_locks(Instant::now() + Duration::from_mins(1)).unwrap();
         assert_eq!(holders(&locks, &name, "WRITE").collect::<Vec<_>>(), [own()]);
     }
 

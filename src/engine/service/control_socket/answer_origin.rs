@@ -7,7 +7,7 @@ use std::fmt;
 use std::path::Path;
 
 use holdpoint_protocol::command::{Refusal, Reply};
-use holdpoint_registry::{LockHolder, lock_holder};
+use holdpoint_registry::{LockHolder, holds_lock, lock_holder};
 
 /// The process that answers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -21,15 +21,20 @@ pub enum AnswerOrigin {
         /// The process that has the store; absent if none has.
         holds: Option<i32>,
     },
-    /// The kernel does not name the answering process, or the process that has the store.
+    /// The kernel does not name the answering process, or does not name in time the process that has the store.
     Untold,
 }
 
 impl AnswerOrigin {
     /// Compares the answering process with the process that has the store in `folder`.
     pub(super) fn of(answers: i32, folder: &Path) -> Self {
+        if answers <= 0 {
+            return Self::Untold;
+        }
+        if holds_lock(answers, folder) {
+            return Self::Engine;
+        }
         match lock_holder(folder) {
-            _ if answers <= 0 => Self::Untold,
             LockHolder::Process(holds) if holds == answers => Self::Engine,
             LockHolder::Process(holds) => Self::Other { answers, holds: Some(holds) },
             LockHolder::Nobody => Self::Other { answers, holds: None },
@@ -102,7 +107,7 @@ impl fmt::Display for UnverifiedOrigin {
                 write!(f, "process {answers} answers at the socket, and no process has the store")
             }
             AnswerOrigin::Untold | AnswerOrigin::Engine => f.write_str(
-                "the kernel does not say whether the process that answers is the one that has the store",
+                "the kernel does not say, or not in time, whether the process that answers is the one that has the store",
             ),
         }
     }

@@ -90,40 +90,22 @@ impl Client {
     /// # Errors
     /// As [`Client::connect`]; [`ControlSocketError::Silent`] if the engine is there but does not respond.
     pub fn connect_within(layout: &Layout, patience: Duration) -> Result<Option<Self>, ControlSocketError> {
-        let path = socket_path(layout);
-        // No engine can listen at a path that is too long.
-        if socket_file::check_length(&path).is_err() {
-            return Ok(None);
-        }
-        let stream = match UnixStream::connect(&path) {
-            Ok(stream) => stream,
-            Err(error)
-                if matches!(
-                    error.kind(),
-                    io::ErrorKind::NotFound | io::ErrorKind::ConnectionRefused | io::ErrorKind::NotADirectory
-                ) =>
-            {
-                return Ok(None);
-            }
-            Err(error) => return Err(ControlSocketError::io("connect to", &path)(error)),
-        };
-        let peer = rustix::net::sockopt::socket_peercred(&stream)
-            .map_err(|error| ControlSocketError::io("look who serves", &path)(error.into()))?;
-        if peer.uid != rustix::process::geteuid() && !owns(layout.folder(), peer.uid) {
-            return Err(ControlSocketError::Foreign { path, uid: peer.uid.as_raw() });
-        }
-        let process = peer.pid.as_raw_pid();
-        let origin = AnswerOrigin::of(process, layout.folder());
-        let mut lines = LineReader { path, process, reader: BufReader::new(stream), line: Vec::new() };
-        let Some(hello) = lines.next(patience)? else { return Err(lines.silent()) };
-        match hello {
-            ServerMessage::Hello { protocol: PROTOCOL, .. } => Ok(Some(Self { lines, origin })),
-            ServerMessage::Hello { protocol, version, .. } => {
-                Err(lines.protocol(format!("version {version} speaks protocol {protocol}, not {PROTOCOL}")))
-            }
-            ServerMessage::Closed { text } => Err(lines.closed(text)),
-            _ => Err(lines.protocol("its first line is no hello".to_owned())),
-        }
+        let Some(lines) = LineReader::connect(layout, patience)? else { return Ok(None) };
+        let origin = AnswerOrigin::of(lines.process, layout.folder());
+        Ok(Some(Self { lines, origin }))
+    }
+
+    /// As [`Client::connect_within`], but sends a request before the client verifies which process answers. For a stop alone:
+    /// it harms nothing at another process, and the verification may take a while.
+    pub(super) fn connect_asking(
+        layout: &Layout,
+        request: Request,
+        patience: Duration,
+    ) -> Result<Option<Self>, ControlSocketError> {
+        let Some(mut lines) = LineReader::connect(layout, patience)? else { return Ok(None) };
+        lines.send(&ClientMessage::Ask { request: Box::new(request) })?;
+        let origin = AnswerOrigin::of(lines.process, layout.folder());
+        Ok(Some(Self { lines, origin }))
     }
 
     /// Why answers are not known to come from the engine; `None` if they are.
@@ -195,6 +177,11 @@ impl Client {
 
     fn call(&mut self, call: &ClientMessage) -> Result<Reply, ControlSocketError> {
         self.lines.send(call)?;
+        self.reply()
+    }
+
+    /// Waits for the reply to a request that was sent.
+    pub(super) fn reply(&mut self) -> Result<Reply, ControlSocketError> {
         match self.lines.expect(REPLY_SECS)? {
             ServerMessage::Reply { reply } => Ok(*reply),
             ServerMessage::Closed { text } => Err(self.lines.closed(text)),
@@ -357,6 +344,43 @@ struct LineReader {
 }
 
 impl LineReader {
+    /// Connects to the process that serves the socket, and reads its greeting; `None` if no process serves it.
+    fn connect(layout: &Layout, patience: Duration) -> Result<Option<Self>, ControlSocketError> {
+        let path = socket_path(layout);
+        // No engine can listen at a path that is too long.
+        if socket_file::check_length(&path).is_err() {
+            return Ok(None);
+        }
+        let stream = match UnixStream::connect(&path) {
+            Ok(stream) => stream,
+            Err(error)
+                if matches!(
+                    error.kind(),
+                    io::ErrorKind::NotFound | io::ErrorKind::ConnectionRefused | io::ErrorKind::NotADirectory
+                ) =>
+            {
+                return Ok(None);
+            }
+            Err(error) => return Err(ControlSocketError::io("connect to", &path)(error)),
+        };
+        let peer = rustix::net::sockopt::socket_peercred(&stream)
+            .map_err(|error| ControlSocketError::io("look who serves", &path)(error.into()))?;
+        if peer.uid != rustix::process::geteuid() && !owns(layout.folder(), peer.uid) {
+            return Err(ControlSocketError::Foreign { path, uid: peer.uid.as_raw() });
+        }
+        let process = peer.pid.as_raw_pid();
+        let mut lines = Self { path, process, reader: BufReader::new(stream), line: Vec::new() };
+        let Some(hello) = lines.next(patience)? else { return Err(lines.silent()) };
+        match hello {
+            ServerMessage::Hello { protocol: PROTOCOL, .. } => Ok(Some(lines)),
+            ServerMessage::Hello { protocol, version, .. } => {
+                Err(lines.protocol(format!("version {version} speaks protocol {protocol}, not {PROTOCOL}")))
+            }
+            ServerMessage::Closed { text } => Err(lines.closed(text)),
+            _ => Err(lines.protocol("its first line is no hello".to_owned())),
+        }
+    }
+
     fn send(&mut self, call: &ClientMessage) -> Result<(), ControlSocketError> {
         let line = wire::line(call).map_err(|error| self.protocol(error.to_string()))?;
         if line.len() > CALL_BYTES_MAX {

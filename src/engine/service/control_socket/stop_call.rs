@@ -257,20 +257,44 @@ fn send_over_socket(layout: &Layout, request: &Request, until: Instant, sender: 
 }
 
 fn try_socket(layout: &Layout, request: &Request) -> Result<Option<SocketAnswer>, ControlSocketError> {
-    let Some(mut client) = Client::connect_within(layout, HELLO_WITHIN)? else { return Ok(None) };
-    if let Some(origin) = client.unverified_origin() {
-        if layout.database().exists() {
-            return Ok(Some(SocketAnswer::Nothing(origin.to_string())));
-        }
-        // Without a store in the folder, the mark reaches no engine: the stop goes to the process that answers.
-        let reply = client.send_request(request.clone())?;
-        return Ok(Some(SocketAnswer::Unverified(origin.of(&reply))));
+    let Some(mut client) = Client::connect_asking(layout, request.clone(), HELLO_WITHIN)? else {
+        return Ok(None);
+    };
+    Ok(Some(match client.unverified_origin() {
+        None => SocketAnswer::Engine(client.reply()?),
+        Some(origin) if layout.database().exists() => SocketAnswer::Nothing(origin.to_string()),
+        // Without a store in the folder, the mark reaches no engine: the answer of the process is all there is.
+        Some(origin) => SocketAnswer::Unverified(origin.of(&client.reply()?)),
+    }))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::service::control_socket::socket_path;
+    use holdpoint_protocol::wire::{self, ClientMessage, PROTOCOL, ServerMessage};
+    use std::io::{BufRead as _, BufReader, Write as _};
+    use std::os::unix::net::UnixListener;
+
+    /// The client read the kernel's list of locks before it sent a stop, and other accounts can make the list slow to read.
+    #[test]
+    fn a_stop_is_sent_before_the_answering_process_is_verified() {
+        let folder = tempfile::tempdir().unwrap();
+        let layout = Layout::new(folder.path());
+        std::fs::write(layout.database(), "").unwrap();
+        let listener = UnixListener::bind(socket_path(&layout)).unwrap();
+        // It does not hold the store, so its answer will not count.
+        let server = std::thread::spawn(move || {
+            let (mut stream, _) = listener.accept().unwrap();
+            let hello = ServerMessage::Hello { protocol: PROTOCOL, version: String::new(), process: 1 };
+            stream.write_all(wire::line(&hello).unwrap().as_bytes()).unwrap();
+            let mut line = String::new();
+            BufReader::new(stream).read_line(&mut line).unwrap();
+            serde_json::from_str::<ClientMessage>(&line).unwrap()
+        });
+        let stop = StopCall::with_id("a".to_owned(), "ana".to_owned(), String::new());
+        let outcome = stop.send(&layout);
+        assert!(!matches!(outcome, StopOutcome::Answered(_) | StopOutcome::Marked(_)), "{outcome:?}");
+        assert_eq!(server.join().unwrap(), ClientMessage::Ask { request: Box::new(stop.request()) });
     }
-    let reply = client.send_request(request.clone())?;
-    // The client connected again after the first connection broke.
-    Ok(Some(
-        client
-            .unverified_origin()
-            .map_or_else(|| SocketAnswer::Engine(reply), |origin| SocketAnswer::Nothing(origin.to_string())),
-    ))
 }
