@@ -11,6 +11,7 @@
 mod accounts;
 mod answer_origin;
 mod attached_console;
+mod call_line;
 mod client;
 mod connection_limits;
 mod console_registry;

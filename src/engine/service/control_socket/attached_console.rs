@@ -15,8 +15,9 @@ use tokio::sync::{broadcast, mpsc, watch};
 use tokio::task::JoinSet;
 use tokio::time::timeout;
 
+use super::call_line::{ReadLine, SHORT_CALL_BYTES_MAX, read_call};
 use super::console_registry::ConsoleRegistration;
-use super::server::{ControlSocketServer, ReadLine, read_call, write};
+use super::server::{ControlSocketServer, write};
 use holdpoint_protocol::account_role::AccountRole;
 use holdpoint_protocol::command::Caller;
 use holdpoint_protocol::console_presence::ConsolePresence;
@@ -278,7 +279,7 @@ async fn show(
 /// Reads the client's calls until it disconnects, or sends one that is not allowed.
 async fn listen(mut reader: BufReader<OwnedReadHalf>, sender: mpsc::Sender<ReadLine>) {
     loop {
-        let read = read_call(&mut reader).await.unwrap_or(ReadLine::Nothing);
+        let read = read_call(&mut reader, SHORT_CALL_BYTES_MAX).await.unwrap_or(ReadLine::Nothing);
         let goes_on = matches!(read, ReadLine::Call(_));
         if sender.send(read).await.is_err() || !goes_on {
             return;

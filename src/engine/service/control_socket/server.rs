@@ -7,7 +7,7 @@ use std::sync::{Arc, Mutex};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
-use tokio::io::{AsyncBufReadExt, AsyncReadExt, AsyncWriteExt, BufReader};
+use tokio::io::{AsyncBufReadExt, AsyncWriteExt, BufReader};
 use tokio::net::unix::{OwnedReadHalf, OwnedWriteHalf};
 use tokio::net::{UnixListener, UnixStream};
 use tokio::signal::unix::{SignalKind, signal};
@@ -18,6 +18,7 @@ use tokio_util::sync::CancellationToken;
 
 use super::accounts::{AllowedAccounts, ClientAccount};
 use super::attached_console::{EventBacklog, LiveDocuments};
+use super::call_line::{ReadLine, SHORT_CALL_BYTES_MAX, read_call};
 use super::connection_limits::{ASKING_MAX, ConnectionLimits, Crowding, IDLE_MAX, OBSERVERS_MAX};
 use super::console_registry::ConsoleRegistry;
 use super::fd_reserve;
@@ -28,7 +29,6 @@ use crate::live::stop_switch::{StopRequest, StopSwitch};
 use crate::service::caller;
 use holdpoint_protocol::account_role::AccountRole;
 use holdpoint_protocol::command::{Caller, Command, Refusal, Reply, StopPersistence};
-use holdpoint_protocol::request_problem::request_problem;
 use holdpoint_protocol::wire::{
     self, ANSWER_BYTES_MAX, CALL_BYTES_MAX, ClientMessage, ID_BYTES_MAX, PROTOCOL, ServerMessage,
 };
@@ -213,6 +213,10 @@ impl ControlSocketServer {
         crowding: Option<Crowding>,
     ) -> io::Result<()> {
         let (mut reader, mut writer) = greet(stream).await?;
+        let call_bytes_max = match account.role {
+            AccountRole::Observer => SHORT_CALL_BYTES_MAX,
+            AccountRole::Operator | AccountRole::Administrator => CALL_BYTES_MAX,
+        };
         let idle_max = if crowding.is_some() { CROWDED_TIME_MAX } else { IDLE_TIME_MAX };
         loop {
             let silent = self.classes.begin_idle();
@@ -222,7 +226,7 @@ impl ControlSocketServer {
                     let text = format!("there is room for {IDLE_MAX} connections that ask for nothing at most, and others were newer; connect again");
                     return write(&mut writer, &ServerMessage::Closed { text }).await;
                 }
-                read = timeout(idle_max, read_call(&mut reader)) => match read {
+                read = timeout(idle_max, read_call(&mut reader, call_bytes_max)) => match read {
                     Ok(call) => call?,
                     Err(_) => return Ok(()),
                 },
@@ -442,33 +446,6 @@ async fn greet(stream: UnixStream) -> io::Result<(BufReader<OwnedReadHalf>, Owne
     write(&mut writer, &ServerMessage::Hello { protocol: PROTOCOL, version, process: std::process::id() })
         .await?;
     Ok((BufReader::new(reader), writer))
-}
-
-pub(super) enum ReadLine {
-    Call(ClientMessage),
-    Nothing,
-    /// A request with a field or a value that is not allowed, and why.
-    Refused(String),
-    /// No call, and why.
-    Bad(String),
-}
-
-pub(super) async fn read_call(reader: &mut BufReader<OwnedReadHalf>) -> io::Result<ReadLine> {
-    let mut line = Vec::new();
-    let limit = CALL_BYTES_MAX as u64 + 1;
-    reader.take(limit).read_until(b'\n', &mut line).await?;
-    if line.last() != Some(&b'\n') {
-        let long = line.len() > CALL_BYTES_MAX;
-        let text = format!("a line has more than {CALL_BYTES_MAX} bytes, which is not allowed");
-        return Ok(if long { ReadLine::Bad(text) } else { ReadLine::Nothing });
-    }
-    Ok(match serde_json::from_slice(&line) {
-        Ok(call) => ReadLine::Call(call),
-        Err(error) => match request_problem(&line, &error) {
-            Some(problem) => ReadLine::Refused(problem),
-            None => ReadLine::Bad(format!("this is no call of protocol {PROTOCOL}: {error}")),
-        },
-    })
 }
 
 pub(super) async fn write(writer: &mut OwnedWriteHalf, answer: &ServerMessage) -> io::Result<()> {
