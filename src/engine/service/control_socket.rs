@@ -35,7 +35,10 @@ pub use accounts::AccountRoles;
 pub use answer_origin::{AnswerOrigin, UnverifiedOrigin};
 pub use attached_console::{LET_GO_AFTER, LiveViews, PAST_MAX, READS_WITHIN, SHOWN_TO_NOBODY};
 pub use client::{Client, ConsoleConnection, ConsoleMessage, Notification, PresenceSender, Subscription};
-pub use connection_limits::{ACCOUNT_CONNECTIONS_MAX, ASKING_MAX, BRAKING_MAX, IDLE_MAX, OBSERVERS_MAX};
+pub use connection_limits::{
+    ACCOUNT_CONNECTIONS_MAX, ACCOUNT_RECEIVERS_MAX, ASKING_MAX, BRAKING_MAX, IDLE_MAX, OBSERVERS_MAX,
+    OWNER_RECEIVERS_MIN,
+};
 pub use console_registry::{ConsoleRegistration, ConsoleRegistry};
 pub use socket_file::socket_path;
 pub use stop_call::{NOT_CONFIRMED_HINT, StopCall, StopOutcome, not_confirmed, stopped_by_mark};

@@ -3,15 +3,19 @@
 //! An idle connection takes no place from others: beyond [`IDLE_MAX`], the longest idle one is closed. Subscribers,
 //! requests, and requests that take authority away have separate places, and the last class has some in reserve. A stop
 //! of the cell needs no place: it takes effect before any check here. An account other than the engine's own has
-//! [`ACCOUNT_CONNECTIONS_MAX`] connections, so that it does not shut the others out. Programs of the engine's account have
-//! the limits of the classes alone. A program that connects faster than others can send still blocks them.
+//! [`ACCOUNT_CONNECTIONS_MAX`] connections, of which [`ACCOUNT_RECEIVERS_MAX`] receive events, so that it does not shut the
+//! others out. All of these accounts leave [`OWNER_RECEIVERS_MIN`] places of receivers to the engine's own. Programs of the
+//! engine's account have the limits of the classes alone. A program that connects faster than others can send still
+//! blocks them.
 
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, PoisonError};
 
-use holdpoint_protocol::command::Command;
 use tokio::sync::{OwnedSemaphorePermit, Semaphore};
 use tokio_util::sync::CancellationToken;
+
+use super::accounts::ClientAccount;
+use holdpoint_protocol::command::Command;
 
 /// The most connections that receive events.
 pub const OBSERVERS_MAX: usize = 64;
@@ -30,6 +34,12 @@ pub const IDLE_MAX: usize = 64;
 
 /// The most connections of an account other than the engine's own.
 pub const ACCOUNT_CONNECTIONS_MAX: usize = 16;
+
+/// The most connections of such an account that receive events.
+pub const ACCOUNT_RECEIVERS_MAX: usize = 4;
+
+/// The places for connections that receive events that only the engine's own account takes.
+pub const OWNER_RECEIVERS_MIN: usize = 16;
 
 /// Why a connection must take authority away with its first request.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -57,24 +67,33 @@ impl Crowding {
 #[derive(Clone, Debug)]
 pub(super) struct ConnectionLimits {
     observers: Arc<Semaphore>,
+    /// Of these places, those that other accounts may take.
+    others_observers: Arc<Semaphore>,
     requests: Arc<Semaphore>,
     braking: Arc<Semaphore>,
     stops: Arc<Semaphore>,
     idle: Arc<Mutex<IdleConnections>>,
     /// The connections of each account.
-    accounts: Arc<Mutex<BTreeMap<u32, usize>>>,
+    accounts: AccountCounts,
+    /// Those that receive events.
+    receivers: AccountCounts,
 }
+
+/// A number for each account that has one.
+type AccountCounts = Arc<Mutex<BTreeMap<u32, usize>>>;
 
 impl Default for ConnectionLimits {
     fn default() -> Self {
         let places = |count| Arc::new(Semaphore::new(count));
         Self {
             observers: places(OBSERVERS_MAX),
+            others_observers: places(OBSERVERS_MAX - OWNER_RECEIVERS_MIN),
             requests: places(ASKING_MAX),
             braking: places(BRAKING_MAX),
             stops: places(STOPS_MAX),
             idle: Arc::default(),
             accounts: Arc::default(),
+            receivers: Arc::default(),
         }
     }
 }
@@ -110,13 +129,20 @@ impl Drop for IdleConnection {
 /// A connection counts for its account as long as this lives.
 #[derive(Debug)]
 pub(super) struct AccountConnection {
-    accounts: Arc<Mutex<BTreeMap<u32, usize>>>,
+    accounts: AccountCounts,
     uid: u32,
     /// How many connections the account had when this one began, with it.
     number: usize,
 }
 
 impl AccountConnection {
+    fn begin(accounts: &AccountCounts, uid: u32) -> Self {
+        let mut counts = accounts.lock().unwrap_or_else(PoisonError::into_inner);
+        let count = counts.entry(uid).or_default();
+        *count += 1;
+        Self { accounts: Arc::clone(accounts), uid, number: *count }
+    }
+
     /// How many connections the account then had beyond its limit.
     pub(super) const fn beyond_limit(&self) -> usize {
         self.number.saturating_sub(ACCOUNT_CONNECTIONS_MAX)
@@ -135,13 +161,18 @@ impl Drop for AccountConnection {
     }
 }
 
+/// The place of a connection that receives events, as long as this lives.
+#[derive(Debug)]
+pub(super) struct ReceiverPlace {
+    /// Of an account other than the engine's own.
+    _other: Option<(AccountConnection, OwnedSemaphorePermit)>,
+    _place: OwnedSemaphorePermit,
+}
+
 impl ConnectionLimits {
     /// Counts a connection of an account.
     pub(super) fn begin_connection(&self, uid: u32) -> AccountConnection {
-        let mut accounts = self.accounts.lock().unwrap_or_else(PoisonError::into_inner);
-        let count = accounts.entry(uid).or_default();
-        *count += 1;
-        AccountConnection { accounts: Arc::clone(&self.accounts), uid, number: *count }
+        AccountConnection::begin(&self.accounts, uid)
     }
 
     /// A connection begins to wait for a request of its client.
@@ -169,9 +200,28 @@ impl ConnectionLimits {
         })
     }
 
-    /// A place for a subscriber; `None` if there is none left.
-    pub(super) fn observer(&self) -> Option<OwnedSemaphorePermit> {
-        Arc::clone(&self.observers).try_acquire_owned().ok()
+    /// A place for a subscriber.
+    ///
+    /// # Errors
+    /// The last message to a subscriber without a place.
+    pub(super) fn observer(&self, account: ClientAccount) -> Result<ReceiverPlace, String> {
+        let place = |of: &Arc<Semaphore>| {
+            Arc::clone(of).try_acquire_owned().map_err(|_| {
+                format!("{OBSERVERS_MAX} connections receive events, the most allowed: end one that watches it")
+            })
+        };
+        let other = if account.is_owner {
+            None
+        } else {
+            let connection = AccountConnection::begin(&self.receivers, account.uid);
+            if connection.number > ACCOUNT_RECEIVERS_MAX {
+                return Err(format!(
+                    "{ACCOUNT_RECEIVERS_MAX} connections of this account receive events, the most allowed: end one of them"
+                ));
+            }
+            Some((connection, place(&self.others_observers)?))
+        };
+        Ok(ReceiverPlace { _other: other, _place: place(&self.observers)? })
     }
 
     /// A place for a request while it is answered; `None` if there is none left.
@@ -188,6 +238,7 @@ impl ConnectionLimits {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use holdpoint_protocol::account_role::AccountRole;
 
     #[test]
     fn longest_idle_connection_is_closed() {
@@ -216,6 +267,26 @@ mod tests {
         assert_eq!(classes.begin_connection(8).beyond_limit(), 0);
         drop(crowd);
         assert!(classes.accounts.lock().unwrap().is_empty());
+    }
+
+    /// Four accounts took all places, and the engine's own console could not attach.
+    #[test]
+    fn receivers_of_other_accounts_leave_places_to_the_engines_own() {
+        let classes = ConnectionLimits::default();
+        let account = |uid| ClientAccount { uid, role: AccountRole::Observer, is_owner: uid == 7 };
+        let taken = |uid| -> Vec<ReceiverPlace> {
+            std::iter::from_fn(|| classes.observer(account(uid)).ok()).collect()
+        };
+        let one = taken(8);
+        assert_eq!(one.len(), ACCOUNT_RECEIVERS_MAX);
+        let others: Vec<ReceiverPlace> = (100..200).flat_map(taken).collect();
+        assert_eq!(one.len() + others.len(), OBSERVERS_MAX - OWNER_RECEIVERS_MIN);
+        assert!(classes.observer(account(9)).unwrap_err().contains("receive events"));
+        assert_eq!(taken(7).len(), OWNER_RECEIVERS_MIN);
+        // Ended connections count no more.
+        drop((one, others));
+        assert_eq!(taken(8).len(), ACCOUNT_RECEIVERS_MAX);
+        assert!(classes.receivers.lock().unwrap().is_empty());
     }
 
     #[test]

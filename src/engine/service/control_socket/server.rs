@@ -7,7 +7,7 @@ use std::sync::{Arc, Mutex};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
-use tokio::io::{AsyncBufReadExt, AsyncWriteExt, BufReader};
+use tokio::io::{AsyncBufReadExt, AsyncWrite, AsyncWriteExt, BufReader};
 use tokio::net::unix::{OwnedReadHalf, OwnedWriteHalf};
 use tokio::net::{UnixListener, UnixStream};
 use tokio::signal::unix::{SignalKind, signal};
@@ -17,9 +17,9 @@ use tokio::time::{MissedTickBehavior, timeout};
 use tokio_util::sync::CancellationToken;
 
 use super::accounts::{AllowedAccounts, ClientAccount};
-use super::attached_console::{EventBacklog, LiveDocuments};
+use super::attached_console::{EventBacklog, LET_GO_AFTER, LiveDocuments};
 use super::call_line::{ReadLine, SHORT_CALL_BYTES_MAX, read_call};
-use super::connection_limits::{ASKING_MAX, ConnectionLimits, Crowding, IDLE_MAX, OBSERVERS_MAX};
+use super::connection_limits::{ASKING_MAX, ConnectionLimits, Crowding, IDLE_MAX};
 use super::console_registry::ConsoleRegistry;
 use super::fd_reserve;
 use super::socket_file::{BoundSocket, SocketPlace};
@@ -247,11 +247,9 @@ impl ControlSocketServer {
                     return write(&mut writer, &ServerMessage::Closed { text }).await;
                 }
                 ReadLine::Call(call @ (ClientMessage::Subscribe {} | ClientMessage::Attach { .. })) => {
-                    let Some(_place) = self.classes.observer() else {
-                        let text = format!(
-                            "{OBSERVERS_MAX} connections receive events, the most allowed: end one that watches it"
-                        );
-                        return write(&mut writer, &ServerMessage::Closed { text }).await;
+                    let _place = match self.classes.observer(account) {
+                        Ok(place) => place,
+                        Err(text) => return write(&mut writer, &ServerMessage::Closed { text }).await,
                     };
                     return match call {
                         ClientMessage::Attach { sitting } => {
@@ -381,7 +379,8 @@ impl ControlSocketServer {
         })
     }
 
-    /// Sends events until the client disconnects or the socket closes. A slow client receives the number of lost events.
+    /// Sends events until the client disconnects or the socket closes. A slow client receives the number of lost events; one
+    /// that reads nothing is disconnected, so that it keeps no place.
     async fn send_events(
         &self,
         mut reader: BufReader<OwnedReadHalf>,
@@ -406,7 +405,7 @@ impl ControlSocketServer {
             tokio::select! {
                 () = self.stop.cancelled() => return Ok(()),
                 _ = reader.fill_buf() => return Ok(()),
-                written = writer.write_all(line.as_bytes()) => written?,
+                written = write_event(&mut writer, line.as_bytes(), LET_GO_AFTER) => written?,
             }
         }
     }
@@ -457,5 +456,40 @@ pub(super) async fn write(writer: &mut OwnedWriteHalf, answer: &ServerMessage) -
     match timeout(WRITE_MAX, writer.write_all(line.as_bytes())).await {
         Ok(written) => written,
         Err(_) => Err(io::ErrorKind::TimedOut.into()),
+    }
+}
+
+/// Writes a line to a subscriber.
+///
+/// # Errors
+/// [`io::ErrorKind::TimedOut`] if it reads nothing for so long.
+async fn write_event(
+    writer: &mut (impl AsyncWrite + Unpin),
+    line: &[u8],
+    let_go_after: Duration,
+) -> io::Result<()> {
+    let mut rest = line;
+    while !rest.is_empty() {
+        let written = timeout(let_go_after, writer.write(rest)).await.map_err(|_| io::ErrorKind::TimedOut)??;
+        if written == 0 {
+            return Err(io::ErrorKind::WriteZero.into());
+        }
+        rest = rest.get(written..).unwrap_or_default();
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Such a subscriber kept its place for as long as it lived.
+    #[tokio::test]
+    async fn a_subscriber_that_reads_nothing_is_disconnected() {
+        let (mut writer, _reader) = tokio::io::duplex(64);
+        let limit = Duration::from_millis(50);
+        write_event(&mut writer, &[b'x'; 64], limit).await.unwrap();
+        let error = write_event(&mut writer, b"x", limit).await.unwrap_err();
+        assert_eq!(error.kind(), io::ErrorKind::TimedOut);
     }
 }
