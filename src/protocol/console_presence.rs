@@ -6,8 +6,9 @@ use serde::{Deserialize, Serialize};
 use super::account_role::AccountRole;
 use holdpoint_governance::ids::{CapabilityId, is_name};
 
-/// The longest name of a person or a view, bytes.
-pub const CONSOLE_TEXT_BYTES_MAX: usize = 64;
+/// The views of a console. Another text in place of one could be a false statement on other consoles.
+pub const CONSOLE_VIEWS: [&str; 8] =
+    ["Overview", "Registry", "Candidate", "Shadow", "Alarms", "Approvals", "Audit", "Health"];
 
 /// What an attached console says of its user. It decides nothing: a decision is signed.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
@@ -16,7 +17,7 @@ pub struct ConsolePresence {
     /// The operator's chosen name; absent until chosen.
     #[serde(default)]
     pub who: Option<String>,
-    /// The current view.
+    /// The current view, one of [`CONSOLE_VIEWS`]; empty until the console shows one.
     pub view: String,
     /// The open approval request; absent if none.
     #[serde(default)]
@@ -27,15 +28,15 @@ pub struct ConsolePresence {
 }
 
 impl ConsolePresence {
-    /// The invalid field, if any: a name that no identity can have, so that it cannot be a sentence on another screen,
-    /// or a view that is too long or not plain text.
+    /// The invalid field, if any: a name that no identity can have, or a view that no console has. So neither can be a
+    /// sentence on another screen.
     #[must_use]
     pub fn invalid_field(&self) -> Option<String> {
         if self.who.as_deref().is_some_and(|who| !is_name(who)) {
             return Some("who is a name: 1 to 64 characters of a-z, 0-9, '.', '_' and '-'".to_owned());
         }
-        let bad = self.view.len() > CONSOLE_TEXT_BYTES_MAX || self.view.chars().any(char::is_control);
-        bad.then(|| format!("view has at most {CONSOLE_TEXT_BYTES_MAX} bytes of plain text"))
+        let is_known = self.view.is_empty() || CONSOLE_VIEWS.contains(&self.view.as_str());
+        (!is_known).then(|| format!("view is one of {}", CONSOLE_VIEWS.join(", ")))
     }
 }
 
@@ -75,20 +76,24 @@ pub struct AttachedConsoleView {
 mod tests {
     use super::*;
 
+    /// A view of any text showed another account and role behind a console on the screens of others.
     #[test]
-    fn a_presence_is_short_and_plain() {
+    fn a_presence_states_a_name_and_a_known_view_alone() {
         let sitting = |who: &str, view: &str| ConsolePresence {
             who: Some(who.to_owned()),
             view: view.to_owned(),
             ..ConsolePresence::default()
         };
-        assert_eq!(sitting("bert", "overview").invalid_field(), None);
+        for view in CONSOLE_VIEWS {
+            assert_eq!(sitting("bert", view).invalid_field(), None);
+        }
         assert_eq!(ConsolePresence::default().invalid_field(), None);
         for (who, view, field) in [
-            ("a\u{1b}[2J", "overview", "who"),
-            ("ana promoted it; ben", "overview", "who"),
-            ("", "overview", "who"),
-            ("bert", &"v".repeat(65), "view"),
+            ("a\u{1b}[2J", "Overview", "who"),
+            ("ana promoted it; ben", "Overview", "who"),
+            ("", "Overview", "who"),
+            ("bert", "overview", "view"),
+            ("bert", "Audit), ana of account root, administrator (Approvals", "view"),
         ] {
             assert!(sitting(who, view).invalid_field().is_some_and(|text| text.starts_with(field)));
         }

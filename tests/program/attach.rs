@@ -8,7 +8,7 @@ use holdpoint::engine::service::control_socket::{
 };
 use holdpoint::engine::service::engine_handle::{EngineHandle, EngineUpdate};
 use holdpoint::protocol::command::{Command, Reply, Request};
-use holdpoint::protocol::console_presence::{CONSOLE_TEXT_BYTES_MAX, ConsolePresence};
+use holdpoint::protocol::console_presence::ConsolePresence;
 use holdpoint::protocol::event::EventKind;
 use holdpoint::protocol::snapshot::Snapshot;
 use holdpoint::registry::Layout;
@@ -81,7 +81,7 @@ fn an_attached_console_is_shown_everything_and_seen_by_others() {
 fn an_attached_console_sends_only_its_presence() {
     let folder = tempfile::tempdir().unwrap();
     let _front = Front::start(folder.path(), Some(1.0));
-    let long = "v".repeat(CONSOLE_TEXT_BYTES_MAX + 1);
+    let long = "v".repeat(65);
     let closed = |lines: &[&str]| -> String {
         let mut raw = RawConnection::connect(folder.path());
         for line in lines {
@@ -99,7 +99,7 @@ fn an_attached_console_sends_only_its_presence() {
         (vec![r#"{"call":"sit","sitting":{"view":"Overview"}}"#], "`attach` comes"),
         (vec![attach, r#"{"call":"subscribe"}"#], "only `sit`"),
         (vec![attach, "{}"], "no call"),
-        (vec![&format!(r#"{{"call":"attach","sitting":{{"view":"{long}"}}}}"#)], "view has"),
+        (vec![&format!(r#"{{"call":"attach","sitting":{{"view":"{long}"}}}}"#)], "view is"),
         (vec![attach, &format!(r#"{{"call":"sit","sitting":{{"view":"","who":"{long}"}}}}"#)], "who is"),
     ] {
         assert!(closed(&lines).contains(text), "{lines:?}");

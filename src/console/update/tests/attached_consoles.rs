@@ -5,7 +5,9 @@ use crate::approval_screen::ClosingAnswer;
 use crate::model::EngineLink;
 use holdpoint_engine::service::control_socket::AnswerOrigin;
 use holdpoint_protocol::account_role::AccountRole;
-use holdpoint_protocol::console_presence::{AttachedConsoleView, ConsoleAccount, ConsolePresence};
+use holdpoint_protocol::console_presence::{
+    AttachedConsoleView, CONSOLE_VIEWS, ConsoleAccount, ConsolePresence,
+};
 use holdpoint_protocol::event::{Event, EventKind};
 
 fn event(seq: u64, kind: EventKind) -> Event {
@@ -42,6 +44,11 @@ fn a_console_reports_its_view_and_its_open_request() {
     // Once it is closed, no console reads it.
     console.tell(MsgKind::Snapshot(Arc::new(Snapshot { prompts: Vec::new(), ..snapshot(0, 'e') })));
     assert_eq!(attachment(&console).1, None);
+}
+
+#[test]
+fn the_engine_knows_every_view_by_its_title() {
+    assert_eq!(View::ALL.map(View::title), CONSOLE_VIEWS);
 }
 
 #[test]
