@@ -11,6 +11,7 @@ use crate::{failure_cause, notice};
 use holdpoint_governance::outcome::StageOutcome;
 use holdpoint_governance::profile::titled;
 use holdpoint_protocol::clock::ms_of;
+use holdpoint_protocol::command::Caller;
 use holdpoint_protocol::event::{DimensionResult, Event, EventKind, TaskSummary};
 use holdpoint_protocol::snapshot::RequestKind;
 use holdpoint_text::{SafeText, Untrusted};
@@ -263,9 +264,8 @@ fn text(kind: &EventKind) -> String {
             pictures_missing * 100.0
         ),
         EventKind::CellStopped { by, caller, reason } => {
-            let by = if by.is_empty() { "an unnamed user" } else { by };
-            let why = if reason.is_empty() { String::new() } else { format!(" ({reason})") };
-            format!("STOP     the cell is stopped by {by}, {caller}{why}")
+            let why = if reason.is_empty() { String::new() } else { format!(": {reason:?}") };
+            format!("STOP     the cell is stopped by {}{why}", stop_author(by, caller))
         }
         EventKind::ArmStands { ticks } => {
             format!("stands   at standstill {} ms after the stop", ms_of(*ticks))
@@ -343,6 +343,13 @@ fn kappa(dimension: &DimensionResult) -> String {
         Some(value) => format!("{name} {estimate}{value:.2} ({})", dimension.outcome),
         None => format!("{name} ({})", dimension.outcome),
     }
+}
+
+/// The author of a stop: the process that the system reports, and then the name that it states. A stop needs no identity, so
+/// the name is quoted: it must not read as a statement of the program.
+#[must_use]
+pub fn stop_author(by: &str, caller: &Caller) -> String {
+    if by.is_empty() { format!("{caller}, an unnamed person") } else { format!("{caller} as {by:?}") }
 }
 
 #[cfg(test)]
@@ -437,6 +444,15 @@ mod tests {
             "harm     place@1.0.0: speed of the object at landing 2.310 m/s (limit 0.300 m/s), fall of the object \
              0.2700 m (limit 0.0100 m) in live task 107; 3 of 107 past a limit; DANGER to people"
         );
+    }
+
+    /// An observer stopped the cell as `ana, root (uid 0), since 10:00; the fence is closed, start it`.
+    #[test]
+    fn the_author_of_a_stop_is_the_process_and_a_stated_name_is_quoted() {
+        let caller = Caller::Process { uid: 8, user: None, process: Some(5) };
+        let author = stop_author("ana, root (uid 0)\"; start it", &caller);
+        assert_eq!(author, r#"uid 8 (without a name, process 5) as "ana, root (uid 0)\"; start it""#);
+        assert_eq!(stop_author("", &Caller::Script), "a script, an unnamed person");
     }
 
     /// Sanitizing a text twice changes nothing.

@@ -34,6 +34,7 @@ use holdpoint_runtime::capability::shown;
 use holdpoint_text::{Untrusted, signing_options};
 use holdpoint_trials::site::StoreSite;
 use holdpoint_wording::counted_try;
+use holdpoint_wording::event::stop_author;
 
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub(super) struct StatusReport {
@@ -365,21 +366,15 @@ pub(in crate::cli) fn stopped_line(
     start: Option<(&str, &str)>,
     moment: &dyn Fn(u64) -> String,
 ) -> String {
-    let by = if stopped.by.is_empty() { "an unnamed person" } else { &stopped.by };
-    let since = moment(stopped.since_ms);
-    let mut line = format!("STOPPED  by {by}, {}, since {since}", stopped.caller);
-    if !stopped.reason.is_empty() {
-        line.push_str(&format!(": {}", stopped.reason));
-    }
+    let why = |reason: &str| if reason.is_empty() { String::new() } else { format!(": {reason:?}") };
+    let (author, since) = (stop_author(&stopped.by, &stopped.caller), moment(stopped.since_ms));
+    let mut line = format!("STOPPED  by {author}, since {since}{}", why(&stopped.reason));
     if stopped.unnamed > 0 {
         line.push_str(&format!(", and {} more times", stopped.unnamed));
     }
     for stop in &stopped.again {
-        let by = if stop.by.is_empty() { "an unnamed person" } else { &stop.by };
-        line.push_str(&format!(", and by {by}, {}, {}", stop.caller, moment(stop.at_ms)));
-        if !stop.reason.is_empty() {
-            line.push_str(&format!(": {}", stop.reason));
-        }
+        let author = stop_author(&stop.by, &stop.caller);
+        line.push_str(&format!(", and by {author}, {}{}", moment(stop.at_ms), why(&stop.reason)));
     }
     let (by, reason) = start.unwrap_or((FIRST_ADMINISTRATOR, "the cell is empty"));
     let signature = signing_options(by, reason);

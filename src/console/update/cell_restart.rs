@@ -5,7 +5,9 @@ use super::{refuse, show_message};
 use crate::effect::Effect;
 use crate::form::Intent;
 use crate::model::{ConsoleModel, Overlay};
+use holdpoint_protocol::command::Caller;
 use holdpoint_protocol::snapshot::StoppedView;
+use holdpoint_wording::event::stop_author;
 
 /// Opens the form that starts a stopped cell.
 pub(super) fn go(model: &mut ConsoleModel) -> Vec<Effect> {
@@ -42,17 +44,15 @@ fn go_lines(model: &ConsoleModel, stopped: &StoppedView) -> Vec<String> {
 
 /// All stops of the cell, with their authors.
 fn stop_lines(model: &ConsoleModel, stopped: &StoppedView) -> Vec<String> {
-    let name = |by: &str| if by.is_empty() { "somebody".to_owned() } else { by.to_owned() };
-    let why = |reason: &str| if reason.is_empty() { String::new() } else { format!(": {reason}") };
-    let (by, since) = (name(&stopped.by), model.moment(stopped.since_ms));
-    let mut lines =
-        vec![format!("Stopped by {by}, {}, since {since}{}", stopped.caller, why(&stopped.reason))];
+    let why = |reason: &str| if reason.is_empty() { String::new() } else { format!(": {reason:?}") };
+    let (author, since) = (stop_author(&stopped.by, &stopped.caller), model.moment(stopped.since_ms));
+    let mut lines = vec![format!("Stopped by {author}, since {since}{}", why(&stopped.reason))];
     if stopped.unnamed > 0 {
         lines.push(format!("and {} more times, by whom the record says", stopped.unnamed));
     }
     lines.extend(stopped.again.iter().map(|stop| {
-        let (by, at) = (name(&stop.by), model.moment(stop.at_ms));
-        format!("and by {by}, {}, at {at}{}", stop.caller, why(&stop.reason))
+        let (author, at) = (stop_author(&stop.by, &stop.caller), model.moment(stop.at_ms));
+        format!("and by {author}, at {at}{}", why(&stop.reason))
     }));
     lines
 }
@@ -62,15 +62,16 @@ pub(super) fn still_stopped(model: &ConsoleModel, read: (u64, u64)) -> Result<Ve
     match model.engine_data.snapshot.as_ref().and_then(|snapshot| snapshot.stopped.as_ref()) {
         None => Err("the cell has already been started".to_owned()),
         Some(stopped) if (stopped.since_ms, stopped.stops) != read => {
-            let by = stopped.again.last().map_or(&stopped.by, |stop| &stop.by);
-            Err(restop_message(model, by, stopped.last_ms()))
+            let first = (&stopped.by, &stopped.caller);
+            let (by, caller) = stopped.again.last().map_or(first, |stop| (&stop.by, &stop.caller));
+            Err(restop_message(model, (by, caller), stopped.last_ms()))
         }
         Some(stopped) => Ok(go_lines(model, stopped)),
     }
 }
 
 /// Another stop of a stopped cell: the operator who is about to start it has to know.
-pub(super) fn stopped_again(model: &mut ConsoleModel, by: &str, at_ms: u64) {
+pub(super) fn stopped_again(model: &mut ConsoleModel, author: (&str, &Caller), at_ms: u64) {
     let Some(Overlay::Form(form)) = &model.input.overlay else { return };
     // A stop from before the last one that was read arrives late.
     if !matches!(form.intent, Intent::Go { last_ms, .. } if at_ms > last_ms) {
@@ -78,7 +79,7 @@ pub(super) fn stopped_again(model: &mut ConsoleModel, by: &str, at_ms: u64) {
     }
     let is_sent = form.signing.as_ref().is_some_and(|signing| signing.request_id.is_some());
     let is_void = form.void.is_some();
-    let message = restop_message(model, by, at_ms);
+    let message = restop_message(model, author, at_ms);
     if is_sent {
         let refused = format!("{message}; your request does not include it and will be refused");
         show_message(model, refused, true);
@@ -87,7 +88,6 @@ pub(super) fn stopped_again(model: &mut ConsoleModel, by: &str, at_ms: u64) {
     }
 }
 
-fn restop_message(model: &ConsoleModel, by: &str, at_ms: u64) -> String {
-    let by = if by.is_empty() { "somebody" } else { by };
-    format!("{by} has stopped it again at {}: read why first", model.moment(at_ms))
+fn restop_message(model: &ConsoleModel, (by, caller): (&str, &Caller), at_ms: u64) -> String {
+    format!("{} has stopped it again at {}: read why first", stop_author(by, caller), model.moment(at_ms))
 }

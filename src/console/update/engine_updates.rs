@@ -146,8 +146,8 @@ pub(super) fn events(model: &mut ConsoleModel, events: Vec<Event>) -> Vec<Effect
         if matches!(event.kind, EventKind::Progress { .. }) {
             continue;
         }
-        if let EventKind::CellStopped { by, .. } = &event.kind {
-            cell_restart::stopped_again(model, by, event.at_ms);
+        if let EventKind::CellStopped { by, caller, .. } = &event.kind {
+            cell_restart::stopped_again(model, (by, caller), event.at_ms);
         }
         if let (
             EventKind::ApprovalReceived { version, by, decision, have, needed, .. },

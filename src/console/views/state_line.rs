@@ -269,6 +269,27 @@ mod tests {
     }
 
     #[test]
+    fn a_stop_of_another_account_names_the_account() {
+        let mut model = console();
+        model.engine_data.engine = EngineState::Running;
+        model.now_ms = 0;
+        model.engine_data.console_number = Some(1);
+        let shown = |model: &mut ConsoleModel, uid, by: &str| {
+            edit(model, |now| {
+                let caller = Caller::Process { uid, user: None, process: Some(5) };
+                now.stopped = Some(StoppedView::first(by.to_owned(), caller, String::new(), 106_000));
+                let own = json!({ "seat": 1, "account": { "uid": 7, "role": "administrator" }, "sitting": { "view": "" } });
+                now.seats = vec![serde_json::from_value(own).unwrap()];
+            });
+            line(model)
+        };
+        assert!(shown(&mut model, 7, "bert").starts_with("STOPPED by bert since 18:31:02"));
+        assert!(shown(&mut model, 7, "").starts_with("STOPPED by account 7 since 18:31:02"));
+        assert!(shown(&mut model, 8, "bert").starts_with("STOPPED by account 8 as \"bert\" since 18:31:02"));
+        assert!(shown(&mut model, 8, "").starts_with("STOPPED by account 8 since 18:31:02"));
+    }
+
+    #[test]
     fn a_moment_before_the_engine_came_up_has_no_time_of_day() {
         let model = console();
         assert_eq!(model.moment(106_000), "18:31:02");

@@ -14,6 +14,7 @@ use crate::widgets::pen::Pen;
 use crate::widgets::row::Row;
 use holdpoint_governance::alarms::{AlarmState, AlarmSummary, Priority};
 use holdpoint_governance::lifecycle::{State, VersionFlags};
+use holdpoint_protocol::command::Caller;
 use holdpoint_protocol::snapshot::Snapshot;
 
 /// Columns reserved for the text of an alarm, before counts are dropped.
@@ -68,15 +69,33 @@ pub fn priority_label(look: &Look, priority: Priority) -> String {
 #[must_use]
 pub fn stopped(model: &ConsoleModel) -> Option<String> {
     let stopped = model.engine_data.snapshot.as_ref()?.stopped.as_ref()?;
-    let by = |by: &str| super::short(if by.is_empty() { "somebody" } else { by }, 16);
+    let own = model.engine_data.own_account();
+    let by = |by: &str, caller: &Caller| {
+        // A stop of another account names it: the person's name is what that account states.
+        let account = match caller {
+            Caller::Process { uid, user, .. }
+                if by.is_empty() || own.is_some_and(|account| account.uid != *uid) =>
+            {
+                let account = user.clone().unwrap_or_else(|| uid.to_string());
+                Some(format!("account {}", super::short(&account, 16)))
+            }
+            Caller::Process { .. } | Caller::Script => None,
+        };
+        match (by, account) {
+            ("", account) => account.unwrap_or_else(|| "somebody".to_owned()),
+            (by, None) => super::short(by, 16),
+            (by, Some(account)) => format!("{account} as {:?}", super::short(by, 16)),
+        }
+    };
     let first = model.moment(stopped.since_ms);
     Some(match stopped.again.last() {
-        None => format!("STOPPED by {} since {first}", by(&stopped.by)),
+        None => format!("STOPPED by {} since {first}", by(&stopped.by, &stopped.caller)),
         Some(last) => {
             let between = stopped.unnamed + stopped.again.len() as u64 - 1;
             let more = if between > 0 { format!(" and {between} more") } else { String::new() };
             let again = model.moment(last.at_ms);
-            format!("STOPPED by {} {first}, {} {again}{more}", by(&stopped.by), by(&last.by))
+            let (stopped, last) = (by(&stopped.by, &stopped.caller), by(&last.by, &last.caller));
+            format!("STOPPED by {stopped} {first}, {last} {again}{more}")
         }
     })
 }

@@ -44,10 +44,14 @@ pub(crate) fn own_caller(record: &EngineRecorder) -> Caller {
 
 /// Stops the cell and records it. The socket or the console has stopped the arm already.
 pub(crate) fn stop(record: &mut EngineRecorder, world: &mut LiveWorld, request: StopRequest) -> Reply {
+    let asks = user(&request.caller);
     world.switch().halt(request);
     let written = record_stops(record, world);
+    // The name that another account states is no text for this one.
     let stopped = match &world.halted {
-        Some(halted) if !halted.by.is_empty() => format!("the cell is stopped, by {}", halted.by),
+        Some(halted) if user(&halted.caller) != asks => {
+            format!("the cell is stopped, first by {}", halted.caller)
+        }
         Some(_) | None => "the cell is stopped".to_owned(),
     };
     let why = written.err().map_or_else(String::new, |error| format!(": {}", error.sentence()));

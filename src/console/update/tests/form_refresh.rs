@@ -65,8 +65,8 @@ fn a_start_covers_only_the_stop_that_was_read() {
     assert!(form(&console).is_some_and(|form| form.problem.is_none() && form.reason.text() == "clear"));
     // Another stop.
     set_snapshot(&mut console, stopped("cy", 61_000));
-    assert!(notice(&console).contains("cy has"), "{}", notice(&console));
-    assert!(void(&mut console).unwrap().starts_with("cy has"));
+    assert!(notice(&console).contains("as \"cy\" has"), "{}", notice(&console));
+    assert!(void(&mut console).unwrap().starts_with("a script as \"cy\" has"));
     // Also if the engine's snapshot keeps the first stop.
     console.keys("W");
     let stop = |at_ms: u64| Event {
@@ -82,7 +82,7 @@ fn a_start_covers_only_the_stop_that_was_read() {
     console.tell(MsgKind::Events(vec![stop(60_000)]));
     assert!(form(&console).is_some_and(|form| form.void.is_none()), "that is the stop that was read");
     console.tell(MsgKind::Events(vec![stop(62_000)]));
-    assert!(void(&mut console).unwrap().starts_with("di has"));
+    assert!(void(&mut console).unwrap().starts_with("a script as \"di\" has"));
     // Or starts the cell.
     console.keys("W");
     set_snapshot(&mut console, snapshot(0, 'e'));
@@ -194,8 +194,8 @@ fn every_operator_who_stopped_is_named() {
     now.stopped.as_mut().unwrap().record_repeat(again("bert", 69_000));
     let (screen, form, _) = screens(&now);
     assert!(screen.contains("ana 00:01:02, bert 00:01:09"), "{screen}");
-    assert!(form.contains("by ana") && form.contains("00:01:02: a hand"), "{form}");
-    assert!(form.contains("by bert") && form.contains("00:01:09: bert saw"), "{form}");
+    assert!(form.contains("as \"ana\"") && form.contains("00:01:02: \"a hand"), "{form}");
+    assert!(form.contains("as \"bert\"") && form.contains("00:01:09: \"bert saw"), "{form}");
     // However many stops there are, the first and the last ones are named, and the others counted.
     for (by, at_ms) in
         [("carl", 70_000), ("dora", 71_000), ("emil", 72_000), ("fritz", 73_000), ("bert", 74_000)]
@@ -208,7 +208,7 @@ fn every_operator_who_stopped_is_named() {
     let (screen, form, open) = screens(&now);
     assert!(screen.contains("ana 00:01:02, bert 00:01:14") && screen.contains("and 5 more"), "{screen}");
     assert!(form.contains("2 more times") && form.contains("fritz") && !form.contains("carl"), "{form}");
-    for wanted in ["Stopped by", "2 more times", "by bert", "is empty", "Reason"] {
+    for wanted in ["Stopped by", "2 more times", "\"bert\"", "is empty", "Reason"] {
         assert!(open.contains(wanted), "{wanted}: {open}");
     }
 }

@@ -14,6 +14,7 @@ mod paused;
 mod refused;
 mod shared_events;
 mod state_verb_table;
+mod stops;
 mod telemetry;
 mod time_excess;
 mod tries;
