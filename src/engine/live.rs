@@ -35,7 +35,7 @@ use self::sequence::StoppedTask;
 use self::station::LiveStation;
 use self::stop_switch::StopSwitch;
 use self::thread::LiveThread;
-use crate::decide::halt::UnwrittenStops;
+use crate::decide::halt::{AccountStops, UnwrittenStops};
 
 /// Sequences whose success is stored for display.
 const RECENT: usize = 50;
@@ -54,6 +54,7 @@ pub struct LiveWorld {
     /// The stop of the cell, while it is stopped.
     pub(crate) halted: Option<StoppedView>,
     pub(crate) unwritten: UnwrittenStops,
+    pub(crate) account_stops: AccountStops,
     /// Whether the record names this engine as running the cell.
     pub(crate) at_work: bool,
     recent: VecDeque<bool>,
@@ -77,6 +78,7 @@ impl LiveWorld {
             stopped: None,
             halted: None,
             unwritten: UnwrittenStops::default(),
+            account_stops: AccountStops::default(),
             at_work: false,
             recent: VecDeque::new(),
             last_tasks: Vec::new(),

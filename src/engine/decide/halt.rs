@@ -3,6 +3,8 @@
 //! The [`StopSwitch`](crate::live::stop_switch::StopSwitch) stops the arm before any code here runs; a stop that cannot be
 //! written is still a stop. Functions over record and live cell.
 
+mod account_stops;
+
 use holdpoint_governance::alarms::{AlarmKey, Priority};
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::notice::Notice;
@@ -26,6 +28,8 @@ use crate::live::stop_switch::StopRequest;
 use crate::service::caller;
 use crate::service::stop_mark;
 
+pub(crate) use account_stops::AccountStops;
+
 /// A stop or its end, in the audit chain.
 #[derive(Serialize, Deserialize)]
 struct StopRecord {
@@ -44,12 +48,12 @@ pub(crate) fn own_caller(record: &EngineRecorder) -> Caller {
 
 /// Stops the cell and records it. The socket or the console has stopped the arm already.
 pub(crate) fn stop(record: &mut EngineRecorder, world: &mut LiveWorld, request: StopRequest) -> Reply {
-    let asks = user(&request.caller);
+    let caller = request.caller.clone();
     world.switch().halt(request);
     let written = record_stops(record, world);
     // The name that another account states is no text for this one.
     let stopped = match &world.halted {
-        Some(halted) if user(&halted.caller) != asks => {
+        Some(halted) if user(&halted.caller) != user(&caller) => {
             format!("the cell is stopped, first by {}", halted.caller)
         }
         Some(_) | None => "the cell is stopped".to_owned(),
@@ -57,8 +61,12 @@ pub(crate) fn stop(record: &mut EngineRecorder, world: &mut LiveWorld, request: 
     let why = written.err().map_or_else(String::new, |error| format!(": {}", error.sentence()));
     // An earlier turn of the engine may have tried.
     let persistence = world.unwritten.stop_storage();
+    let sum = match world.account_stops.summed(&caller) {
+        0 => String::new(),
+        stops => format!("; {stops} stops of this account are on record as a sum"),
+    };
     let text = match persistence {
-        StopPersistence::OnRecord => format!("{stopped}; it stays stopped until a person starts it"),
+        StopPersistence::OnRecord => format!("{stopped}; it stays stopped until a person starts it{sum}"),
         StopPersistence::InMark => {
             format!("{stopped}; the engine could not record the stop and keeps it beside the record{why}")
         }
@@ -249,6 +257,9 @@ fn record_first_stop(
 }
 
 fn note(record: &mut EngineRecorder, world: &mut LiveWorld, stop: StopRecord) -> Result<(), StoreError> {
+    if !world.account_stops.counts(&stop.caller, record.now_ms()) && world.halted.is_some() {
+        return Ok(());
+    }
     let body = stop.text();
     let StopRecord { by, caller, reason, code: _ } = stop;
     record.tell(EventKind::CellStopped { by: by.clone(), caller: caller.clone(), reason: reason.clone() });
@@ -352,13 +363,18 @@ pub(crate) fn go(
         return refuse(Refusal::BadInput, &text);
     }
     write_again(record, world)?;
-    let body = serde_json::json!({ "by": by, "caller": caller, "reason": reason }).to_string();
-    record.note(RecordKind::CellReleased, String::new(), body)?;
+    let mut body = serde_json::json!({ "by": by, "caller": caller, "reason": reason });
+    let sums = world.account_stops.take_sums();
+    if !sums.is_empty() {
+        body["summed_stops"] = serde_json::json!(sums);
+    }
+    record.note(RecordKind::CellReleased, String::new(), body.to_string())?;
     if !world.switch().release() {
         // The cell was stopped meanwhile; that stop is recorded next, and counts.
         return refuse(Refusal::NotNow, "the cell was stopped again meanwhile");
     }
     world.halted = None;
+    world.account_stops = AccountStops::default();
     record.tell(EventKind::CellReleased { by, caller, reason });
     Ok(Reply::Accepted { text: "the cell runs again".to_owned(), version: None })
 }

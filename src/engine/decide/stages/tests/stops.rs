@@ -1,6 +1,10 @@
-//! Stops by several accounts: what each is answered.
+//! Stops by several accounts: what each is answered, and how many are counted.
 
-use holdpoint_protocol::command::{Caller, Reply};
+use holdpoint_governance::record::RecordKind;
+use holdpoint_protocol::command::{Caller, Command, Reply};
+use holdpoint_registry::AuditFilter;
+
+use super::state_verb_table::done;
 
 use crate::decide::stages::rollback::tests::Bench;
 use crate::live::stop_switch::StopRequest;
@@ -23,4 +27,27 @@ fn the_answer_to_a_stop_contains_no_text_of_another_account() {
     assert!(first.starts_with("the cell is stopped; it stays"), "{first}");
     let account = "the cell is stopped, first by uid 61008 (without a name, process 5);";
     assert!(second.starts_with(account) && !second.contains("ana"), "{second}");
+}
+
+/// An observer wrote 360 records in 8 s, and nobody could name the number of stops that `start` asks for.
+#[test]
+fn stops_of_one_account_without_end_are_recorded_as_a_sum() {
+    let mut bench = Bench::new();
+    for nth in 0..100 {
+        stop(&mut bench, &nth.to_string(), 61_008, "ana");
+    }
+    let last = stop(&mut bench, "last", 61_008, "ana");
+    assert!(last.contains("stops of this account are on record as a sum"), "{last}");
+    let stopped = bench.pipeline.snapshot().stopped.unwrap();
+    assert!(stopped.stops < 20, "{}", stopped.stops);
+    let (by, reason) = ("ben".to_owned(), "empty".to_owned());
+    done(&mut bench, Command::Go { by, reason, since_ms: stopped.since_ms, stops: stopped.stops });
+    let records = |kind| {
+        let filter = AuditFilter { kind: Some(kind), ..AuditFilter::default() };
+        bench.pipeline.record().version_table().store().views().unwrap().audit(&filter).unwrap()
+    };
+    assert_eq!(records(RecordKind::CellStopped).len() as u64, stopped.stops);
+    let released: serde_json::Value =
+        serde_json::from_str(&records(RecordKind::CellReleased).pop().unwrap().body).unwrap();
+    assert_eq!(released["summed_stops"]["61008"], 101 - stopped.stops, "{released}");
 }
