@@ -6,6 +6,7 @@ use std::process::ExitCode;
 
 use crate::cli::output::versioned;
 use holdpoint_engine::StartError;
+use holdpoint_engine::service::control_socket::ControlSocketError;
 use holdpoint_governance::TextError;
 use holdpoint_protocol::command::Refusal;
 use holdpoint_registry::StoreError;
@@ -37,11 +38,13 @@ pub enum Exit {
     Unmet,
     /// 70: a fault of this program.
     Internal,
+    /// 75: another process prevents it for now; a later try may succeed.
+    Busy,
 }
 
 impl Exit {
     /// All exit codes.
-    pub const ALL: [Self; 9] = [
+    pub const ALL: [Self; 10] = [
         Self::Confirmed,
         Self::Rejected,
         Self::Usage,
@@ -51,6 +54,7 @@ impl Exit {
         Self::NotConfirmed,
         Self::Unmet,
         Self::Internal,
+        Self::Busy,
     ];
 
     /// What the code means, in one line.
@@ -66,6 +70,7 @@ impl Exit {
             Self::NotConfirmed => "not confirmed by the engine; the effect of the request is unknown",
             Self::Unmet => "not as expected: an expectation of the scenario does not hold",
             Self::Internal => "internal: a fault of this program",
+            Self::Busy => "busy: another process prevents it for now",
         }
     }
 
@@ -82,6 +87,7 @@ impl Exit {
             Self::NotConfirmed => 6,
             Self::Unmet => 7,
             Self::Internal => 70,
+            Self::Busy => 75,
         }
     }
 
@@ -98,6 +104,7 @@ impl Exit {
             Self::NotConfirmed => "not confirmed",
             Self::Unmet => "not as expected",
             Self::Internal => "internal error",
+            Self::Busy => "busy",
         }
     }
 }
@@ -123,6 +130,9 @@ pub enum CliError {
     /// The answer is missing, or not authenticated as the engine's.
     #[error("{}", one_line(.message))]
     NotConfirmed { message: Untrusted, hint: Option<Untrusted>, details: ErrorDetails },
+    /// Another process prevents it for now.
+    #[error("{}", one_line(.message))]
+    Busy { message: Untrusted, hint: Option<Untrusted>, details: ErrorDetails },
     /// The reader of the output is gone: a clean end.
     #[error("the reader of the output is gone")]
     ReaderGone,
@@ -165,6 +175,13 @@ impl CliError {
         Self::NotConfirmed { message, hint, details }
     }
 
+    /// Another process prevents it for now; with the hint of the error. Its reason is `not-now` if its type states none.
+    #[must_use]
+    pub fn busy(error: impl Hint) -> Self {
+        let (message, hint, details) = parts(&error, ErrorReason::NotNow);
+        Self::Busy { message, hint, details }
+    }
+
     /// A fault of this program, with the sentence of the error that showed it.
     #[must_use]
     pub fn internal(message: impl std::fmt::Display) -> Self {
@@ -187,6 +204,7 @@ impl CliError {
             Self::Usage { message, hint: _, details } => Self::Usage { message, hint, details },
             Self::Held { message, hint: _, details } => Self::Held { message, hint, details },
             Self::NotConfirmed { message, hint: _, details } => Self::NotConfirmed { message, hint, details },
+            Self::Busy { message, hint: _, details } => Self::Busy { message, hint, details },
             Self::ReaderGone | Self::Output(_) | Self::Internal { .. } => self,
         }
     }
@@ -219,6 +237,7 @@ impl CliError {
             Self::Usage { message, hint, details: _ } => Self::Usage { message, hint, details },
             Self::Held { message, hint, details: _ } => Self::Held { message, hint, details },
             Self::NotConfirmed { message, hint, details: _ } => Self::NotConfirmed { message, hint, details },
+            Self::Busy { message, hint, details: _ } => Self::Busy { message, hint, details },
             Self::Internal { message, details: _ } => Self::Internal { message, details },
             Self::ReaderGone | Self::Output(_) => self,
         }
@@ -246,6 +265,7 @@ impl CliError {
             | Self::Usage { details, .. }
             | Self::Held { details, .. }
             | Self::NotConfirmed { details, .. }
+            | Self::Busy { details, .. }
             | Self::Internal { details, .. } => Some(details.clone()),
             Self::Output(_) => Some(ErrorReason::Output.into()),
             Self::ReaderGone => None,
@@ -271,6 +291,7 @@ impl CliError {
             Self::Usage { .. } | Self::Output(_) => Exit::Usage,
             Self::Held { .. } => Exit::Held,
             Self::NotConfirmed { .. } => Exit::NotConfirmed,
+            Self::Busy { .. } => Exit::Busy,
             Self::ReaderGone => Exit::Confirmed,
             Self::Internal { .. } => Exit::Internal,
         }
@@ -282,7 +303,8 @@ impl CliError {
             Self::Unmet { hint, .. }
             | Self::Usage { hint, .. }
             | Self::Held { hint, .. }
-            | Self::NotConfirmed { hint, .. } => hint.as_ref(),
+            | Self::NotConfirmed { hint, .. }
+            | Self::Busy { hint, .. } => hint.as_ref(),
             Self::ReaderGone | Self::Output(_) | Self::Internal { .. } => None,
         }
     }
@@ -412,6 +434,7 @@ pub fn print_usage(error: &clap::Error, json: bool) -> Exit {
 pub(crate) fn start_error(error: StartError) -> CliError {
     match &error {
         StartError::Fault(_) => CliError::fault(error),
+        StartError::Socket(ControlSocketError::Locked { .. }) => CliError::busy(error),
         StartError::Store(StoreError::UnauthorizedProfile { .. } | StoreError::ScriptAfterLive) => {
             CliError::from_engine_fault(error)
         }

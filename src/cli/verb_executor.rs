@@ -301,6 +301,7 @@ pub(super) fn socket_error(error: ControlSocketError) -> CliError {
         ControlSocketError::NoAnswer { .. }
         | ControlSocketError::Silent { .. }
         | ControlSocketError::Ended { .. } => CliError::from_engine_fault(error),
+        ControlSocketError::Locked { .. } => CliError::busy(error),
         ControlSocketError::PathTooLong { .. }
         | ControlSocketError::Taken { .. }
         | ControlSocketError::GroupRefused { .. }

@@ -44,7 +44,7 @@ pub(super) fn worst_outcome(followed: &[FollowedVersion]) -> Exit {
         Exit::Rejected => 2,
         Exit::Held => 3,
         Exit::RolledBack => 4,
-        Exit::Usage | Exit::Unmet => 5,
+        Exit::Usage | Exit::Unmet | Exit::Busy => 5,
         Exit::Internal => 6,
     };
     followed

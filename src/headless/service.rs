@@ -25,7 +25,8 @@ pub struct ServiceSetup {
 /// Runs until a signal or a command ends the engine.
 ///
 /// # Errors
-/// [`CliError`] with exit code 2 if the engine does not start, 70 if it ends by a fault.
+/// [`CliError`] with exit code 2 if the engine does not start, 75 if another process prevents that for now, 70 if it ends
+/// by a fault.
 pub fn serve(service: ServiceSetup, out: &mut dyn Write) -> Result<Exit, CliError> {
     let manager = ServiceManager::from_environment()?;
     let mut host = EngineHandle::start(service.host);
@@ -104,9 +105,14 @@ impl ServiceStream<'_> {
                 self.note("ended cleanly");
                 Ok(Exit::Confirmed)
             }
-            Err(EngineEndError { text, details, .. }) => {
-                let error = if self.up { CliError::internal(text) } else { CliError::usage(text) };
-                Err(match details {
+            Err(ended) => {
+                let error = if self.up { CliError::internal(&ended) } else { CliError::usage(ended.text.clone()) };
+                let error = if ended.busy { CliError::busy(ended.text) } else { error };
+                let error = match ended.hint {
+                    Some(hint) => error.with_hint(hint),
+                    None => error,
+                };
+                Err(match ended.details {
                     Some(details) => error.with_details(details),
                     None => error,
                 })
@@ -119,8 +125,21 @@ impl ServiceStream<'_> {
 mod tests {
     use super::*;
     use holdpoint_engine::StartError;
+    use holdpoint_engine::service::control_socket::ControlSocketError;
     use holdpoint_registry::StoreError;
     use holdpoint_text::ErrorReason;
+
+    /// systemd starts the service again: a person is needed for exit code 2 alone.
+    #[test]
+    fn a_start_that_another_process_prevents_ends_as_busy_with_its_hint() {
+        let stream =
+            ServiceStream { printer: None, quiet: false, only_faults: false, up: false, faulted: false };
+        let (path, holder, hint) = ("/run/x".into(), "process 7".to_owned(), "`sudo kill 7`".to_owned());
+        let locked = StartError::Socket(ControlSocketError::Locked { path, holder, hint });
+        let error = stream.end(Err(locked.into())).unwrap_err();
+        assert_eq!((error.exit(), error.to_string()), (Exit::Busy, "\"/run/x\" is locked by process 7".to_owned()));
+        assert!(error.hint().is_some_and(|hint| hint.raw() == "`sudo kill 7`"));
+    }
 
     /// A console starts the service again if another engine had the store, and reads that from the reason.
     #[test]

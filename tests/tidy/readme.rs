@@ -242,6 +242,7 @@ fn documented_exit_codes_are_those_of_the_program() {
             Exit::NotConfirmed => "not confirmed",
             Exit::Unmet => "not as expected",
             Exit::Internal => "internal",
+            Exit::Busy => "busy",
         };
         if !documented.get(&exit.code().to_string()).is_some_and(|meaning| meaning.contains(label)) {
             problems.push(format!("{} ({label}) is not in the table", exit.code()));

@@ -17,14 +17,14 @@ use crate::widgets::pen::{Pen, below};
 pub fn draw(model: &ConsoleModel, absence: EngineAbsence, pen: &mut Pen<'_>, area: Rect) {
     let mut rest = pen.pane(area, "No engine is running here", true, "");
     let why = match &model.engine_data.engine {
-        EngineState::Ended(Err(why)) => why.text.as_str(),
-        EngineState::Ended(Ok(())) | EngineState::Starting | EngineState::Running => "It has ended",
+        EngineState::Ended(Err(why)) => why.to_string(),
+        EngineState::Ended(Ok(())) | EngineState::Starting | EngineState::Running => "It has ended".to_owned(),
     };
     let mut say = |role: ThemeRole, text: &str| {
         let taken = pen.text(rest, 0, role, text);
         rest = below(rest, taken);
     };
-    say(ThemeRole::Problem, why);
+    say(ThemeRole::Problem, &why);
     if let Some(seeking) = &model.engine_data.reconnect {
         say(ThemeRole::Stale, &seeking.description());
     }

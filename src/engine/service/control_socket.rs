@@ -76,13 +76,22 @@ pub enum ControlSocketError {
         /// How long it may be.
         allowed: usize,
     },
-    /// Another kind of file has the socket's name, or another engine answers there.
+    /// Another kind of file has the socket's name, another engine answers there, or the folder is not this account's own.
     #[error("{path:?} {problem}")]
     Taken {
         path: PathBuf,
-        problem: &'static str,
+        problem: String,
         /// How to resolve it.
-        hint: &'static str,
+        hint: String,
+    },
+    /// Another process holds the lock of the folder of the second socket.
+    #[error("{path:?} is locked by {holder}")]
+    Locked {
+        path: PathBuf,
+        /// The process and its account.
+        holder: String,
+        /// How to resolve it.
+        hint: String,
     },
     /// The socket cannot be given to the group of its folder.
     #[error("the socket {path:?} cannot be opened to its group: {problem}")]
@@ -139,7 +148,12 @@ impl Hint for ControlSocketError {
         let unusable = |cause| ErrorDetails::from(ErrorReason::ControlSocket).with_cause(cause);
         Some(match self {
             Self::PathTooLong { .. } => unusable("path-too-long"),
-            Self::Taken { .. } => unusable("taken"),
+            Self::Taken { path, .. } => {
+                ErrorDetails::of_path(ErrorReason::ControlSocket, path).with_cause("taken")
+            }
+            Self::Locked { path, .. } => {
+                ErrorDetails::of_path(ErrorReason::ControlSocket, path).with_cause("locked")
+            }
             Self::GroupRefused { .. } => unusable("group"),
             Self::Io { .. } => unusable("io"),
             Self::Foreign { .. } => unusable("foreign"),
@@ -155,8 +169,9 @@ impl Hint for ControlSocketError {
     fn hint(&self) -> Option<Cow<'static, str>> {
         match self {
             Self::PathTooLong { .. } => Some("choose a shorter folder with --data".into()),
-            Self::Taken { hint, .. } => Some((*hint).into()),
-            Self::GroupRefused { hint, .. } => Some(hint.clone().into()),
+            Self::Taken { hint, .. } | Self::Locked { hint, .. } | Self::GroupRefused { hint, .. } => {
+                Some(hint.clone().into())
+            }
             Self::Silent { process, stopped: true, .. } => {
                 Some(format!("`kill -CONT {process}` resumes it; nothing moves the arm meanwhile").into())
             }

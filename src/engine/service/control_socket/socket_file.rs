@@ -8,8 +8,9 @@ use std::os::unix::net::{UnixListener, UnixStream};
 use std::path::{Path, PathBuf};
 
 use super::ControlSocketError;
-use holdpoint_registry::Layout;
-use holdpoint_text::users::{described_group, described_user};
+use holdpoint_registry::{Layout, LockHolder, lock_holder, lock_sharers};
+use holdpoint_text::shell_word;
+use holdpoint_text::users::{described_group, described_user, user_name};
 
 /// The longest path of a unix socket, bytes: 108 with the terminating zero (unix(7)).
 pub(super) const PATH_BYTES_MAX: usize = 107;
@@ -75,20 +76,34 @@ pub(super) struct ConsoleSocketFolder {
 impl ConsoleSocketFolder {
     /// Locks a folder that only this process's account may write to.
     pub(super) fn take(folder: &Path) -> Result<Self, ControlSocketError> {
-        let taken = |problem| ControlSocketError::Taken {
+        let account = account_word(rustix::process::geteuid().as_raw());
+        let shown = shell_word(&folder.display().to_string());
+        let taken = |problem: String, hint: String| ControlSocketError::Taken {
             path: folder.to_owned(),
             problem,
-            hint: "make it the engine's own: `chown` to its account, the group of the consoles, `chmod 0750`",
+            hint,
         };
-        let lock = File::open(folder).map_err(ControlSocketError::io("open", folder))?;
+        let lock = match File::open(folder) {
+            Err(error) if error.kind() == ErrorKind::NotFound => {
+                let group = described_group(rustix::process::getegid().as_raw());
+                let hint = format!("`sudo install -d -m 0710 -o {account} -g {group} {shown}` makes it");
+                return Err(taken("does not exist".to_owned(), hint));
+            }
+            opened => opened.map_err(ControlSocketError::io("open", folder))?,
+        };
         let found = lock.metadata().map_err(ControlSocketError::io("look at", folder))?;
         if !found.is_dir() {
-            return Err(taken("is no folder"));
+            let hint = "name a folder for the socket with --seats".to_owned();
+            return Err(taken("is no folder".to_owned(), hint));
         }
         if found.uid() != rustix::process::geteuid().as_raw() || found.mode() & 0o022 != 0 {
-            return Err(taken("may be written to by others than this account"));
+            let owner = described_user(found.uid());
+            let problem =
+                format!("is owned by {owner} with the mode {:04o}: others than {account} may write to it", found.mode() & 0o7777);
+            let hint = format!("`sudo chown {account} {shown} && sudo chmod 0710 {shown}` makes it the engine's own");
+            return Err(taken(problem, hint));
         }
-        lock.try_lock().map_err(|_| taken("is another engine's console folder"))?;
+        lock.try_lock().map_err(|_| locked(folder, &lock))?;
         Ok(Self { _lock: lock, group: found.gid() })
     }
 
@@ -108,15 +123,12 @@ pub(super) fn bind(path: &Path, openness: SocketAccess) -> Result<BoundSocket, C
         Err(error) if error.kind() == ErrorKind::NotFound => {}
         Err(error) => return Err(ControlSocketError::io("look at", path)(error)),
         Ok(found) if !found.file_type().is_socket() => {
-            let hint = "move it away, or choose another folder with --data";
-            return Err(ControlSocketError::Taken {
-                path: path.to_owned(),
-                problem: "is not a socket",
-                hint,
-            });
+            let hint = "move it away, or choose another folder with --data".to_owned();
+            let problem = "is not a socket".to_owned();
+            return Err(ControlSocketError::Taken { path: path.to_owned(), problem, hint });
         }
         Ok(_) if UnixStream::connect(path).is_ok() => {
-            let (problem, hint) = ("is served by another engine", "end that one first");
+            let (problem, hint) = ("is served by another engine".to_owned(), "end that one first".to_owned());
             return Err(ControlSocketError::Taken { path: path.to_owned(), problem, hint });
         }
         Ok(_) => fs::remove_file(path).map_err(ControlSocketError::io("remove the old socket", path))?,
@@ -162,19 +174,64 @@ fn is_member_of(group: u32) -> bool {
     others.into_iter().chain([rustix::process::getegid()]).any(|own| own.as_raw() == group)
 }
 
+/// An account as commands take it: by name, or by number.
+fn account_word(uid: u32) -> String {
+    user_name(uid).unwrap_or_else(|| uid.to_string())
+}
+
+/// The error for a folder that another process has locked. An account that can open the folder can lock it.
+fn locked(folder: &Path, file: &File) -> ControlSocketError {
+    let engine = match lock_holder(folder) {
+        LockHolder::Process(process) => Some(process),
+        LockHolder::Nobody | LockHolder::Untold => None,
+    };
+    let process = engine.or_else(|| lock_sharers(file).first().copied());
+    let owner = process.and_then(|process| fs::metadata(format!("/proc/{process}")).ok());
+    let owner = owner.map_or_else(String::new, |found| format!(" of {}", described_user(found.uid())));
+    let shown = shell_word(&folder.display().to_string());
+    let (holder, hint) = match process {
+        Some(process) if engine.is_some() => (
+            format!("process {process}{owner}, as by an engine"),
+            "end that engine, or name another folder with --seats".to_owned(),
+        ),
+        Some(process) => (
+            format!("process {process}{owner}, which is no engine"),
+            format!("`sudo kill {process}` ends it; `sudo chmod 0710 {shown}` lets no other account lock the folder"),
+        ),
+        None => (
+            "a process that the kernel does not name".to_owned(),
+            format!("`sudo lslocks` lists locks; `sudo chmod 0710 {shown}` lets no other account lock the folder"),
+        ),
+    };
+    ControlSocketError::Locked { path: folder.to_owned(), holder, hint }
+}
+
 /// The error for a group that cannot get the socket, and the commands that help.
 fn refused_group(path: &Path, group: u32, is_member: bool) -> ControlSocketError {
-    let account = described_user(rustix::process::geteuid().as_raw());
-    let (name, path) = (described_group(group), path.to_owned());
-    let (problem, hint) = if is_member {
-        let problem = format!("its file system does not keep the group {name} and the mode 0660");
-        let command = format!("sudo install -d -m 0750 -o {account} -g {name} /run/holdpoint");
-        (problem, format!("use a folder of another file system: `{command}`, and `--seats /run/holdpoint`"))
-    } else {
-        let problem = format!("{account}, which runs the engine, is no member of the group {name}");
-        let command = format!("sudo usermod -a -G {name} {account}");
-        (problem, format!("`{command}` makes it one; then start the engine from a new login"))
+    let uid = rustix::process::geteuid().as_raw();
+    let (account, name) = (described_user(uid), described_group(group));
+    let no_member = || format!("{account}, which runs the engine, is no member of the group {name}");
+    let (problem, hint) = match user_name(uid) {
+        _ if is_member => {
+            let problem = format!("its file system does not keep the group {name} and the mode 0660");
+            let command =
+                format!("sudo install -d -m 0710 -o {} -g {name} /run/holdpoint", account_word(uid));
+            let hint = format!("use a folder of another file system: `{command}`, and `--seats /run/holdpoint`");
+            (problem, hint)
+        }
+        Some(user) => {
+            let command = format!("sudo usermod -a -G {name} {user}");
+            (no_member(), format!("`{command}` makes it one; then start the engine from a new login"))
+        }
+        // An account without a name is a member of the groups that it was started with, and of no others.
+        None => {
+            let folder = path.parent().unwrap_or(Path::new(".")).display().to_string();
+            let own = described_group(rustix::process::getegid().as_raw());
+            let command = format!("sudo chgrp {own} {}", shell_word(&folder));
+            (no_member(), format!("`{command}` gives the folder to a group of the engine"))
+        }
     };
+    let path = path.to_owned();
     ControlSocketError::GroupRefused { path, problem, hint }
 }
 
@@ -202,11 +259,49 @@ mod tests {
             (error.to_string(), error.hint().unwrap().into_owned())
         };
         let group = described_group(u32::MAX - 1);
-        for (is_member, command) in [(false, "usermod -a -G"), (true, "install -d -m 0750")] {
+        let has_name = user_name(rustix::process::geteuid().as_raw()).is_some();
+        let join = if has_name { "usermod -a -G" } else { "sudo chgrp" };
+        for (is_member, command) in [(false, join), (true, "install -d -m 0710")] {
             let (text, hint) = of(is_member);
             assert!(text.contains(&group) && hint.contains(command), "{text}: {hint}");
+            assert!(!hint.contains("number"), "no command takes that word: {hint}");
             assert_eq!(text.contains("is no member"), !is_member, "{text}");
         }
+    }
+
+    /// A member of the group kept the engine from starting by a shared lock, and the error named another engine.
+    #[test]
+    fn the_process_that_locks_the_folder_is_named() {
+        let folder = tempfile::tempdir().unwrap();
+        fs::set_permissions(folder.path(), Permissions::from_mode(0o750)).unwrap();
+        let own = format!("process {}", std::process::id());
+        let other = File::open(folder.path()).unwrap();
+        for is_shared in [true, false] {
+            if is_shared { other.try_lock_shared().unwrap() } else { other.try_lock().unwrap() }
+            let error = ConsoleSocketFolder::take(folder.path()).unwrap_err();
+            let ControlSocketError::Locked { holder, hint, .. } = &error else { panic!("{error}") };
+            assert!(holder.contains(&own), "{holder}");
+            assert_eq!(hint.contains("`sudo kill") && hint.contains("chmod 0710"), is_shared, "{hint}");
+        }
+        other.unlock().unwrap();
+        ConsoleSocketFolder::take(folder.path()).unwrap();
+    }
+
+    #[test]
+    fn a_folder_that_is_missing_or_of_another_account_is_described_with_the_command_that_helps() {
+        let root = tempfile::tempdir().unwrap();
+        let refused = |folder: &Path| {
+            let error = ConsoleSocketFolder::take(folder).unwrap_err();
+            assert!(matches!(error, ControlSocketError::Taken { .. }), "{error}");
+            (error.to_string(), error.hint().unwrap().into_owned())
+        };
+        let (text, hint) = refused(&root.path().join("absent"));
+        assert!(text.contains("does not exist") && hint.contains("sudo install -d -m 0710 -o "), "{text}: {hint}");
+        fs::set_permissions(root.path(), Permissions::from_mode(0o777)).unwrap();
+        let (text, hint) = refused(root.path());
+        let owner = described_user(rustix::process::geteuid().as_raw());
+        assert!(text.contains(&format!("owned by {owner} with the mode 0777")), "{text}");
+        assert!(hint.contains("chmod 0710"), "{hint}");
     }
 
     #[test]

@@ -106,6 +106,7 @@ pub(super) const fn code(error: &ControlSocketError) -> Refusal {
         | ControlSocketError::Ended { .. } => Refusal::NoAnswer,
         ControlSocketError::PathTooLong { .. }
         | ControlSocketError::Taken { .. }
+        | ControlSocketError::Locked { .. }
         | ControlSocketError::GroupRefused { .. }
         | ControlSocketError::Io { .. }
         | ControlSocketError::Foreign { .. }

@@ -1,13 +1,15 @@
 //! The updates from the engine's thread to a front end in the same process, and their limits.
 
+use std::fmt;
 use std::path::Path;
 
 use crate::StartError;
+use crate::service::control_socket::ControlSocketError;
 use holdpoint_cell::CellError;
 use holdpoint_protocol::command::{Reply, Request};
 use holdpoint_protocol::event::Event;
 use holdpoint_registry::StoreError;
-use holdpoint_text::{ErrorDetails, ErrorReason, Hint as _};
+use holdpoint_text::{ErrorDetails, ErrorReason, Hint as _, Problem};
 
 /// The most requests that are unanswered.
 pub const OUTSTANDING_MAX: usize = 64;
@@ -16,13 +18,16 @@ pub const OUTSTANDING_MAX: usize = 64;
 pub const UPDATES_MAX: usize = 256;
 
 /// Why there is no engine: it did not come up, or did not end cleanly.
-#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("{text}")]
+#[derive(Clone, Debug, PartialEq, Eq)]
 pub struct EngineEndError {
-    /// One sentence, with its hint.
+    /// One sentence.
     pub text: String,
+    /// What helps; absent if unknown, or if the sentence says it.
+    pub hint: Option<String>,
     /// Whether another engine has the store.
     pub in_use: bool,
+    /// Whether another process prevented the start for now.
+    pub busy: bool,
     /// Whether it ended cleanly, at the request of another client.
     pub orderly: bool,
     /// Whether the engine itself gave the reason, rather than a lost connection.
@@ -35,7 +40,15 @@ impl EngineEndError {
     /// An end that does not concern another engine.
     #[must_use]
     pub fn of(text: impl Into<String>) -> Self {
-        Self { text: text.into(), in_use: false, orderly: false, from_engine: false, details: None }
+        Self {
+            text: text.into(),
+            hint: None,
+            in_use: false,
+            busy: false,
+            orderly: false,
+            from_engine: false,
+            details: None,
+        }
     }
 
     /// An end with the engine's own reason.
@@ -73,10 +86,20 @@ impl EngineEndError {
     }
 }
 
+impl fmt::Display for EngineEndError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&Problem::from((self.text.clone(), self.hint.clone())).sentence())
+    }
+}
+
+impl std::error::Error for EngineEndError {}
+
 impl From<StartError> for EngineEndError {
     fn from(error: StartError) -> Self {
         let in_use = matches!(&error, StartError::Store(StoreError::InUse { .. }));
-        Self { in_use, details: error.details(), ..Self::of(error.sentence()) }
+        let busy = matches!(&error, StartError::Socket(ControlSocketError::Locked { .. }));
+        let hint = error.hint().map(std::borrow::Cow::into_owned);
+        Self { in_use, busy, hint, details: error.details(), ..Self::of(error.to_string()) }
     }
 }
 
