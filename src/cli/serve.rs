@@ -69,18 +69,25 @@ impl ServeArgs {
         let own = rustix::process::geteuid().as_raw();
         let mut roles = AccountRoles::default();
         for AccountRoleArg { account, role } in &self.accounts {
+            let wrong = |problem: String, hint: &'static str| {
+                let given = format!("{account}={role}");
+                Err(CliError::usage(format!("--account {given:?}: {problem}")).with_hint(hint))
+            };
             let Some(uid) = account.parse().ok().or_else(|| user_number(account)) else {
                 let hint = "`id -u NAME` prints the number of an account of another source";
-                let text = format!("/etc/passwd has no account {account:?}");
-                return Err(CliError::usage(text).with_hint(hint));
+                return wrong(format!("/etc/passwd has no account {account:?}"), hint);
             };
+            // The system's word for "no user" (chown(2)).
+            if uid == u32::MAX {
+                return wrong("no account has this number".to_owned(), "`id -u NAME` prints the number of an account");
+            }
             if uid == own {
-                let text = format!("{account} runs the engine, and may do everything");
-                return Err(CliError::usage(text).with_hint("omit this --account"));
+                let problem = "this account runs the engine, and may do everything".to_owned();
+                return wrong(problem, "omit this --account");
             }
             if !roles.give(uid, *role) {
-                let text = format!("the account {account} has two roles");
-                return Err(CliError::usage(text).with_hint("give one --account for it"));
+                let problem = "another --account gives this account a role, too".to_owned();
+                return wrong(problem, "give one --account for each account");
             }
         }
         Ok(Some(ConsoleAccess { folder, roles }))
@@ -125,12 +132,15 @@ mod tests {
         assert_eq!((found.roles, found.folder), (roles, PathBuf::from("/run/holdpoint")));
         for (accounts, problem) in [
             (vec!["no-such-account=operator".to_owned()], "no account"),
+            (vec!["4294967295=operator".to_owned()], "no account"),
             (vec![format!("{own}=observer")], "runs the engine"),
-            (vec!["61001=operator".to_owned(), "61001=observer".to_owned()], "two roles"),
+            (vec!["61001=operator".to_owned(), "61001=observer".to_owned()], "another --account"),
         ] {
             let accounts: Vec<&str> = accounts.iter().map(String::as_str).collect();
             let error = access(&accounts).unwrap_err();
-            assert!(error.to_string().contains(problem), "{error}");
+            let given = format!("--account {:?}: ", accounts.last().unwrap());
+            assert!(error.to_string().starts_with(&given) && error.to_string().contains(problem), "{error}");
+            assert!(error.hint().is_some());
         }
         assert!(ServeArgs::default().console_access().unwrap().is_none());
     }

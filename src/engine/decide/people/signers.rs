@@ -3,7 +3,7 @@
 use holdpoint_approvals::keyfile::Protection;
 use holdpoint_approvals::{Identity, IdentityInfo, PersonDirectory, PersonState, SignedApproval};
 use holdpoint_governance::approval::ApprovalDecision;
-use holdpoint_governance::ids::CapabilityId;
+use holdpoint_governance::ids::{CapabilityId, is_name};
 use holdpoint_protocol::command::{Refusal, Reply};
 use holdpoint_registry::FIRST_ADMINISTRATOR;
 use holdpoint_text::{Hint, is_visible};
@@ -66,6 +66,11 @@ pub(super) fn person(persons: &PersonDirectory, name: &str) -> Result<IdentityIn
             let by = person.revoked_by.as_deref().unwrap_or_default();
             let text = format!("the key of {name} was revoked by {by}, and nothing that it signs counts");
             refuse(text, "an enrolled person must decide; see `holdpoint identity list`".to_owned())
+        }
+        // Nobody can have it, and it does not belong into a command.
+        None if !is_name(name) => {
+            let text = format!("{name:?} is not enrolled in this store: it is no name of a person");
+            refuse(text, "`holdpoint identity list` lists the persons of the store".to_owned())
         }
         None => {
             let admin =

@@ -147,6 +147,17 @@ fn an_unprotected_key_approves_nothing_where_people_decide() {
 }
 
 #[test]
+fn a_text_that_is_no_name_is_in_no_command() {
+    let bench = Bench::new();
+    let persons = bench.pipeline.record().version_table().store().persons().unwrap();
+    for name in ["../../x", "x --by y; rm -rf .", ""] {
+        let refused = person(&persons, name).unwrap_err();
+        assert_refused(&refused, &[&format!("{name:?} is not enrolled"), "`holdpoint identity list`"]);
+        assert!(matches!(&refused, Reply::Refused { hint: Some(hint), .. } if !hint.contains("enroll ")));
+    }
+}
+
+#[test]
 fn readable_or_malformed_key_file_approves_nothing() {
     use std::os::unix::fs::PermissionsExt;
     let (mut bench, folder) = waiting(ProfileName::Human, false);
