@@ -1,11 +1,13 @@
 //! The location of the store.
 
 use std::fs;
+use std::os::unix::fs::FileTypeExt as _;
 use std::path::{Path, PathBuf};
 
 use crate::error::CliError;
+use holdpoint_engine::service::control_socket::socket_path;
 use holdpoint_registry::{Layout, Views, other_owner};
-use holdpoint_text::{ErrorDetails, ErrorReason};
+use holdpoint_text::{ErrorDetails, ErrorReason, shell_word};
 
 /// The store's folder: the one given, else `$XDG_DATA_HOME/holdpoint`, else `~/.local/share/holdpoint`.
 ///
@@ -48,6 +50,17 @@ pub(super) fn database(data: &Path) -> Result<PathBuf, CliError> {
     if fs::symlink_metadata(&database).is_ok() {
         return Ok(database);
     }
+    let socket = socket_path(&Layout::new(data));
+    if fs::symlink_metadata(socket).is_ok_and(|found| found.file_type().is_socket()) {
+        let folder = shell_word(&data.display().to_string());
+        let text = format!("{data:?} has the socket of an engine and no store, which this verb needs");
+        let hint = format!(
+            "`holdpoint --data {folder}` attaches a console, which shows the state, and `holdpoint stop --data {folder}` \
+             stops the cell; run other verbs on the store's folder, as the engine's account"
+        );
+        let details = ErrorDetails::of_path(ErrorReason::NoStore, data);
+        return Err(CliError::usage(text).with_hint(hint).with_details(details));
+    }
     Err(CliError::usage(format!("there is no store in {data:?}"))
         .with_hint("`holdpoint run` creates one; --data DIR names another")
         .with_details(ErrorDetails::of_path(ErrorReason::NoStore, data)))
@@ -80,6 +93,19 @@ pub(super) fn open_records(data: &Path) -> Result<Views, CliError> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// `status` on the folder of `serve --seats` advised to create a store there.
+    #[test]
+    fn a_folder_with_a_socket_alone_names_the_verbs_that_work_there() {
+        let folder = tempfile::tempdir().unwrap();
+        let hint = || database(folder.path()).unwrap_err().hint().unwrap().raw().to_owned();
+        assert!(hint().contains("`holdpoint run` creates one"), "{}", hint());
+        let _socket =
+            std::os::unix::net::UnixListener::bind(socket_path(&Layout::new(folder.path()))).unwrap();
+        assert!(hint().contains("`holdpoint stop --data ") && !hint().contains("creates"), "{}", hint());
+        fs::write(Layout::new(folder.path()).database(), "").unwrap();
+        assert!(database(folder.path()).is_ok());
+    }
 
     #[test]
     fn data_folder_follows_option_and_environment() {
