@@ -79,7 +79,10 @@ impl ServeArgs {
             };
             // The system's word for "no user" (chown(2)).
             if uid == u32::MAX {
-                return wrong("no account has this number".to_owned(), "`id -u NAME` prints the number of an account");
+                return wrong(
+                    "no account has this number".to_owned(),
+                    "`id -u NAME` prints the number of an account",
+                );
             }
             if uid == own {
                 let problem = "this account runs the engine, and may do everything".to_owned();

@@ -106,7 +106,8 @@ impl ServiceStream<'_> {
                 Ok(Exit::Confirmed)
             }
             Err(ended) => {
-                let error = if self.up { CliError::internal(&ended) } else { CliError::usage(ended.text.clone()) };
+                let error =
+                    if self.up { CliError::internal(&ended) } else { CliError::usage(ended.text.clone()) };
                 let error = if ended.busy { CliError::busy(ended.text) } else { error };
                 let error = match ended.hint {
                     Some(hint) => error.with_hint(hint),
@@ -137,7 +138,10 @@ mod tests {
         let (path, holder, hint) = ("/run/x".into(), "process 7".to_owned(), "`sudo kill 7`".to_owned());
         let locked = StartError::Socket(ControlSocketError::Locked { path, holder, hint });
         let error = stream.end(Err(locked.into())).unwrap_err();
-        assert_eq!((error.exit(), error.to_string()), (Exit::Busy, "\"/run/x\" is locked by process 7".to_owned()));
+        assert_eq!(
+            (error.exit(), error.to_string()),
+            (Exit::Busy, "\"/run/x\" is locked by process 7".to_owned())
+        );
         assert!(error.hint().is_some_and(|hint| hint.raw() == "`sudo kill 7`"));
     }
 

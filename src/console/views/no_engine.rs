@@ -18,7 +18,9 @@ pub fn draw(model: &ConsoleModel, absence: EngineAbsence, pen: &mut Pen<'_>, are
     let mut rest = pen.pane(area, "No engine is running here", true, "");
     let why = match &model.engine_data.engine {
         EngineState::Ended(Err(why)) => why.to_string(),
-        EngineState::Ended(Ok(())) | EngineState::Starting | EngineState::Running => "It has ended".to_owned(),
+        EngineState::Ended(Ok(())) | EngineState::Starting | EngineState::Running => {
+            "It has ended".to_owned()
+        }
     };
     let mut say = |role: ThemeRole, text: &str| {
         let taken = pen.text(rest, 0, role, text);

@@ -93,7 +93,10 @@ mod tests {
         let call = ClientMessage::Ask { request };
         let line = wire::line(&call).unwrap();
         assert_eq!(read(&line, CALL_BYTES_MAX).await, ReadLine::Call(call));
-        assert!(matches!(read(&line, SHORT_CALL_BYTES_MAX).await, ReadLine::Bad(_)), "an observer's is shorter");
+        assert!(
+            matches!(read(&line, SHORT_CALL_BYTES_MAX).await, ReadLine::Bad(_)),
+            "an observer's is shorter"
+        );
         assert_eq!(read("", SHORT_CALL_BYTES_MAX).await, ReadLine::Nothing);
     }
 }

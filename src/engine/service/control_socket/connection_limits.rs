@@ -207,7 +207,9 @@ impl ConnectionLimits {
     pub(super) fn observer(&self, account: ClientAccount) -> Result<ReceiverPlace, String> {
         let place = |of: &Arc<Semaphore>| {
             Arc::clone(of).try_acquire_owned().map_err(|_| {
-                format!("{OBSERVERS_MAX} connections receive events, the most allowed: end one that watches it")
+                format!(
+                    "{OBSERVERS_MAX} connections receive events, the most allowed: end one that watches it"
+                )
             })
         };
         let other = if account.is_owner {

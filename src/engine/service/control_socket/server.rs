@@ -470,7 +470,8 @@ async fn write_event(
 ) -> io::Result<()> {
     let mut rest = line;
     while !rest.is_empty() {
-        let written = timeout(let_go_after, writer.write(rest)).await.map_err(|_| io::ErrorKind::TimedOut)??;
+        let written =
+            timeout(let_go_after, writer.write(rest)).await.map_err(|_| io::ErrorKind::TimedOut)??;
         if written == 0 {
             return Err(io::ErrorKind::WriteZero.into());
         }

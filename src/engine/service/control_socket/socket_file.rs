@@ -98,9 +98,13 @@ impl ConsoleSocketFolder {
         }
         if found.uid() != rustix::process::geteuid().as_raw() || found.mode() & 0o022 != 0 {
             let owner = described_user(found.uid());
-            let problem =
-                format!("is owned by {owner} with the mode {:04o}: others than {account} may write to it", found.mode() & 0o7777);
-            let hint = format!("`sudo chown {account} {shown} && sudo chmod 0710 {shown}` makes it the engine's own");
+            let problem = format!(
+                "is owned by {owner} with the mode {:04o}: others than {account} may write to it",
+                found.mode() & 0o7777
+            );
+            let hint = format!(
+                "`sudo chown {account} {shown} && sudo chmod 0710 {shown}` makes it the engine's own"
+            );
             return Err(taken(problem, hint));
         }
         lock.try_lock().map_err(|_| locked(folder, &lock))?;
@@ -196,11 +200,15 @@ fn locked(folder: &Path, file: &File) -> ControlSocketError {
         ),
         Some(process) => (
             format!("process {process}{owner}, which is no engine"),
-            format!("`sudo kill {process}` ends it; `sudo chmod 0710 {shown}` lets no other account lock the folder"),
+            format!(
+                "`sudo kill {process}` ends it; `sudo chmod 0710 {shown}` lets no other account lock the folder"
+            ),
         ),
         None => (
             "a process that the kernel does not name".to_owned(),
-            format!("`sudo lslocks` lists locks; `sudo chmod 0710 {shown}` lets no other account lock the folder"),
+            format!(
+                "`sudo lslocks` lists locks; `sudo chmod 0710 {shown}` lets no other account lock the folder"
+            ),
         ),
     };
     ControlSocketError::Locked { path: folder.to_owned(), holder, hint }
@@ -216,7 +224,8 @@ fn refused_group(path: &Path, group: u32, is_member: bool) -> ControlSocketError
             let problem = format!("its file system does not keep the group {name} and the mode 0660");
             let command =
                 format!("sudo install -d -m 0710 -o {} -g {name} /run/holdpoint", account_word(uid));
-            let hint = format!("use a folder of another file system: `{command}`, and `--seats /run/holdpoint`");
+            let hint =
+                format!("use a folder of another file system: `{command}`, and `--seats /run/holdpoint`");
             (problem, hint)
         }
         Some(user) => {
@@ -277,7 +286,8 @@ mod tests {
         let own = format!("process {}", std::process::id());
         let other = File::open(folder.path()).unwrap();
         for is_shared in [true, false] {
-            if is_shared { other.try_lock_shared().unwrap() } else { other.try_lock().unwrap() }
+            let lock = if is_shared { other.try_lock_shared() } else { other.try_lock() };
+            lock.unwrap();
             let error = ConsoleSocketFolder::take(folder.path()).unwrap_err();
             let ControlSocketError::Locked { holder, hint, .. } = &error else { panic!("{error}") };
             assert!(holder.contains(&own), "{holder}");
@@ -296,7 +306,10 @@ mod tests {
             (error.to_string(), error.hint().unwrap().into_owned())
         };
         let (text, hint) = refused(&root.path().join("absent"));
-        assert!(text.contains("does not exist") && hint.contains("sudo install -d -m 0710 -o "), "{text}: {hint}");
+        assert!(
+            text.contains("does not exist") && hint.contains("sudo install -d -m 0710 -o "),
+            "{text}: {hint}"
+        );
         fs::set_permissions(root.path(), Permissions::from_mode(0o777)).unwrap();
         let (text, hint) = refused(root.path());
         let owner = described_user(rustix::process::geteuid().as_raw());
