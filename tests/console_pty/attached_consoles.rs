@@ -49,7 +49,7 @@ fn second_console_attaches_to_the_running_engine() {
     assert!(home.must(&["status"]).contains("sim"));
     // A new console gets the events from before it attached.
     let mut third = attach(&home, &[]);
-    third.wait_for_text("as \"mara\"");
+    third.wait_for_text("the cell is stopped by");
     first.wait_for_text("with seat");
     third.keys("q");
     third.end();
