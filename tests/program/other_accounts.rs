@@ -9,7 +9,9 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, Command as Process, Stdio};
 use std::time::Instant;
 
-use holdpoint::engine::service::control_socket::{ACCOUNT_CONNECTIONS_MAX, Client, socket_path};
+use holdpoint::engine::service::control_socket::{
+    ACCOUNT_CONNECTIONS_MAX, ACCOUNT_RECEIVERS_MAX, Client, socket_path,
+};
 use holdpoint::governance::record::RecordKind;
 use holdpoint::protocol::account_role::AccountRole;
 use holdpoint::protocol::command::{Command, Refusal, Reply};
@@ -161,6 +163,26 @@ fn an_account_with_many_connections_can_still_stop() {
     assert_eq!(answer["answer"], "closed", "{answer}");
     let answer = ask("stop", json!({ "command": "stop", "by": "ana", "reason": "a test" }));
     assert_eq!(answer["reply"]["reply"], "stopped", "{answer}");
+}
+
+#[test]
+fn an_observer_has_few_receivers_and_short_lines() {
+    let Some(machine) = Machine::new() else { return };
+    let (_engine, _client) = EngineProcess::start(machine.serve(GROUP, &[]), &machine.consoles);
+    let answer = |line: &str| {
+        let mut connection = RawConnection::connect(&machine.consoles);
+        connection.send(&format!("{line}\n"));
+        assert_eq!(connection.read().unwrap()["answer"], "hello");
+        let answer = connection.read().unwrap()["answer"].as_str().unwrap().to_owned();
+        (connection, answer)
+    };
+    let receivers: Vec<_> =
+        (0..=ACCOUNT_RECEIVERS_MAX).map(|_| answer(r#"{"call":"subscribe"}"#)).collect();
+    let answers: Vec<&str> = receivers.iter().map(|(_, answer)| answer.as_str()).collect();
+    assert_eq!(answers, [vec!["subscribed"; ACCOUNT_RECEIVERS_MAX], vec!["closed"]].concat());
+    let note = json!({ "command": "note", "by": "ana", "text": "x".repeat(64 << 10) });
+    let call = json!({ "call": "ask", "request": { "id": "a", "command": note } });
+    assert_eq!(answer(&call.to_string()).1, "closed");
 }
 
 #[test]

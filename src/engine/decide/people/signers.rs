@@ -67,7 +67,7 @@ pub(super) fn person(persons: &PersonDirectory, name: &str) -> Result<IdentityIn
             let text = format!("the key of {name} was revoked by {by}, and nothing that it signs counts");
             refuse(text, "an enrolled person must decide; see `holdpoint identity list`".to_owned())
         }
-        // Nobody can have it, and it does not belong into a command.
+        // No person can have it, and a command with it in a hint could do something else.
         None if !is_name(name) => {
             let text = format!("{name:?} is not enrolled in this store: it is no name of a person");
             refuse(text, "`holdpoint identity list` lists the persons of the store".to_owned())

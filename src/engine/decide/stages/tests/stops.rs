@@ -29,7 +29,7 @@ fn the_answer_to_a_stop_contains_no_text_of_another_account() {
     assert!(second.starts_with(account) && !second.contains("ana"), "{second}");
 }
 
-/// An observer wrote 360 records in 8 s, and nobody could name the number of stops that `start` asks for.
+/// An observer wrote 360 records in 8 s, and no person could follow the number of stops that `start` asks for.
 #[test]
 fn stops_of_one_account_without_end_are_recorded_as_a_sum() {
     let mut bench = Bench::new();
