@@ -581,7 +581,7 @@ fn console_of_another_account_stops_the_cell_and_a_stranger_does_not() {
     }
     let output = stop_as(member, group);
     assert_eq!(output.status.code(), Some(0), "{}", output_text(&output));
-    assert!(output_text(&output).contains("by night"), "{}", output_text(&output));
+    assert!(output_text(&output).contains("the cell is stopped;"), "{}", output_text(&output));
     engine.await_event("cell-stopped");
     assert_eq!(engine.stops_on_record(), 1);
     if is_root {

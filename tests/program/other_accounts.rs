@@ -176,8 +176,7 @@ fn an_observer_has_few_receivers_and_short_lines() {
         let answer = connection.read().unwrap()["answer"].as_str().unwrap().to_owned();
         (connection, answer)
     };
-    let receivers: Vec<_> =
-        (0..=ACCOUNT_RECEIVERS_MAX).map(|_| answer(r#"{"call":"subscribe"}"#)).collect();
+    let receivers: Vec<_> = (0..=ACCOUNT_RECEIVERS_MAX).map(|_| answer(r#"{"call":"subscribe"}"#)).collect();
     let answers: Vec<&str> = receivers.iter().map(|(_, answer)| answer.as_str()).collect();
     assert_eq!(answers, [vec!["subscribed"; ACCOUNT_RECEIVERS_MAX], vec!["closed"]].concat());
     let note = json!({ "command": "note", "by": "ana", "text": "x".repeat(64 << 10) });

@@ -315,7 +315,7 @@ fn the_verbs_stop_and_start_with_and_without_an_engine() {
     let output = holdpoint(&data, &arguments);
     assert_eq!(output.status.code(), Some(3), "{}", output_text(&output));
     assert!(
-        output_text(&output).contains("by bo") && output_text(&output).contains(": smoke"),
+        output_text(&output).contains("as \"bo\"") && output_text(&output).contains(": \"smoke\""),
         "{}",
         output_text(&output)
     );

@@ -150,7 +150,7 @@ fn after_a_sudden_end_under_real_and_human_the_cell_stays_stopped() {
             (stops[0]["by"].as_str(), stops[0]["code"].as_str()),
             (Some("the engine"), Some("unclean-end"))
         );
-        assert!(output_text(&holdpoint(&store, &["status"])).contains("by the engine"));
+        assert!(output_text(&holdpoint(&store, &["status"])).contains("as \"the engine\""));
         let alarms: Vec<Value> = records(&store, RecordKind::AlarmChanged);
         assert!(alarms.iter().any(|alarm| alarm.to_string().contains("came-up-stopped")), "{alarms:?}");
         let unknown = holdpoint(&store, &["go", "--as", "ana", "--stops", "1", "--reason", "it is empty"]);
