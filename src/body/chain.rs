@@ -4,11 +4,12 @@
 //! lengths in m, poses in the frame of the base.
 
 use nalgebra::{Isometry3, Matrix3, Rotation3, Translation3, UnitQuaternion, Vector3, Vector6};
+use serde::{Deserialize, Serialize};
 
 use crate::messages::{JointVec, MAX_JOINTS};
 
 /// A rigid transform with its rotation as a matrix: cheaper to chain than a quaternion.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Transform {
     /// Rotation matrix: its columns are this frame's axes in the parent frame.
     pub rotation: Matrix3<f64>,
@@ -62,7 +63,7 @@ impl Transform {
 }
 
 /// One revolute joint of the arm, with its limits.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct JointSpec {
     /// Name in the URDF.
     pub name: String,
@@ -81,7 +82,7 @@ pub struct JointSpec {
 }
 
 /// The joints from base to tool, and the tool frame on the last link.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Chain {
     /// Joints, base first; at most [`MAX_JOINTS`].
     pub joints: Vec<JointSpec>,

@@ -19,7 +19,7 @@ pub struct Clearance {
 }
 
 /// A capsule on a piece of the robot.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 struct CoverCapsule {
     /// 0 is the base, `i` the link of joint `i - 1`.
     link: usize,
@@ -31,13 +31,45 @@ struct CoverCapsule {
 }
 
 /// The capsules that cover a robot, and the pairs of them that may meet.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(try_from = "UncheckedModel")]
 pub struct ClearanceModel {
     covers: Vec<CoverCapsule>,
     /// Pairs that may meet, as indices into `covers`.
     pairs: Vec<(usize, usize)>,
     /// Covers that can come near the table: those of the third link and beyond.
     low: Vec<usize>,
+}
+
+/// The most capsules that are measured.
+const COVERS_MAX: usize = 48;
+
+/// A [`ClearanceModel`] from outside, whose indices may point nowhere.
+#[derive(Deserialize)]
+struct UncheckedModel {
+    covers: Vec<CoverCapsule>,
+    pairs: Vec<(usize, usize)>,
+    low: Vec<usize>,
+}
+
+impl TryFrom<UncheckedModel> for ClearanceModel {
+    type Error = String;
+    fn try_from(model: UncheckedModel) -> Result<Self, String> {
+        let UncheckedModel { covers, pairs, low } = model;
+        if covers.len() > COVERS_MAX {
+            return Err(format!(
+                "{} capsules cover the robot; at most {COVERS_MAX} are measured",
+                covers.len()
+            ));
+        }
+        let named = pairs.iter().flat_map(|(i, j)| [*i, *j]).chain(low.iter().copied());
+        match named.max() {
+            Some(index) if index >= covers.len() => {
+                Err(format!("capsule {index} is named; there are {}", covers.len()))
+            }
+            Some(_) | None => Ok(Self { covers, pairs, low }),
+        }
+    }
 }
 
 impl ClearanceModel {
@@ -82,7 +114,6 @@ impl ClearanceModel {
     /// Distances for frames already computed, m.
     #[must_use]
     pub fn measure_frames(&self, frames: &Frames) -> Clearance {
-        const COVERS_MAX: usize = 48;
         let mut placed = [(Vector3::zeros(), Vector3::zeros()); COVERS_MAX];
         for (slot, cover) in placed.iter_mut().zip(&self.covers) {
             *slot = place(cover, frames);
@@ -168,4 +199,23 @@ fn segment_distance2(p: &Segment, q: &Segment) -> f64 {
         }
     };
     (r + d1 * s - d2 * t).norm_squared()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn model_from_outside_names_only_capsules_that_it_has() {
+        let cover =
+            CoverCapsule { link: 1, a: Vector3::zeros(), b: Vector3::zeros(), radius: 0.1, around: 0.1 };
+        let of = |pairs: Vec<(usize, usize)>, low| {
+            ClearanceModel::try_from(UncheckedModel { covers: vec![cover; 3], pairs, low })
+        };
+        assert!(of(vec![(0, 2)], vec![1]).is_ok());
+        assert!(of(vec![(0, 3)], vec![1]).unwrap_err().contains("capsule 3"));
+        assert!(of(vec![], vec![7]).unwrap_err().contains("capsule 7"));
+        let many = UncheckedModel { covers: vec![cover; COVERS_MAX + 1], pairs: vec![], low: vec![] };
+        assert!(ClearanceModel::try_from(many).is_err());
+    }
 }

@@ -1,12 +1,13 @@
 //! What a guard has to know of a robot: its kinematics and how near it comes to the table and to itself.
 
 use nalgebra::Isometry3;
+use serde::{Deserialize, Serialize};
 
 use crate::chain::{Chain, Frames};
 use crate::clearance::{Clearance, ClearanceModel};
 
 /// A serial arm as geometry: no masses, no motors. Angles in rad, lengths in m, poses in the frame of the base.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Geometry {
     /// Kinematics of the arm, base to tool.
     pub chain: Chain,

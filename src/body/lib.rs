@@ -20,8 +20,11 @@ pub use messages::*;
 pub use shape::Shape;
 pub use zone::Zone;
 
+use serde::{Deserialize, Serialize};
+
 /// Why a body could not carry out a tick. Never a failure of the skill.
-#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, thiserror::Error)]
+#[serde(rename_all = "snake_case")]
 pub enum BodyError {
     /// A command that cannot be carried out: not a number, or zero or less for a value that must be above zero.
     #[error("command refused: {0}")]

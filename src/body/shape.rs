@@ -1,7 +1,10 @@
 //! Primitive shapes.
 
+use serde::{Deserialize, Serialize};
+
 /// A primitive shape, in its own frame.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
 pub enum Shape {
     /// A segment of half length along z, thickened by a radius (m).
     Capsule {

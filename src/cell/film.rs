@@ -2,6 +2,7 @@
 
 use holdpoint_body::{JointVec, Telemetry};
 use nalgebra::Isometry3;
+use serde::{Deserialize, Serialize};
 
 /// Ticks between two frames: 30 a second of simulated time.
 pub const FRAME_EVERY_TICKS: u64 = 8;
@@ -10,7 +11,7 @@ pub const FRAME_EVERY_TICKS: u64 = 8;
 pub const FRAMES_MAX: usize = 3_600;
 
 /// One moment of a world, with the peaks since the frame before.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct EpisodeFrame {
     /// Ticks since the reset.
     pub tick: u64,

@@ -153,7 +153,11 @@ impl Scene {
         Ok(scene)
     }
 
-    fn check(&self, file: &str) -> Result<(), CellError> {
+    /// Checks what the types cannot; `file` is used in errors.
+    ///
+    /// # Errors
+    /// [`CellError::File`] naming the file and the key.
+    pub fn check(&self, file: &str) -> Result<(), CellError> {
         if self.format != 1 {
             return Err(CellError::file(
                 file,

@@ -3,14 +3,17 @@
 use std::sync::Arc;
 
 use holdpoint_body::chain::Transform;
-use holdpoint_body::{Geometry, JointVec, Shape, TaskKind, Zone};
+use holdpoint_body::{Geometry, JointVec, MAX_JOINTS, RATE_HZ, Shape, TaskKind, Zone};
 use nalgebra::Isometry3;
+use serde::{Deserialize, Serialize};
 use sha2::{Digest as _, Sha256};
 
+use crate::error::CellError;
 use crate::scene::Scene;
 
 /// The shape of a part of the robot, in the part's frame.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
 pub enum PartShape {
     /// A primitive shape.
     Primitive(Shape),
@@ -19,7 +22,7 @@ pub enum PartShape {
 }
 
 /// A collision shape on the robot.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct PlacedShape {
     /// The piece it is on: 0 is the base, `i` the link of joint `i - 1`, and the fingers come last.
     pub piece: usize,
@@ -30,7 +33,7 @@ pub struct PlacedShape {
 }
 
 /// The robot of a cell.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct RobotSpec {
     /// Name in its description.
     pub name: String,
@@ -49,7 +52,7 @@ pub struct RobotSpec {
 }
 
 /// Something that is handled in the cell.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Workpiece {
     /// Name.
     pub name: String,
@@ -58,7 +61,7 @@ pub struct Workpiece {
 }
 
 /// What a cell can do beyond the calls of its body. Evidence that needs a missing ability is missing.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Abilities {
     /// It gives its state, so that a trial cell continues from it.
     pub export_state: bool,
@@ -71,7 +74,7 @@ pub struct Abilities {
 }
 
 /// A cell.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct CellSpec {
     /// The robot.
     pub robot: RobotSpec,
@@ -97,5 +100,62 @@ impl CellSpec {
     pub fn digest(&self) -> [u8; 32] {
         // The debug text contains type names; a build with other names has another digest in any case.
         Sha256::digest(format!("{self:?}").as_bytes()).into()
+    }
+
+    /// Checks a description from outside: what this program can work with.
+    ///
+    /// # Errors
+    /// [`CellError::File`] naming the element; `file` stands for where the description is from.
+    pub fn check(&self, file: &str) -> Result<(), CellError> {
+        let refuse = |element: &str, problem: String| Err(CellError::file(file, element, problem));
+        let robot = &self.robot;
+        let joints = robot.geometry.joint_count();
+        if !(1..=MAX_JOINTS).contains(&joints) {
+            return refuse(
+                "robot.geometry.chain.joints",
+                format!("\"{joints}\" joints; 1 to {MAX_JOINTS} are allowed"),
+            );
+        }
+        if !robot.geometry.within_limits(&robot.home) {
+            let problem = format!("\"{:?}\" must have {joints} values inside the joint limits", robot.home);
+            return refuse("robot.home", problem);
+        }
+        let limits = robot.geometry.chain.joints.iter();
+        let mut limits = limits
+            .flat_map(|joint| [joint.speed_max_rad_s, joint.acceleration_max_rad_s2, joint.effort_max_n_m]);
+        if !limits.all(|limit| limit.is_finite() && limit > 0.0) {
+            return refuse(
+                "robot.geometry.chain.joints",
+                "every limit must be finite and above 0".to_owned(),
+            );
+        }
+        if !(robot.width_max_m.is_finite() && robot.width_max_m > 0.0) {
+            return refuse(
+                "robot.width_max_m",
+                format!("\"{}\" must be finite and above 0", robot.width_max_m),
+            );
+        }
+        if let Some(part) = robot.parts.iter().find(|part| part.piece > joints + 2) {
+            return refuse(
+                "robot.parts",
+                format!("\"{}\" is no piece; the last is {}", part.piece, joints + 2),
+            );
+        }
+        if self.rate_hz != RATE_HZ {
+            return refuse(
+                "rate_hz",
+                format!("\"{}\" is not the rate of this build, {RATE_HZ}", self.rate_hz),
+            );
+        }
+        if self.camera_hz == 0 || self.camera_hz > self.rate_hz {
+            return refuse("camera_hz", format!("\"{}\" must be 1 to {}", self.camera_hz, self.rate_hz));
+        }
+        if self.tasks.is_empty() {
+            return refuse("tasks", "the list is empty; a cell presents at least one task".to_owned());
+        }
+        if self.zones.iter().ne(&self.scene.zones) {
+            return refuse("zones", "they must be those of the scene".to_owned());
+        }
+        self.scene.check(file)
     }
 }

@@ -70,7 +70,7 @@ impl JointState {
 }
 
 /// Where two things touch.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ContactPoint {
     /// Middle of the points that carry the force, world frame, m.
     pub at_m: [f64; 3],
