@@ -9,6 +9,7 @@ pub mod audit_proof;
 pub mod bench;
 pub mod candidate;
 pub mod cell;
+pub mod cell_process;
 pub mod completions;
 mod confirm_time;
 #[cfg(feature = "console")]
@@ -136,7 +137,7 @@ Examples:
     Rollback(decide::FamilyArgs),
     /// List versions, and decide about one: retry, demote, block, restrict, reactivate ...
     Version(version::VersionVerbArgs),
-    /// Set the goal of the live cell, leave a note, confirm its clock.
+    /// Set the goal of the live cell, leave a note, confirm its clock; serve a cell as a process.
     Cell(cell::CellArgs),
     /// Show why a version is in its state.
     Explain(explain::ExplainArgs),
@@ -297,7 +298,7 @@ pub fn dispatch(
             engine.decide(&context()?, &RequestedDecision::Rollback(args.clone()), out)
         }
         Some(Verb::Version(args)) => version::run(&context()?, args, engine, out),
-        Some(Verb::Cell(args)) => engine.decide(&context()?, &args.verb.decision(), out),
+        Some(Verb::Cell(args)) => cell::run(&context()?, args, engine, out),
         Some(Verb::Explain(args)) => explain::run(&context()?, args, out),
         Some(Verb::Health(args)) => health::run(&context()?, args, out),
         Some(Verb::Alarms(args)) => alarms::run(&context()?, args, out),

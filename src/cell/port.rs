@@ -201,4 +201,12 @@ pub trait CellSource: Send + Sync {
     /// # Errors
     /// If the file cannot be read.
     fn load(&self, robot: &Path) -> Result<Arc<dyn CellFactory>, CellError>;
+
+    /// The cells of another process.
+    ///
+    /// # Errors
+    /// [`CellError::Unable`] for a source that knows none; [`CellError::File`] if no cell is there.
+    fn connect(&self, _endpoint: &str) -> Result<Arc<dyn CellFactory>, CellError> {
+        Err(CellError::Unable("be connected to"))
+    }
 }

@@ -1,10 +1,15 @@
-//! `holdpoint cell goal | note | confirm-time`: what people tell the live cell.
+//! `holdpoint cell goal | note | confirm-time | serve`: what people tell the live cell, and a cell as a process.
 
 use clap::{Args, Subcommand};
 
+use super::cell_process::{self, CellServeArgs};
 use super::confirm_time::ConfirmTimeArgs;
 use super::decide::RequestedDecision;
+use super::engine_verbs::EngineVerbs;
+use super::output::CommandOutput;
 use super::stop::{GoalArgs, NoteArgs};
+use crate::cli::context::CliContext;
+use crate::error::{CliError, Exit};
 
 /// The arguments of `cell`.
 #[derive(Clone, Debug, PartialEq, Eq, Args)]
@@ -27,16 +32,25 @@ pub enum CellVerb {
     Note(NoteArgs),
     /// Confirm the machine's clock after a clock mismatch; until then nothing is activated.
     ConfirmTime(ConfirmTimeArgs),
+    /// Offer the simulated cell to engines as a process of its own.
+    Serve(CellServeArgs),
 }
 
-impl CellVerb {
-    /// The request to the engine.
-    #[must_use]
-    pub fn decision(&self) -> RequestedDecision {
-        match self {
-            Self::Goal(args) => RequestedDecision::Goal(args.clone()),
-            Self::Note(args) => RequestedDecision::Note(args.clone()),
-            Self::ConfirmTime(args) => RequestedDecision::ConfirmTime(args.clone()),
-        }
-    }
+/// Runs the verb.
+///
+/// # Errors
+/// As the verb.
+pub fn run(
+    context: &CliContext,
+    args: &CellArgs,
+    engine: &mut dyn EngineVerbs,
+    out: &mut CommandOutput<'_>,
+) -> Result<Exit, CliError> {
+    let decision = match &args.verb {
+        CellVerb::Goal(args) => RequestedDecision::Goal(args.clone()),
+        CellVerb::Note(args) => RequestedDecision::Note(args.clone()),
+        CellVerb::ConfirmTime(args) => RequestedDecision::ConfirmTime(args.clone()),
+        CellVerb::Serve(args) => return cell_process::serve(args, out),
+    };
+    engine.decide(context, &decision, out)
 }

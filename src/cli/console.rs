@@ -10,7 +10,7 @@ use super::console_engine::ConsoleEngine;
 use super::run::{LivePace, RunArgs};
 use super::settings::{self, file, themes};
 use super::{data, identity};
-use crate::cells::CELLS;
+use crate::cells::PACED_CELLS;
 use crate::cli::context::CliContext;
 use crate::cli::output::CommandOutput;
 use crate::error::{CliError, Exit};
@@ -66,7 +66,7 @@ pub(super) fn run(
                 profile: args.engine.profile(&context.data, site.as_ref())?,
                 seeds: EpisodeSeeds::Secret,
                 jobs: args.engine.spare_jobs(),
-                cells: Arc::new(CELLS),
+                cells: Arc::new(PACED_CELLS),
                 robot: args.engine.robot.clone(),
                 site,
                 pace: args.pace.unwrap_or(LivePace::CLOCK).times(),

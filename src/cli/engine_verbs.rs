@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use super::verb_executor::{VerbExecutor, last_cell, running};
 use super::{bench, candidate, data, decide, demo, profile_choice, run, serve, status};
-use crate::cells::CELLS;
+use crate::cells::PACED_CELLS;
 use crate::cli::context::CliContext;
 use crate::cli::output::CommandOutput;
 use crate::error::{CliError, Exit};
@@ -201,7 +201,7 @@ impl EngineVerbs for RealEngine {
             profile: args.engine.profile(&context.data, site.as_ref())?,
             seeds: EpisodeSeeds::Secret,
             jobs: args.engine.spare_jobs(),
-            cells: Arc::new(CELLS),
+            cells: Arc::new(PACED_CELLS),
             robot: args.engine.robot.clone(),
             site,
             pace: args.pace(),

@@ -50,8 +50,8 @@ struct SiteCheck<'a> {
     built_in: bool,
     /// The robot's name.
     robot: &'a str,
-    live: SiteCell,
-    trial: SiteCell,
+    live: &'a SiteCell,
+    trial: &'a SiteCell,
     /// The class of the profile.
     profile: ProfileName,
     /// The profile's own name; absent for a built-in profile.
@@ -87,8 +87,8 @@ pub fn run(context: &CliContext, args: &SiteArgs, out: &mut CommandOutput<'_>) -
         digest: loaded.digest,
         built_in: loaded.on_record().is_none(),
         robot: &cell.spec.robot.name,
-        live: loaded.site.live,
-        trial: loaded.site.trial,
+        live: &loaded.site.live,
+        trial: &loaded.site.trial,
         profile: profile.name,
         site: profile.site,
         families: families.collect(),
@@ -97,12 +97,20 @@ pub fn run(context: &CliContext, args: &SiteArgs, out: &mut CommandOutput<'_>) -
     Ok(Exit::Confirmed)
 }
 
+/// The kind of a cell, and where it is.
+fn place(cell: &SiteCell) -> String {
+    match &cell.endpoint {
+        Some(endpoint) => format!("{} at {}", cell.kind, Untrusted::new(endpoint.as_str()).line()),
+        None => cell.kind.to_string(),
+    }
+}
+
 fn print(checked: &SiteCheck<'_>, out: &mut CommandOutput<'_>) -> Result<(), CliError> {
     let built_in = if checked.built_in { "; it is the built-in site" } else { "" };
     out.line(&format!("the site file is well formed, digest {}{built_in}", checked.digest))?;
     out.line(&format!("robot       {}", Untrusted::new(checked.robot).line()))?;
-    out.line(&format!("live cell   {}", checked.live.kind))?;
-    out.line(&format!("trial cell  {}", checked.trial.kind))?;
+    out.line(&format!("live cell   {}", place(checked.live)))?;
+    out.line(&format!("trial cell  {}", place(checked.trial)))?;
     out.line(&format!("profile     {}", titled(checked.profile, checked.site.as_ref())))?;
     let mut table = TextTable::new(&["family", "baseline", "digest", "fallback"]);
     for row in &checked.families {

@@ -274,7 +274,9 @@ pub(super) fn last_cell(context: &CliContext) -> Result<Cell, CliError> {
         None
     };
     let site = site_choice::last(&context.data)?;
-    let Some(robot) = recorded else {
+    // A cell of another process describes its robot itself.
+    let is_far = site.as_ref().is_some_and(|site| site.site.live.endpoint.is_some());
+    let Some(robot) = recorded.filter(|_| !is_far) else {
         return Cell::at(&CELLS, None, site.as_ref()).map_err(CliError::internal);
     };
     let cell = robot.cell(&CELLS).map_err(|error| {

@@ -3,6 +3,7 @@
 //! Owns the text form (TOML, unknown fields refused), its limits and the digest. Opens no file: a path in it is a text,
 //! relative to the file's folder.
 
+use std::net::SocketAddr;
 use std::path::Path;
 
 use holdpoint_body::TaskKind;
@@ -27,6 +28,8 @@ crate::closed_set! {
     CellKind, "kind of cell", {
         /// The simulator of this program.
         Simulated = "simulated",
+        /// Another process, which speaks the cell protocol.
+        Wire = "wire",
     }
 }
 
@@ -47,11 +50,14 @@ pub struct Site {
 }
 
 /// A cell of a site.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct SiteCell {
     /// Its implementation. The simulated one has no settings.
     pub kind: CellKind,
+    /// Where a cell of the kind `wire` is: `unix:PATH` or `tcp:ADDRESS:PORT`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub endpoint: Option<String>,
 }
 
 /// A family of a site.
@@ -134,6 +140,10 @@ impl Site {
             }
             Some(_) | None => {}
         }
+        let cells = self.check_cell("live", &self.live).and_then(|()| self.check_trial());
+        if let Err((field, value, allowed)) = cells {
+            return refuse(&field, &value, allowed);
+        }
         if self.families.len() > SITE_FAMILIES_MAX {
             let allowed = format!("up to {SITE_FAMILIES_MAX} families");
             return refuse("families", &format!("{} families", self.families.len()), &allowed);
@@ -150,6 +160,33 @@ impl Site {
             return refuse("families", &listed, &allowed);
         }
         Ok(())
+    }
+
+    /// Field, value and what is allowed of the problem of a cell.
+    fn check_cell(&self, name: &str, cell: &SiteCell) -> Result<(), (String, String, &'static str)> {
+        let problem = |value: &str, allowed| Err((format!("{name}.endpoint"), value.to_owned(), allowed));
+        match (cell.kind, cell.endpoint.as_deref()) {
+            (CellKind::Simulated, None) => Ok(()),
+            (CellKind::Simulated, Some(endpoint)) => {
+                problem(endpoint, "none: a simulated cell has no endpoint")
+            }
+            (CellKind::Wire, Some(endpoint)) if is_endpoint(endpoint) => Ok(()),
+            (CellKind::Wire, endpoint) => problem(endpoint.unwrap_or("none"), ENDPOINT_ALLOWED),
+        }
+    }
+
+    /// As [`Self::check_cell`]: trial cells continue from states of the live cell, so both are at one place.
+    fn check_trial(&self) -> Result<(), (String, String, &'static str)> {
+        self.check_cell("trial", &self.trial)?;
+        if self.trial.kind != self.live.kind {
+            return Err(("trial.kind".to_owned(), self.trial.kind.to_string(), "the kind of the live cell"));
+        }
+        match &self.trial.endpoint {
+            Some(endpoint) if self.live.endpoint.as_ref() != Some(endpoint) => {
+                Err(("trial.endpoint".to_owned(), endpoint.clone(), "the endpoint of the live cell"))
+            }
+            Some(_) | None => Ok(()),
+        }
     }
 
     /// Field, value and what is allowed of the first problem of a family.
@@ -210,6 +247,18 @@ fn is_path(path: &str) -> bool {
     !path.is_empty() && path.len() <= SITE_PATH_BYTES_MAX && !path.contains(char::is_control)
 }
 
+/// What the endpoint of a cell may be.
+const ENDPOINT_ALLOWED: &str =
+    "unix: with an absolute path of up to 107 bytes, or tcp: with an address of this machine and a port";
+
+fn is_endpoint(text: &str) -> bool {
+    if let Some(path) = text.strip_prefix("unix:") {
+        return is_path(path) && path.len() <= 107 && Path::new(path).is_absolute();
+    }
+    let address = text.strip_prefix("tcp:").and_then(|rest| rest.parse::<SocketAddr>().ok());
+    address.is_some_and(|address| address.ip().is_loopback())
+}
+
 fn path_allowed() -> String {
     format!("a path of 1 to {SITE_PATH_BYTES_MAX} bytes without control characters")
 }
@@ -262,12 +311,30 @@ mod tests {
     fn wrong_values_are_refused_by_field() {
         let long = format!("\"{}.urdf\"", "x".repeat(SITE_PATH_BYTES_MAX));
         for (from, to, field, value) in [
-            ("\"simulated\"", "\"wire\"", "live.kind", "wire"),
+            ("\"simulated\"", "\"bridge\"", "live.kind", "bridge"),
             (
                 "[trial]\nkind = \"simulated\"",
-                "[trial]\nkind = \"wire\"\naddress = \"x\"",
+                "[trial]\nkind = \"bridge\"\naddress = \"x\"",
                 "trial.kind",
-                "wire",
+                "bridge",
+            ),
+            (
+                "kind = \"simulated\"",
+                "kind = \"wire\"\nendpoint = \"tcp:192.168.0.4:7001\"",
+                "live.endpoint",
+                "tcp:192.168.0.4:7001",
+            ),
+            (
+                "kind = \"simulated\"",
+                "kind = \"wire\"\nendpoint = \"unix:cell.sock\"",
+                "live.endpoint",
+                "unix:cell.sock",
+            ),
+            (
+                "kind = \"simulated\"",
+                "kind = \"simulated\"\nendpoint = \"unix:/run/cell.sock\"",
+                "live.endpoint",
+                "unix:/run/cell.sock",
             ),
             ("\"arm7\"", "\"Arm 7\"", "robot", "Arm 7"),
             ("\"arm7\"", long.as_str(), "robot", "xx"),
@@ -288,6 +355,27 @@ mod tests {
             let own = text.lines().nth(line - 1).unwrap();
             let last = field.rsplit('.').next().unwrap();
             assert!(own.starts_with("[[families]]") || own.starts_with(last), "{error}: {own}");
+        }
+    }
+
+    /// Trial cells continue from states of the live cell.
+    #[test]
+    fn cells_over_the_wire_are_at_one_endpoint() {
+        let of = |trial: &str| {
+            let live = "kind = \"wire\"\nendpoint = \"unix:/run/cell.sock\"";
+            let text = shipped().replacen("kind = \"simulated\"", live, 1);
+            Site::parse("site.toml", &text.replacen("kind = \"simulated\"", trial, 1))
+        };
+        let site = of("kind = \"wire\"\nendpoint = \"unix:/run/cell.sock\"").unwrap();
+        assert_eq!((site.live.kind, &site.live), (CellKind::Wire, &site.trial));
+        assert_eq!(site.live.endpoint.as_deref(), Some("unix:/run/cell.sock"));
+        for (trial, field) in [
+            ("kind = \"simulated\"", "trial.kind"),
+            ("kind = \"wire\"", "trial.endpoint"),
+            ("kind = \"wire\"\nendpoint = \"tcp:127.0.0.1:7001\"", "trial.endpoint"),
+        ] {
+            let error = of(trial).unwrap_err();
+            assert!(matches!(&error, TextError::Value { field: named, .. } if named == field), "{error}");
         }
     }
 

@@ -145,8 +145,18 @@ pub(crate) fn cell(robot: Option<&Path>, site: Option<&Arc<LoadedSite>>) -> Resu
             (Some(file), _) => error.with_bad_file(file),
             (None, Some(site)) => {
                 let file = shown(&site.file);
-                let hint = format!("correct it, then run `holdpoint site check {}`", shell_word(&file));
-                error.with_hint(hint).with_details(ErrorDetails::of_field(file, "robot"))
+                let check = format!("run `holdpoint site check {}`", shell_word(&file));
+                let (hint, field) = match &site.site.live.endpoint {
+                    Some(endpoint) => {
+                        let listen = shell_word(endpoint);
+                        (
+                            format!("start the cell, e.g. `holdpoint cell serve --listen {listen}`; {check}"),
+                            "live.endpoint",
+                        )
+                    }
+                    None => (format!("correct it, then {check}"), "robot"),
+                };
+                error.with_hint(hint).with_details(ErrorDetails::of_field(file, field))
             }
             (None, None) => error.with_details(ErrorReason::Internal),
         }

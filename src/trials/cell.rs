@@ -13,6 +13,7 @@ use holdpoint_governance::ids::Digest;
 use holdpoint_governance::site::CellKind;
 use holdpoint_governance::start_domain::StartDomain;
 use holdpoint_runtime::capability::{Capability, PackageError, shown};
+use holdpoint_text::Untrusted;
 
 use crate::embedded;
 use crate::site::LoadedSite;
@@ -120,19 +121,32 @@ impl Cell {
     /// The cell of a site, with the robot of this file if one is named; as [`Cell::of`] without a site.
     ///
     /// # Errors
-    /// As [`Cell::of`], or if the source has no such built-in robot.
+    /// As [`Cell::of`], or if the source has no such built-in robot; for a cell of another process also if it is not there
+    /// or has another robot.
     pub fn at(
         source: &dyn CellSource,
         robot: Option<&Path>,
         site: Option<&Arc<LoadedSite>>,
     ) -> Result<Self, CellError> {
         let Some(site) = site else { return Self::of(source, robot) };
-        // With a second kind, the source has to be chosen here.
-        let (CellKind::Simulated, CellKind::Simulated) = (site.site.live.kind, site.site.trial.kind);
         let cell = match (robot, site.robot_file()) {
             (Some(file), _) => Self::of(source, Some(file))?,
             (None, Some(file)) => Self::of(source, Some(&file))?,
             (None, None) => Self::new(source.builtin(Some(&site.site.robot))?)?,
+        };
+        // The check of the file holds live and trial cells to one place.
+        let cell = match (site.site.live.kind, &site.site.live.endpoint) {
+            (CellKind::Simulated, _) | (CellKind::Wire, None) => cell,
+            (CellKind::Wire, Some(endpoint)) => {
+                let (named, file) = (&cell.spec.robot.name, cell.robot_file.clone());
+                let far = Self::new(source.connect(endpoint)?)?;
+                if far.spec.robot.name != *named {
+                    let there = Untrusted::new(far.spec.robot.name.as_str());
+                    let problem = format!("\"{named}\" is not the robot there, \"{}\"", there.line());
+                    return Err(CellError::file(endpoint, "robot", problem));
+                }
+                Self { robot_file: file, ..far }
+            }
         };
         Ok(cell.with_site(Arc::clone(site)))
     }

@@ -50,7 +50,7 @@ fn check_prints_what_an_engine_starts_with() {
 fn check_names_the_field_of_a_wrong_value() {
     let root = tempfile::tempdir().unwrap();
     for (from, to, field) in [
-        ("kind = \"simulated\"", "kind = \"wire\"\naddress = \"127.0.0.1:9\"", "live.kind"),
+        ("kind = \"simulated\"", "kind = \"bridge\"\naddress = \"127.0.0.1:9\"", "live.kind"),
         ("\"arm7\"", "\"arm9\"", "robot"),
         ("\"sim\"", "\"moon\"", "profile"),
         ("fallback = \"park\"", "fallback = \"place\"", "families.grasp.fallback"),
