@@ -1,8 +1,8 @@
-//! `holdpoint cell goal | note | confirm-time | serve`: what people tell the live cell, and a cell as a process.
+//! `holdpoint cell goal | note | confirm-time | serve | check`: what people tell the live cell, and cells as processes.
 
 use clap::{Args, Subcommand};
 
-use super::cell_process::{self, CellServeArgs};
+use super::cell_process::{self, CellCheckArgs, CellServeArgs};
 use super::confirm_time::ConfirmTimeArgs;
 use super::decide::RequestedDecision;
 use super::engine_verbs::EngineVerbs;
@@ -34,6 +34,8 @@ pub enum CellVerb {
     ConfirmTime(ConfirmTimeArgs),
     /// Offer the simulated cell to engines as a process of its own.
     Serve(CellServeArgs),
+    /// Check a cell of another process against the cell protocol, promise by promise.
+    Check(CellCheckArgs),
 }
 
 /// Runs the verb.
@@ -51,6 +53,7 @@ pub fn run(
         CellVerb::Note(args) => RequestedDecision::Note(args.clone()),
         CellVerb::ConfirmTime(args) => RequestedDecision::ConfirmTime(args.clone()),
         CellVerb::Serve(args) => return cell_process::serve(args, out),
+        CellVerb::Check(args) => return cell_process::check(args, out),
     };
     engine.decide(context, &decision, out)
 }

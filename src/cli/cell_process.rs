@@ -1,11 +1,15 @@
-//! `holdpoint cell serve`: the simulated cell as a process, over the cell protocol.
+//! `holdpoint cell serve | check`: the simulated cell as a process, and any such process against the cell protocol.
 
 use std::io::{self, Write as _};
 use std::path::Path;
 use std::sync::Arc;
+use std::time::Duration;
 
 use clap::Args;
 use holdpoint_cell::CellSource as _;
+use holdpoint_cellwire::check::{check as check_cell, measure};
+use holdpoint_cellwire::client::Connect;
+use holdpoint_cellwire::framing::WireStream;
 use holdpoint_cellwire::{CellServer, Endpoint, ServerOptions};
 use serde::Serialize;
 
@@ -29,6 +33,19 @@ pub struct CellServeArgs {
     /// The robot: a built-in one by its name, or a URDF file [default: arm7].
     #[arg(long, value_name = "NAME|FILE")]
     pub robot: Option<String>,
+}
+
+/// The arguments of `cell check`.
+#[derive(Clone, Debug, PartialEq, Eq, Args)]
+#[command(after_help = "\
+Moves the arms of the cell, the live one, too. Exits with 1 if a promise is broken.
+
+Example:
+  holdpoint cell check unix:/run/holdpoint/cell.sock")]
+pub struct CellCheckArgs {
+    /// Where the cell listens: `unix:PATH` or `tcp:ADDRESS:PORT`.
+    #[arg(value_name = "ENDPOINT")]
+    pub endpoint: Endpoint,
 }
 
 /// What a served cell tells first.
@@ -74,4 +91,85 @@ pub fn serve(args: &CellServeArgs, out: &mut CommandOutput<'_>) -> Result<Exit, 
     let server = Arc::new(CellServer::new(Arc::clone(&factory), options).map_err(CliError::internal)?);
     server.run(&listener).map_err(CliError::internal)?;
     Ok(Exit::Confirmed)
+}
+
+/// Whether a cell keeps the protocol.
+#[derive(Serialize)]
+struct CheckedCell {
+    endpoint: String,
+    promises: Vec<CheckedPromise>,
+    exchange: Option<CheckedExchange>,
+}
+
+#[derive(Serialize)]
+struct CheckedPromise {
+    promise: &'static str,
+    /// What is wrong; absent where it is kept.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    problem: Option<String>,
+}
+
+/// The time of one exchange of a tick, with what the cell computes.
+#[derive(Serialize)]
+struct CheckedExchange {
+    ticks: usize,
+    p50_us: u64,
+    p99_us: u64,
+    max_us: u64,
+    overruns: usize,
+}
+
+/// Within this time a cell has to take a connection.
+const CONNECT_WITHIN: Duration = Duration::from_secs(5);
+
+fn connection(endpoint: &Endpoint) -> Connect {
+    let endpoint = endpoint.clone();
+    Box::new(move || -> io::Result<Box<dyn WireStream>> { Ok(Box::new(endpoint.connect(CONNECT_WITHIN)?)) })
+}
+
+/// Checks a cell, one line for each promise.
+///
+/// # Errors
+/// [`CliError::Usage`] if nobody listens at the endpoint.
+pub fn check(args: &CellCheckArgs, out: &mut CommandOutput<'_>) -> Result<Exit, CliError> {
+    let endpoint = &args.endpoint;
+    endpoint.connect(CONNECT_WITHIN).map_err(|error| {
+        CliError::usage(format!("no cell listens at {endpoint}: {error}"))
+            .with_hint("start it first, e.g. with `holdpoint cell serve --listen ENDPOINT`")
+            .with_details(ErrorReason::BadFile)
+    })?;
+    let verdicts = check_cell(connection(endpoint));
+    let times = measure(connection(endpoint)).ok();
+    let promises = verdicts.into_iter().map(|verdict| CheckedPromise {
+        promise: verdict.name,
+        problem: verdict.problem.map(|problem| Untrusted::new(problem).line().to_string()),
+    });
+    let checked = CheckedCell {
+        endpoint: endpoint.to_string(),
+        promises: promises.collect(),
+        exchange: times.map(|times| CheckedExchange {
+            ticks: times.ticks,
+            p50_us: times.p50_us,
+            p99_us: times.p99_us,
+            max_us: times.max_us,
+            overruns: times.overruns,
+        }),
+    };
+    let broken = checked.promises.iter().filter(|promise| promise.problem.is_some()).count();
+    out.answer(&checked, |out| {
+        for CheckedPromise { promise, problem } in &checked.promises {
+            match problem {
+                None => out.line(&format!("ok     {promise}"))?,
+                Some(problem) => out.line(&format!("WRONG  {promise}: {problem}"))?,
+            }
+        }
+        if let Some(exchange) = &checked.exchange {
+            let CheckedExchange { ticks, p50_us, p99_us, max_us, overruns } = exchange;
+            let text =
+                format!("p50 {p50_us} us, p99 {p99_us} us, longest {max_us} us, {overruns} over a tick");
+            out.line(&format!("one exchange of a tick, of {ticks}: {text}"))?;
+        }
+        out.line(&format!("{broken} of {} promises are broken", checked.promises.len()))
+    })?;
+    Ok(if broken == 0 { Exit::Confirmed } else { Exit::Rejected })
 }

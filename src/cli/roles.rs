@@ -17,7 +17,7 @@ const ROLES: &[(&str, &[(&str, &str)])] = &[
             ("approve", "Sign a waiting decision (also: reject, pause, resume)"),
             ("rollback", "Return a skill to its previous version"),
             ("version", "list, show, retry, demote, restrict, reactivate ..."),
-            ("more", "run, cell (goal, note, confirm-time, serve)"),
+            ("more", "run, cell (goal, note, confirm-time, serve, check)"),
         ],
     ),
     (
