@@ -420,3 +420,6 @@ pub enum Reply {
     /// The call had no effect.
     Refused(Refusal),
 }
+
+#[cfg(test)]
+mod tests;
