@@ -37,9 +37,12 @@ pub enum BodyError {
         /// The quantity that is not usable.
         what: String,
     },
-    /// The body does not answer any more, or failed in another way.
+    /// The body failed in another way.
     #[error("{0}")]
     Failed(String),
+    /// The body does not answer any more, or has stopped by itself: a person has to look.
+    #[error("{0}")]
+    Lost(String),
 }
 
 /// A robot as the runtime governs it: one observation, one command, one tick.

@@ -215,7 +215,7 @@ impl Shared {
     fn body_error(&self, error: CallError) -> BodyError {
         match error {
             CallError::Refused(refusal) => refusal.into_body_error(),
-            CallError::Lost(error) => BodyError::Failed(format!("the cell at {}: {error}", self.name)),
+            CallError::Lost(error) => BodyError::Lost(format!("the cell at {}: {error}", self.name)),
         }
     }
 

@@ -149,6 +149,7 @@ impl Refusal {
             Self::Body(BodyError::Command(problem)) => BodyError::Command(safe(problem)),
             Self::Body(BodyError::Diverged { tick, what }) => BodyError::Diverged { tick, what: safe(what) },
             Self::Body(BodyError::Failed(problem)) => BodyError::Failed(safe(problem)),
+            Self::Body(BodyError::Lost(problem)) => BodyError::Lost(safe(problem)),
             Self::Version { server } => BodyError::Failed(format!(
                 "the cell speaks protocol \"{server}\"; this build speaks {PROTOCOL}"
             )),
@@ -163,7 +164,7 @@ impl Refusal {
             }
             Self::Role { needs } => BodyError::Failed(format!("the call needs a {} cell", needs.name())),
             Self::Taken => BodyError::Failed("the live cell is another client's".to_owned()),
-            Self::Stopped(stop) => BodyError::Failed(stop.told()),
+            Self::Stopped(stop) => BodyError::Lost(stop.told()),
             other @ (Self::Full { .. }
             | Self::UnknownFork(_)
             | Self::File { .. }

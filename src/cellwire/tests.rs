@@ -290,7 +290,7 @@ fn watchdog_stops_an_arm_that_moves_and_says_so() {
     let told = notes.recv_timeout(LONG).unwrap();
     assert!(told.contains("no command for 400 ms; it stood still 0 ticks later"), "{told}");
     let error = live.step(&Command::Hold).unwrap_err();
-    assert_eq!(error, BodyError::Failed(told));
+    assert_eq!(error, BodyError::Lost(told));
     live.interrupt(Interrupt::Release);
     live.step(&Command::Hold).unwrap();
     let [canonical, ..] = factory.distributions().unwrap();
@@ -336,7 +336,7 @@ fn lost_cell_fails_every_tick_until_a_new_start() {
     cell.reset(&setup(1)).unwrap();
     closers.lock().unwrap().last().unwrap().shutdown(std::net::Shutdown::Both).unwrap();
     let error = cell.step(&Command::Hold).unwrap_err();
-    assert!(matches!(&error, BodyError::Failed(text) if text.starts_with("the cell at test")), "{error}");
+    assert!(matches!(&error, BodyError::Lost(text) if text.starts_with("the cell at test")), "{error}");
     assert!(cell.observe(GuardVerdict::Allowed).gripper_width_m.is_nan(), "nothing that a rule could pass");
     assert!(cell.step(&Command::Hold).is_err());
     cell.reset(&setup(1)).unwrap();

@@ -75,6 +75,15 @@ pub(crate) fn stop(record: &mut EngineRecorder, world: &mut LiveWorld, request: 
     Reply::Stopped { text, kept: persistence }
 }
 
+/// Stops a cell that does not answer any more, or stopped by itself. A person looks and starts it again.
+pub(crate) fn stop_lost(record: &mut EngineRecorder, world: &mut LiveWorld, reason: &str) {
+    let id = format!("cell-lost-{}", record.now_ms());
+    let (by, caller) = ("the engine".to_owned(), own_caller(record));
+    let request = StopRequest { id, by, reason: reason.to_owned(), caller };
+    // The answer is for a person who asks.
+    let _ = stop(record, world, request);
+}
+
 /// The text for a stop that is in no file.
 pub(crate) const KEPT_NOWHERE: &str =
     "the engine could store the stop neither on record nor beside it: a sudden end of the engine loses it";

@@ -39,6 +39,8 @@ pub(crate) struct FakeFactory {
     pub(crate) build: String,
     /// The live cell is given no work.
     pub(crate) is_starved: bool,
+    /// The live cell does not answer.
+    pub(crate) is_lost: bool,
     /// How far the first joint is off in a trial cell that is set to an observation.
     pub(crate) set_error_rad: f64,
     pub(crate) calls: Arc<Mutex<Vec<FakeCall>>>,
@@ -55,6 +57,7 @@ impl FakeFactory {
             spec: Arc::new(spec),
             build: "fake".to_owned(),
             is_starved: false,
+            is_lost: false,
             set_error_rad: 0.0,
             calls: Arc::default(),
         }
@@ -223,6 +226,9 @@ impl RobotCell for FakeCell {
 impl LiveCell for FakeCell {
     fn await_work(&mut self, call: &WorkCall<'_>) -> Result<(), CellError> {
         self.note(FakeCall::AwaitWork { seed: call.seed });
+        if self.script.is_lost {
+            return Err(CellError::Body(BodyError::Lost("gone".to_owned())));
+        }
         if self.script.is_starved {
             return Err(CellError::InvalidStart { seed: call.seed, problem: "no work".to_owned() });
         }

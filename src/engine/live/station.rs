@@ -7,7 +7,7 @@ use std::sync::Arc;
 
 use holdpoint_body::disturbance::Drift;
 pub use holdpoint_body::disturbance::LiveFault;
-use holdpoint_body::{Interrupt, TaskKind};
+use holdpoint_body::{BodyError, Interrupt, TaskKind};
 use holdpoint_cell::{
     CellCopy, CellError, Distribution, InjectedFault, LiveCell, RefereeLimits, RefereeReport, WorkCall,
 };
@@ -47,6 +47,9 @@ pub struct SequenceReport {
     pub outside: Vec<OutsideStart>,
     /// The cell failed; what came before still counts.
     pub failed: bool,
+    /// Why the cell does not answer any more, or stopped by itself.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub lost: Option<String>,
     /// Simulated time, ms.
     pub duration_ms: u64,
     /// Primitives the agent had planned for it.
@@ -73,6 +76,7 @@ impl SequenceReport {
             refused: None,
             outside: Vec::new(),
             failed: false,
+            lost: None,
             duration_ms: 0,
             planned: 0,
         }
@@ -328,8 +332,11 @@ impl RunningSequence {
         let lost = self.fault == Some(LiveFault::CameraLost);
         let ready =
             presented.and_then(|()| if lost { world.inject(InjectedFault::CameraLost) } else { Ok(()) });
-        if ready.is_err() {
+        if let Err(error) = ready {
             report.failed = true;
+            if let CellError::Body(BodyError::Lost(reason)) = error {
+                report.lost = Some(reason);
+            }
             let first = self.goal.plan().first().copied();
             let called = first.and_then(|task| Some((task, view.active(&Agent::select(task))?)));
             report.tasks.extend(called.map(|(task, active)| DispatchedTask {
@@ -433,9 +440,12 @@ impl RunningSequence {
                     report.refused = Some(refused);
                     break;
                 }
-                Err(DispatchError::Body(_)) => {
+                Err(DispatchError::Body(error)) => {
                     not_done(TaskRecord::invalid(task, seed));
                     report.failed = true;
+                    if let BodyError::Lost(reason) = error {
+                        report.lost = Some(reason);
+                    }
                     break;
                 }
             }

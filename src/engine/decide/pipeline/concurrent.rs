@@ -13,6 +13,7 @@ use holdpoint_protocol::command::Command;
 use holdpoint_protocol::snapshot::RequestKind;
 
 use super::{Pipeline, SliceOutcome, StageWork};
+use crate::decide::halt;
 use crate::decide::operations::is_last_version;
 use crate::decide::people::approvals::PendingApproval;
 use crate::decide::stages::{confirmation, resume};
@@ -242,6 +243,9 @@ impl Pipeline {
         live.look_at_questions()?;
         let report = live.end_sequence(worked)?;
         resume::look_at(&self.context, &mut self.record, &mut self.resumptions, &report)?;
+        if let Some(reason) = &report.lost {
+            halt::stop_lost(&mut self.record, &mut self.world, reason);
+        }
         match shadowed {
             Some(ShadowResult { id, trace, fork }) => self.shadow_worked(&id, trace, fork),
             None => Ok(()),

@@ -66,6 +66,15 @@ fn sequence_without_work_has_failed() {
     assert!(report.failed && report.tasks.iter().all(|done| done.record.invalid), "{report:?}");
 }
 
+/// A cell that does not answer is told apart from one that failed: a person has to look.
+#[test]
+fn sequence_of_a_lost_cell_says_so() {
+    let report = run(&FakeFactory { is_lost: true, ..FakeFactory::new() });
+    assert_eq!((report.failed, report.lost.as_deref()), (true, Some("gone")));
+    let report = run(&FakeFactory { is_starved: true, ..FakeFactory::new() });
+    assert_eq!((report.failed, report.lost), (true, None));
+}
+
 fn baseline(task: TaskKind) -> Capability {
     let mut baselines = embedded::baselines().unwrap().into_iter();
     baselines.find(|version| version.bundle.task() == task).unwrap()
