@@ -30,9 +30,9 @@ pub struct ServerOptions {
 }
 
 impl Default for ServerOptions {
-    /// 64 connections, and nothing is told.
+    /// 128 connections: 64 workers, their twins, and some more. Nothing is told.
     fn default() -> Self {
-        Self { connections_max: 64, notes: Box::new(|_| {}) }
+        Self { connections_max: 128, notes: Box::new(|_| {}) }
     }
 }
 

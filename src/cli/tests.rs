@@ -252,6 +252,11 @@ fn invalid_command_lines_are_refused() {
         "recordings prune --dry-run",
         "recordings prune --older-than 0",
         "identity new ../../x",
+        "cell serve",
+        "cell serve --listen cell.sock",
+        "cell serve --listen tcp:192.168.0.4:7001",
+        "cell check",
+        "cell check tcp:127.0.0.1",
         "frobnicate",
     ] {
         assert!(
