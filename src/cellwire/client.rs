@@ -83,7 +83,7 @@ struct Shared {
     session: AtomicU64,
     /// The connection that keeps the session.
     control: Mutex<Peer>,
-    /// Forks that nobody needs any more, with their session.
+    /// Forks that no cell needs any more, with their session.
     released: Mutex<Vec<(u64, u64)>>,
 }
 

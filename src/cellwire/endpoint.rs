@@ -72,7 +72,7 @@ impl Endpoint {
     /// Connects.
     ///
     /// # Errors
-    /// If nobody listens.
+    /// If no process listens.
     pub fn connect(&self, within: Duration) -> io::Result<EndpointStream> {
         match self {
             Self::Unix(path) => UnixStream::connect(path).map(EndpointStream::Unix),
@@ -84,7 +84,7 @@ impl Endpoint {
         }
     }
 
-    /// Listens. The file of a Unix socket is for its owner alone; one that nobody listens at is replaced.
+    /// Listens. The file of a Unix socket is for its owner alone; one without a listener is replaced.
     ///
     /// # Errors
     /// If the address is taken, or not this user's.

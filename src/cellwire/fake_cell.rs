@@ -1,4 +1,4 @@
-//! A small cell for tests: two joints that go where they are told, and quirks that break a promise of the ports.
+//! A small cell for tests: two joints that follow their setpoints, and quirks that break a promise of the ports.
 
 use std::any::Any;
 use std::os::unix::net::UnixStream;

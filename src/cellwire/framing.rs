@@ -47,7 +47,7 @@ impl WireStream for Box<dyn WireStream> {
     }
 }
 
-/// Why a connection is of no use any more.
+/// Why a connection failed.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum WireError {
     /// The other side closed it, or is gone.
@@ -182,7 +182,7 @@ impl<S: WireStream> Line<S> {
     /// Sends a message.
     ///
     /// # Errors
-    /// [`WireError`]; the connection is then of no use.
+    /// [`WireError`]; the connection is then useless.
     pub fn send<T: Serialize>(&mut self, message: &T) -> Result<(), WireError> {
         self.outbox.clear();
         self.outbox.extend_from_slice(&[0; 4]);
@@ -231,8 +231,8 @@ impl<S: WireStream> Line<S> {
     /// Waits for a message.
     ///
     /// # Errors
-    /// [`WireError::Deadline`] if none began in time: another call may follow. After any other error the connection is of
-    /// no use.
+    /// [`WireError::Deadline`] if none began in time: another call may follow. After any other error the connection is
+    /// useless.
     pub fn receive<T: DeserializeOwned>(&mut self, within: Duration) -> Result<T, WireError> {
         let frame = self.frame(within)?;
         let read = decode(self.inbox.get(frame.clone()).unwrap_or_default());
@@ -254,7 +254,7 @@ impl<S: WireStream> Line<S> {
     /// Reads the bytes of a block that a message announced.
     ///
     /// # Errors
-    /// [`WireError`]; the connection is then of no use.
+    /// [`WireError`]; the connection is then useless.
     pub fn receive_block(&mut self, block: &Block, within: Duration) -> Result<Vec<u8>, WireError> {
         let most = BLOCK_BYTES_MAX as u64;
         if block.bytes > most {

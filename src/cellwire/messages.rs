@@ -134,7 +134,7 @@ pub struct Request {
     /// What the guard did with the command before, where it differs from what was last told.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub guard: Option<GuardVerdict>,
-    /// Handles of forks that nobody needs any more; at most [`RELEASED_MAX`].
+    /// Handles of forks that the client does not need any more; at most [`RELEASED_MAX`].
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub release: Vec<u64>,
     /// What is asked.

@@ -30,7 +30,7 @@ pub struct ServerOptions {
 }
 
 impl Default for ServerOptions {
-    /// 128 connections: 64 workers, their twins, and some more. Nothing is told.
+    /// 128 connections: 64 workers, their twins, and some more. Notes are dropped.
     fn default() -> Self {
         Self { connections_max: 128, notes: Box::new(|_| {}) }
     }
@@ -195,7 +195,7 @@ impl Place<'_> {
         let session = state.sessions.entry(self.session).or_default();
         let dropped: Vec<_> = forks.iter().filter_map(|fork| session.forks.remove(fork)).collect();
         drop(state);
-        // A state may be large: it is given back while nobody waits for the lock.
+        // A state may be large: it is given back outside the lock.
         drop(dropped);
     }
 }

@@ -69,7 +69,7 @@ fn told(cell: &mut dyn TrialCell, guard: GuardVerdict) -> Vec<u8> {
         .unwrap()
 }
 
-/// A run with all that a task does; what was told in every tick, and the state at the end.
+/// A run with all that a task does; what the cell tells in every tick, and the state at the end.
 fn run(cell: &mut dyn TrialCell) -> (Vec<Vec<u8>>, StateImage) {
     cell.reset(&setup(7)).unwrap();
     let mut all = Vec::new();
@@ -190,7 +190,7 @@ fn forks_end_with_their_session() {
     let foreign = CellCopy::in_memory(3, "a state of another kind");
     assert!(matches!(cell.go_on_from(&foreign), Err(CellError::Snapshot(_))));
     cell.reset(&setup(1)).unwrap();
-    // The copy keeps the session open; nobody is left to release it.
+    // The copy keeps the session open, and no cell is left to release it.
     drop((copy, cell, first));
     let started = Instant::now();
     while server.forks() > 0 {
@@ -407,9 +407,9 @@ fn endpoint_is_listened_at_and_its_file_is_for_one_user() {
     let endpoint = Endpoint::Unix(path.clone());
     let listener = endpoint.listen().unwrap();
     assert_eq!(std::fs::metadata(&path).unwrap().permissions().mode() & 0o777, 0o600);
-    assert!(endpoint.listen().is_err(), "somebody listens already");
+    assert!(endpoint.listen().is_err(), "another process listens already");
     drop(listener);
-    // The file is left, and nobody listens: it is replaced.
+    // The file of a socket without a listener is replaced.
     let listener = endpoint.listen().unwrap();
     let server = server(Quirk::Honest);
     std::thread::spawn(move || server.run(&listener));

@@ -77,7 +77,7 @@ pub fn serve(args: &CellServeArgs, out: &mut CommandOutput<'_>) -> Result<Exit, 
     let listener = args.listen.listen().map_err(refused)?;
     let endpoint = listener.endpoint().map_err(refused)?.to_string();
     let notes = Box::new(|text: &str| {
-        // Without a reader nothing is told; the cell works on.
+        // Without a reader the notes are lost, and the cell works on.
         let _ = writeln!(io::stderr().lock(), "{}", Untrusted::new(text).line());
     });
     let spec = Arc::clone(factory.spec());
@@ -130,7 +130,7 @@ fn connection(endpoint: &Endpoint) -> Connect {
 /// Checks a cell, one line for each promise.
 ///
 /// # Errors
-/// [`CliError::Usage`] if nobody listens at the endpoint.
+/// [`CliError::Usage`] if no process listens at the endpoint.
 pub fn check(args: &CellCheckArgs, out: &mut CommandOutput<'_>) -> Result<Exit, CliError> {
     let endpoint = &args.endpoint;
     endpoint.connect(CONNECT_WITHIN).map_err(|error| {

@@ -89,7 +89,7 @@ impl Check {
             let most = off.fold(0.0, f64::max);
             holds(most < NEAR_RAD, || format!("a joint is {most} rad off"))
         });
-        self.verdict("units: a joint moves no faster than it is told, rad/s", |check| {
+        self.verdict("units: a joint moves no faster than its command says, rad/s", |check| {
             let mut peer = check.trial(1)?;
             let before = observe(&mut peer)?.telemetry.q;
             seen(&mut peer, Call::Step { command: check.motion()? })?;

@@ -113,7 +113,7 @@ impl Check {
             let length = u32::try_from(MESSAGE_BYTES_MAX + 1).unwrap_or(u32::MAX);
             check.bytes(&length.to_be_bytes())
         });
-        self.verdict("messages: bytes that are none are refused", |check| {
+        self.verdict("messages: bytes that are no message are refused", |check| {
             check.bytes(&[0, 0, 0, 2, 0xC1, 0xC1])
         });
         self.verdict("messages: a call that is not known is refused", |check| {
@@ -204,7 +204,7 @@ impl Check {
             thread::sleep(SILENCE);
             seen(&mut peer, Call::Step { command: Command::Hold }).map(drop)
         });
-        self.verdict("live: a stop from outside is told", |check| {
+        self.verdict("live: the state names a stop from outside", |check| {
             let mut peer = check.live_in_motion(None)?;
             let stopped = seen(&mut peer, Call::Interrupt { interrupt: Interrupt::Stop })?;
             let is_told = stopped.stop_declared.is_some();

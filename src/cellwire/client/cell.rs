@@ -23,7 +23,7 @@ use super::{Shared, lock};
 use crate::framing::{WireError, decode};
 use crate::messages::{Block, Call, Reply, Role, Seen, Truth};
 
-/// A state that the server keeps. It is released when nobody needs it any more.
+/// A state that the server keeps. It is released when it is dropped.
 struct WireFork {
     shared: Arc<Shared>,
     session: u64,
@@ -104,7 +104,7 @@ impl WireCell {
         taken.map_err(|error| self.peer.borrow_mut().lose(error).into())
     }
 
-    /// A call after which nobody has observed anything yet.
+    /// A call after which there is no observation yet.
     fn start(&mut self, call: Call, block: Option<&[u8]>, within: Duration) -> Result<(), CallError> {
         self.change(call, block, within)?;
         self.guard.set(None);

@@ -35,7 +35,7 @@ pub struct Peer {
     lost: Option<WireError>,
 }
 
-/// An answer that is none to what was asked.
+/// The error of an answer to another question.
 pub(super) fn unexpected(reply: &Reply) -> WireError {
     let name = match reply {
         Reply::Seen(_) => "seen",
@@ -53,7 +53,7 @@ impl Peer {
     /// Connects and says hello.
     ///
     /// # Errors
-    /// If nobody is there, or the hello is refused.
+    /// If no server answers, or the hello is refused.
     pub fn greet(connect: &Connect, hello: &Hello) -> Result<(Self, Welcome), CallError> {
         let stream = connect().map_err(|error| WireError::System(error.to_string()))?;
         let mut line = Line::new(stream)?;

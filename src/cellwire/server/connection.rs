@@ -142,7 +142,7 @@ impl<S: WireStream> Connection<'_, S> {
                 Err(
                     error @ (WireError::Malformed(_) | WireError::TooLarge { .. } | WireError::Torn { .. }),
                 ) => {
-                    // The other side may be gone: that it is told is not needed.
+                    // The other side may be gone already.
                     let _ = self.refuse(self.due, Refusal::Malformed(error.to_string()));
                     return Err(error);
                 }
@@ -233,7 +233,7 @@ impl<S: WireStream> Connection<'_, S> {
     fn change(&mut self, call: Call) -> Result<(), Refusal> {
         match call {
             Call::Observe { guard } => {
-                // It is told when the state is read.
+                // The cell learns of it when the state is read.
                 self.robot()?;
                 self.guard = Some(guard);
             }
@@ -331,7 +331,7 @@ impl<S: WireStream> Connection<'_, S> {
         StateImage::new(bytes).map_err(Refusal::of_cell)
     }
 
-    /// A task, an episode or work begins: nobody has told what the guard did.
+    /// A task, an episode or work begins: the verdict of the guard is not known.
     fn started(&mut self) {
         self.guard = None;
         self.watchdog.rest();

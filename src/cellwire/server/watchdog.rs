@@ -27,7 +27,7 @@ struct Stillness {
 }
 
 impl Stillness {
-    /// Takes one tick; returns whether the arm stands.
+    /// Takes one tick; returns whether the arm is at standstill.
     fn observe(&mut self, seen: &Telemetry) -> bool {
         self.window.push_back(seen.dq.clone());
         if self.window.len() > STILL_TICKS {
@@ -90,7 +90,7 @@ impl Watchdog {
     }
 }
 
-/// Interrupts, and lets ticks pass until the arm stands; returns the tick at which the standstill began.
+/// Interrupts, and lets ticks pass until the arm is at standstill; returns the tick at which the standstill began.
 fn brake(cell: &mut dyn LiveCell) -> Option<u64> {
     cell.interrupt(Interrupt::Stop);
     let mut stillness = Stillness::default();
