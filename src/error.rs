@@ -6,10 +6,11 @@ use std::process::ExitCode;
 
 use crate::cli::output::versioned;
 use holdpoint_engine::StartError;
-use holdpoint_engine::service::control_socket::ControlSocketError;
 use holdpoint_governance::TextError;
 use holdpoint_protocol::command::Refusal;
 use holdpoint_registry::StoreError;
+use holdpoint_service::bootstrap::BootstrapError;
+use holdpoint_service::control_socket::ControlSocketError;
 use serde::{Deserialize, Serialize};
 
 use holdpoint_text::{
@@ -434,7 +435,6 @@ pub fn print_usage(error: &clap::Error, json: bool) -> Exit {
 pub(crate) fn start_error(error: StartError) -> CliError {
     match &error {
         StartError::Fault(_) => CliError::fault(error),
-        StartError::Socket(ControlSocketError::Locked { .. }) => CliError::busy(error),
         StartError::Store(StoreError::UnauthorizedProfile { .. } | StoreError::ScriptAfterLive) => {
             CliError::from_engine_fault(error)
         }
@@ -444,9 +444,16 @@ pub(crate) fn start_error(error: StartError) -> CliError {
         | StartError::Baseline(_)
         | StartError::Omitted(_)
         | StartError::OtherRobot { .. }
-        | StartError::Cell(_)
-        | StartError::Socket(_)
-        | StartError::Thread(_) => CliError::usage(error),
+        | StartError::Cell(_) => CliError::usage(error),
+    }
+}
+
+/// As [`start_error`], for an engine that starts behind its socket.
+pub(crate) fn bootstrap_error(error: BootstrapError) -> CliError {
+    match error {
+        BootstrapError::Start(error) => start_error(error),
+        BootstrapError::Socket(ControlSocketError::Locked { .. }) => CliError::busy(error),
+        BootstrapError::Socket(_) | BootstrapError::Thread(_) => CliError::usage(error),
     }
 }
 

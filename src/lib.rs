@@ -14,13 +14,16 @@ pub use holdpoint_builder as builder;
 #[cfg(feature = "console")]
 pub use holdpoint_console as console;
 pub use holdpoint_engine as engine;
+pub use holdpoint_explain as explain;
 pub use holdpoint_governance as governance;
 pub use holdpoint_protocol as protocol;
+pub use holdpoint_record as record;
 pub use holdpoint_recordings as recordings;
 pub use holdpoint_registry as registry;
 pub use holdpoint_runtime as runtime;
 #[cfg(feature = "rerun")]
 pub use holdpoint_scene as scene;
+pub use holdpoint_service as service;
 pub use holdpoint_sim as sim;
 pub use holdpoint_skill as skill;
 pub use holdpoint_text as text;

@@ -11,7 +11,7 @@ use super::time_arg::{TimeArg, when_help};
 use crate::cli::context::CliContext;
 use crate::cli::output::CommandOutput;
 use crate::error::{CliError, Exit};
-use holdpoint_engine::explain::health_series::{HealthError, HealthReader};
+use holdpoint_explain::health_series::{HealthError, HealthReader};
 use holdpoint_governance::alarms::{Alarm, AlarmState, Priority, Shelving};
 use holdpoint_governance::calendar;
 use holdpoint_governance::notice::{Notice, NoticeOrText};

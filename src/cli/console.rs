@@ -18,14 +18,14 @@ use holdpoint_console::effects::{MakeIdentity, OperatorFiles, ReadOperatorFiles,
 use holdpoint_console::keymap::{self, Keymap};
 use holdpoint_console::options::{self, Options, SettingsFile};
 use holdpoint_console::run::{ConsoleError, ConsoleSetup, EngineLocation, ExitCause};
-use holdpoint_engine::service::control_socket::{Client, ControlSocketError, SHOWN_TO_NOBODY};
-use holdpoint_engine::service::engine_handle::{EngineEndError, EngineHandle, LaunchConfig};
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::submission::Package;
 use holdpoint_protocol::command::Command;
 use holdpoint_protocol::console_presence::ConsolePresence;
 use holdpoint_registry::Layout;
 use holdpoint_runtime::capability::shown;
+use holdpoint_service::control_socket::{Client, ControlSocketError, SHOWN_TO_NOBODY};
+use holdpoint_service::engine_handle::{EngineEndError, EngineHandle, LaunchConfig};
 use holdpoint_text::{ErrorDetails, ErrorReason, Hint as _, Problem, shell_word};
 use holdpoint_trials::embedded;
 use holdpoint_trials::seeds::EpisodeSeeds;

@@ -16,10 +16,10 @@ use super::profile_choice::RequestedProfile;
 use super::run::{LivePace, RunArgs};
 use crate::error::ErrorDocument;
 use holdpoint_console::run::StartedEngine;
-use holdpoint_engine::service::control_socket::{ControlSocketError, SHOWN_TO_NOBODY};
-use holdpoint_engine::service::engine_handle::{EngineEndError, EngineHandle, LaunchConfig};
 use holdpoint_protocol::console_presence::ConsolePresence;
 use holdpoint_registry::{Layout, lock_owner};
+use holdpoint_service::control_socket::{ControlSocketError, SHOWN_TO_NOBODY};
+use holdpoint_service::engine_handle::{EngineEndError, EngineHandle, LaunchConfig};
 use holdpoint_text::{ErrorReason, Hint as _, Problem, Untrusted};
 
 /// The time limit for its first answer. The socket opens before the history is read, so the store's size does not

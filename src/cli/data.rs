@@ -5,8 +5,8 @@ use std::os::unix::fs::FileTypeExt as _;
 use std::path::{Path, PathBuf};
 
 use crate::error::CliError;
-use holdpoint_engine::service::control_socket::socket_path;
 use holdpoint_registry::{Layout, Views, other_owner};
+use holdpoint_service::control_socket::socket_path;
 use holdpoint_text::{ErrorDetails, ErrorReason, shell_word};
 
 /// The store's folder: the one given, else `$XDG_DATA_HOME/holdpoint`, else `~/.local/share/holdpoint`.

@@ -14,11 +14,11 @@ use crate::error::{CliError, Exit};
 use crate::headless::{
     PlainWork, RunPlain, RunScript, RunStage, ServiceSetup, run_plain, run_script, run_stage,
 };
-use holdpoint_engine::service::engine_handle::LaunchConfig;
 use holdpoint_governance::lifecycle::Stage;
 use holdpoint_governance::submission::Package;
 use holdpoint_protocol::command::Command;
 use holdpoint_runtime::capability::shown;
+use holdpoint_service::engine_handle::LaunchConfig;
 use holdpoint_trials::embedded;
 use holdpoint_trials::seeds::EpisodeSeeds;
 

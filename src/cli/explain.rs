@@ -1,7 +1,7 @@
 //! `holdpoint explain`: why a version, or the active and the newest version of a family, is in its state, from the store
 //! alone.
 //!
-//! Prints the result of [`holdpoint_engine::explain::why`]; judges nothing. Without an option it prints the deciding reasons
+//! Prints the result of [`holdpoint_explain::why`]; judges nothing. Without an option it prints the deciding reasons
 //! on one screen; `--full` and JSON have everything.
 
 use std::path::Path;
@@ -12,7 +12,7 @@ use super::data;
 use crate::cli::context::CliContext;
 use crate::cli::output::CommandOutput;
 use crate::error::{CliError, Exit};
-use holdpoint_engine::explain::why;
+use holdpoint_explain::why;
 use holdpoint_governance::explanation::ExplanationSummary;
 use holdpoint_governance::ids::{CapabilityId, Family};
 use holdpoint_protocol::explanation::{DecisionExplanation, ExplainedReason, Explanation, Ruling};

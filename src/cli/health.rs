@@ -1,6 +1,6 @@
 //! `holdpoint health`: whether the live cell is better or worse than before, from the store alone.
 //!
-//! Prints the result of [`holdpoint_engine::explain::health_series`]; an engine may have the store open meanwhile. Judges
+//! Prints the result of [`holdpoint_explain::health_series`]; an engine may have the store open meanwhile. Judges
 //! nothing, and prints no rate without a count.
 
 use std::fs::OpenOptions;
@@ -18,7 +18,7 @@ use super::time_arg::{TimeArg, when_help};
 use crate::cli::context::CliContext;
 use crate::cli::output::CommandOutput;
 use crate::error::{CliError, Exit};
-use holdpoint_engine::explain::health_series::{HealthError, HealthReader, PresentTime, csv, svg};
+use holdpoint_explain::health_series::{HealthError, HealthReader, PresentTime, csv, svg};
 use holdpoint_governance::ids::Family;
 use holdpoint_protocol::clock::clock_time;
 use holdpoint_protocol::health::{

@@ -1,6 +1,6 @@
 //! `holdpoint metrics`: the paper's metrics from telemetry and audit log, without ground truth.
 //!
-//! Prints the result of [`holdpoint_engine::explain::store_metrics`]; an engine may have the store open meanwhile. Prints no rate
+//! Prints the result of [`holdpoint_explain::store_metrics`]; an engine may have the store open meanwhile. Prints no rate
 //! without a case.
 
 use std::str::FromStr;
@@ -15,8 +15,8 @@ use crate::cli::context::CliContext;
 use crate::cli::output::CommandOutput;
 use crate::error::{CliError, Exit};
 use holdpoint_engine::decide::store_identity;
-use holdpoint_engine::explain::health_series::PresentTime;
-use holdpoint_engine::explain::store_metrics::{self, Coverage, Since, StoreMetrics};
+use holdpoint_explain::health_series::PresentTime;
+use holdpoint_explain::store_metrics::{self, Coverage, Since, StoreMetrics};
 use holdpoint_governance::metrics::Proportion;
 use holdpoint_governance::metrics::store_metrics::{MeanWithStdDev, ObservedMetrics, ReplayOutcome};
 use holdpoint_protocol::health::HealthClock;

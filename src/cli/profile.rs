@@ -16,7 +16,6 @@ use crate::cli::context::CliContext;
 use crate::cli::output::CommandOutput;
 use crate::error::{CliError, Exit};
 use holdpoint_approvals::{RulesChange, SignedProfileAct};
-use holdpoint_engine::service::caller;
 use holdpoint_governance::ids::Digest;
 use holdpoint_governance::policy::{PolicyProblem, PolicyTable};
 use holdpoint_governance::profile::{Profile, ProfileName, ReasonedNumber, SiteName, titled};
@@ -24,6 +23,7 @@ use holdpoint_governance::profile_downgrade::{
     DowngradedField, PreviousProfile, ProfileRules, downgrade_summary,
 };
 use holdpoint_governance::site_profile::ChosenProfile;
+use holdpoint_record::caller;
 use holdpoint_registry::allow_profile;
 use holdpoint_text::{ErrorReason, Untrusted, shell_word};
 

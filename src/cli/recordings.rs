@@ -12,11 +12,11 @@ use super::prune::{self, PruneLimits, UpgradeRecordings};
 use crate::cli::context::CliContext;
 use crate::cli::output::CommandOutput;
 use crate::error::{CliError, Exit};
-use holdpoint_engine::service::recordings;
 use holdpoint_recordings::audit_record::{FileCheck, RecordedFiles};
 use holdpoint_recordings::recording_folder::{self, IrregularFile, RecordingFile, RecordingFolder};
 pub(super) use holdpoint_registry::size;
 use holdpoint_registry::{Layout, Views};
+use holdpoint_service::recordings;
 
 /// Bytes of a mebibyte.
 const MIB: u64 = 1 << 20;

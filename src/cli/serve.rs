@@ -7,9 +7,9 @@ use clap::Args;
 
 use super::run::{EngineArgs, LINGER_SECS_MAX, LivePace, SceneArgs, parse_pace};
 use crate::error::CliError;
-use holdpoint_engine::service::control_socket::AccountRoles;
-use holdpoint_engine::service::engine_handle::ConsoleAccess;
 use holdpoint_protocol::account_role::AccountRole;
+use holdpoint_service::control_socket::AccountRoles;
+use holdpoint_service::engine_handle::ConsoleAccess;
 use holdpoint_text::users::user_number;
 
 /// The arguments of `serve`.

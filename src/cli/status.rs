@@ -15,12 +15,12 @@ use super::decide::{known_family, known_version};
 use crate::cli::context::CliContext;
 use crate::cli::output::CommandOutput;
 use crate::error::{CliError, Exit};
-use holdpoint_engine::service::control_socket::{Client, ControlSocketError, Subscription, UnverifiedOrigin};
 use holdpoint_governance::ids::{CapabilityId, Family};
 use holdpoint_governance::lifecycle::State;
 use holdpoint_protocol::command::Reply;
 use holdpoint_protocol::snapshot::Snapshot;
 use holdpoint_registry::{Layout, Views};
+use holdpoint_service::control_socket::{Client, ControlSocketError, Subscription, UnverifiedOrigin};
 use holdpoint_text::ErrorReason;
 
 /// The longest wait, in seconds: one day.

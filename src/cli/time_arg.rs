@@ -3,7 +3,7 @@
 use std::str::FromStr;
 
 use super::metrics::span_ms;
-use holdpoint_engine::explain::health_series::PresentTime;
+use holdpoint_explain::health_series::PresentTime;
 use holdpoint_governance::calendar::{self, DAY_MS};
 use holdpoint_protocol::health::HealthClock;
 

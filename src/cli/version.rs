@@ -14,9 +14,9 @@ use super::output::TextTable;
 use crate::cli::context::CliContext;
 use crate::cli::output::CommandOutput;
 use crate::error::{CliError, Exit};
-use holdpoint_engine::decide::version_table::chosen_anchors;
 use holdpoint_governance::ids::{CapabilityId, Family};
 use holdpoint_governance::record::{VersionGroup, VersionSummary};
+use holdpoint_record::version_table::chosen_anchors;
 use holdpoint_registry::{VersionDetail, VersionFilter, Views};
 use holdpoint_text::ErrorReason;
 

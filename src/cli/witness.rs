@@ -17,8 +17,8 @@ use crate::cli::context::CliContext;
 use crate::cli::output::CommandOutput;
 use crate::error::{CliError, Exit};
 use holdpoint_approvals::SignedWitnessAct;
-use holdpoint_engine::service::caller;
 use holdpoint_governance::profile::ProfileName;
+use holdpoint_record::caller;
 use holdpoint_registry::{
     FIRST_ADMINISTRATOR, Store, WitnessRequester, add_witness, remove_witness, store_info, witness_heads,
     witnesses, witnesses_are_signed,

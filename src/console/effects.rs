@@ -27,10 +27,10 @@ use super::run::screen::Screen;
 use super::terminal::TerminalGuard;
 use super::theme::Themes;
 use holdpoint_approvals::Passphrase;
-use holdpoint_engine::service::engine_handle::{EngineEndError, EngineHandle, RequestRejected};
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_protocol::command::{AuthorityEffect, Command, Refusal, Reply, Request};
 use holdpoint_recordings::recording::Recording;
+use holdpoint_service::engine_handle::{EngineEndError, EngineHandle, RequestRejected};
 use holdpoint_text::{Hint, Problem, Untrusted, WIDTH_MAX};
 
 /// The pause between two bells at least, ms: an alarm flood must not become a continuous tone.

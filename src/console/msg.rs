@@ -8,13 +8,13 @@ use super::approval_screen::VisibleRows;
 use super::keymap::Keymap;
 use super::model::ReconnectStatus;
 use super::operator::Operator;
-use holdpoint_engine::service::control_socket::UnverifiedOrigin;
-use holdpoint_engine::service::engine_handle::EngineEndError;
 use holdpoint_protocol::command::Reply;
 use holdpoint_protocol::event::Event;
 use holdpoint_protocol::snapshot::Snapshot;
 use holdpoint_protocol::video_frame::VideoFrame;
 use holdpoint_recordings::recording::Recording;
+use holdpoint_service::control_socket::UnverifiedOrigin;
+use holdpoint_service::engine_handle::EngineEndError;
 
 /// Something happened, at a moment of the console's own clock.
 #[derive(Clone, Debug, PartialEq)]

@@ -29,8 +29,8 @@ use super::terminal::guard::RunningGuard;
 use super::terminal::log::{LogFile, state_folder};
 use super::terminal::{TerminalGuard, background, panic};
 use super::theme::Themes;
-use holdpoint_engine::service::engine_handle::{EngineEndError, EngineHandle, LaunchConfig};
 use holdpoint_protocol::console_presence::ConsolePresence;
+use holdpoint_service::engine_handle::{EngineEndError, EngineHandle, LaunchConfig};
 use holdpoint_text::{ErrorDetails, ErrorReason, Hint};
 
 /// The engine of a console.

@@ -11,7 +11,8 @@ use std::io;
 use source_digest::SourceDigest;
 
 /// Sources that take a candidate through the stages, from the workspace's root.
-const DECIDES: [&str; 4] = ["profiles", "src/approvals", "src/engine", "src/registry"];
+const DECIDES: [&str; 7] =
+    ["profiles", "src/approvals", "src/engine", "src/explain", "src/record", "src/registry", "src/service"];
 
 fn main() -> io::Result<()> {
     let mut digest = SourceDigest::of("../..", &DECIDES)?;

@@ -4,13 +4,14 @@ use std::borrow::Cow;
 
 use holdpoint_body::BodyError;
 use holdpoint_cell::CellError;
+use holdpoint_explain::fault::ExplainFault;
 use holdpoint_protocol::command::Refusal;
 use holdpoint_registry::StoreError;
 
 use holdpoint_text::{ErrorDetails, ErrorReason, Hint, Problem};
 use holdpoint_trials::fault::TrialFault;
 
-use crate::decide::version_table::VersionTableError;
+use holdpoint_record::version_table::VersionTableError;
 
 /// A fault of the engine, which halts it unless the command caused it ([`EngineFault::refusal`]).
 #[derive(Debug, thiserror::Error)]
@@ -40,6 +41,16 @@ impl From<TrialFault> for EngineFault {
             TrialFault::Cell(error) => Self::Cell(error),
             TrialFault::Canonical(error) => Self::Canonical(error),
             TrialFault::Impossible(text) => Self::Impossible(text),
+        }
+    }
+}
+
+impl From<ExplainFault> for EngineFault {
+    fn from(fault: ExplainFault) -> Self {
+        match fault {
+            ExplainFault::VersionTable(error) => Self::VersionTable(error),
+            ExplainFault::Store(error) => Self::Store(error),
+            ExplainFault::Canonical(error) => Self::Canonical(error),
         }
     }
 }

@@ -5,10 +5,9 @@
 
 pub mod build_digest;
 pub mod decide;
-pub mod explain;
 pub mod fault;
 pub mod live;
-pub mod service;
+pub(crate) mod queries;
 
 use std::borrow::Cow;
 use std::collections::VecDeque;
@@ -19,26 +18,26 @@ use crate::decide::people::signed_calls::Signer;
 use crate::decide::pipeline::concurrent::CommandTiming;
 use crate::decide::pipeline::{Pipeline, PipelineSettings, SliceOutcome};
 use crate::decide::store_identity;
-use crate::decide::store_robot::StoreRobot;
-use crate::decide::version_table::{VersionTable, VersionTableError};
-use crate::decide::wall_clock::{SystemClocks, WallClock};
-use crate::explain::health_series::PresentTime;
-use crate::explain::record_query::{self, QueryQueue, RecordQuery};
 use crate::fault::EngineFault;
 use crate::live::stop_switch::{Controls, StopRequest, StopSwitch};
-use crate::service::control_socket::ControlSocketError;
-use crate::service::persisted_clock::{self, PersistedClock};
+use holdpoint_explain::health_series::PresentTime;
+use holdpoint_explain::record_query::{self, QueryQueue, RecordQuery};
 use holdpoint_governance::ablation::{AblatedParts, AblationPart};
-use holdpoint_governance::ids::Digest;
+use holdpoint_governance::ids::{CapabilityId, Digest};
 use holdpoint_governance::policy::PolicyTable;
 use holdpoint_governance::profile::Profile;
+use holdpoint_governance::record::RecordKind;
 use holdpoint_governance::site_profile::{ChosenProfile, ProfileTexts, SiteProfileError};
 use holdpoint_governance::wall_time::WallTime;
 use holdpoint_protocol::clock::Clock;
 use holdpoint_protocol::command::{Caller, Command, Refusal, Reply, Request};
-use holdpoint_protocol::event::Event;
+use holdpoint_protocol::event::{Event, EventKind};
 use holdpoint_protocol::sink::VideoFrameSink;
 use holdpoint_protocol::snapshot::Snapshot;
+use holdpoint_record::persisted_clock::{self, PersistedClock};
+use holdpoint_record::store_robot::StoreRobot;
+use holdpoint_record::version_table::{VersionTable, VersionTableError};
+use holdpoint_record::wall_clock::{SystemClocks, WallClock};
 use holdpoint_registry::{Store, StoreError};
 use holdpoint_runtime::capability::{Capability, PackageError};
 use holdpoint_runtime::skill::component::keep_compiled_in;
@@ -92,12 +91,6 @@ pub enum StartError {
     /// The start omits parts without being an experiment, or the store belongs to another experiment.
     #[error("{0}")]
     Omitted(String),
-    /// The socket cannot be served.
-    #[error(transparent)]
-    Socket(#[from] ControlSocketError),
-    /// The system gives no thread to read the record on.
-    #[error("cannot start a thread: {0}")]
-    Thread(std::io::Error),
     /// The start could not be written.
     #[error(transparent)]
     Fault(#[from] EngineFault),
@@ -110,11 +103,9 @@ impl Hint for StartError {
             Self::VersionTable(error) => error.details(),
             Self::Profile(error) => error.details(),
             Self::Baseline(error) => error.details(),
-            Self::Socket(error) => error.details(),
             Self::Fault(error) => error.details(),
             Self::OtherRobot { .. } => Some(ErrorReason::OtherRobot.into()),
             Self::Omitted(_) => Some(ErrorReason::NotAllowed.into()),
-            Self::Thread(_) => Some(ErrorReason::Environment.into()),
             Self::Cell(_) => Some(ErrorReason::Internal.into()),
         }
     }
@@ -126,7 +117,6 @@ impl Hint for StartError {
             Self::Profile(error) => error.hint(),
             Self::Baseline(error) => error.hint(),
             Self::Fault(error) => error.hint(),
-            Self::Socket(error) => error.hint(),
             Self::OtherRobot { recorded, .. } => Some(
                 match &recorded.file {
                     Some(file) => format!(
@@ -143,7 +133,7 @@ impl Hint for StartError {
             Self::Omitted(_) => Some(
                 "a version that was activated with parts omitted never controls an arm; use another store".into(),
             ),
-            Self::Cell(_) | Self::Thread(_) => None,
+            Self::Cell(_) => None,
         }
     }
 }
@@ -172,16 +162,22 @@ pub struct Experiment {
     pub first: Vec<Capability>,
 }
 
-struct StartRules {
-    profile: Profile,
-    table: PolicyTable,
-    own: Option<ProfileTexts>,
+/// The rules that an engine starts with.
+pub struct StartRules {
+    pub profile: Profile,
+    pub table: PolicyTable,
+    /// The texts of a custom profile.
+    pub own: Option<ProfileTexts>,
     baselines: Vec<Capability>,
     omitted: AblatedParts,
 }
 
 impl StartRules {
-    fn of(config: &Config<'_>) -> Result<Self, StartError> {
+    /// The rules of a regular engine.
+    ///
+    /// # Errors
+    /// [`StartError`] if profile or baselines cannot be used.
+    pub fn of(config: &Config<'_>) -> Result<Self, StartError> {
         let (profile, table) = config.profile.rules()?;
         let (own, omitted) = (config.profile.texts().cloned(), AblatedParts::default());
         Ok(Self { profile, table, own, baselines: config.cell.baselines()?, omitted })
@@ -240,7 +236,11 @@ impl Engine {
         Self::on(config, rules, store, Controls::default())
     }
 
-    fn on(
+    /// As [`Engine::start`], on a store that is open already, with controls that other threads have.
+    ///
+    /// # Errors
+    /// As [`Engine::start`].
+    pub fn on(
         config: Config<'_>,
         rules: StartRules,
         store: Store,
@@ -335,14 +335,16 @@ impl Engine {
     }
 
     /// As [`Engine::offer`], for another process.
-    pub(crate) fn offer_for(&mut self, request: Request, caller: Caller) -> Option<Reply> {
+    pub fn offer_for(&mut self, request: Request, caller: Caller) -> Option<Reply> {
         let id = request.id.clone();
         let reply = self.take(request, caller);
         self.pipeline.switch().taken(&id);
         reply
     }
 
-    pub(crate) fn is_braking(&self) -> bool {
+    /// Whether the arm is stopping for a request that waits.
+    #[must_use]
+    pub fn is_braking(&self) -> bool {
         !self.waiting.is_empty() && self.pipeline.is_stopping()
     }
 
@@ -402,7 +404,10 @@ impl Engine {
                 self.pipeline.halt(StopRequest { id, by, reason, caller })
             }
             _ if self.ended => refused("the engine is ending"),
-            command => self.pipeline.command_of(command, &caller, signer.as_ref()),
+            command => match queries::answer(&mut self.pipeline, &command, signer.as_ref()) {
+                Some(reply) => reply,
+                None => self.pipeline.command_of(command, &caller, signer.as_ref()),
+            },
         };
         if let Some(command) = remembered {
             self.answers.push_back(AnsweredRequest { id: request.id, command, reply: reply.clone() });
@@ -464,7 +469,8 @@ impl Engine {
         self.pipeline.hold(why);
     }
 
-    pub(crate) fn name_taken(&mut self, times: u64) {
+    /// Another program has taken the name of the socket, for the `times`-th time.
+    pub fn name_taken(&mut self, times: u64) {
         self.pipeline.name_taken(times);
     }
 
@@ -519,6 +525,24 @@ impl Engine {
     #[must_use]
     pub const fn holding(&self) -> Option<&Problem> {
         self.pipeline.record().holding()
+    }
+
+    /// As [`Pipeline::tell_scene`].
+    pub fn tell_scene(&mut self, text: String, failed: bool) {
+        self.pipeline.tell_scene(text, failed);
+    }
+
+    /// As [`Pipeline::keep_recording`].
+    ///
+    /// # Errors
+    /// If it cannot be written.
+    pub fn keep_recording(
+        &mut self,
+        version: &CapabilityId,
+        record: (RecordKind, String),
+        event: EventKind,
+    ) -> Result<(), EngineFault> {
+        self.pipeline.keep_recording(version, record, event)
     }
 
     /// Set to interrupt running evaluations between episodes.

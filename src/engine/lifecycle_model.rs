@@ -22,10 +22,10 @@ use proptest::test_runner::{Config, RngSeed};
 use proptest_state_machine::{ReferenceStateMachine, StateMachineTest, prop_state_machine};
 use tempfile::TempDir;
 
-use crate::decide::version_table::{TransitionNote, VersionOrigin, VersionTable, VersionTableError};
-use crate::decide::wall_clock::WallClock;
 use crate::tests::context_change;
 use holdpoint_governance::wall_time::WallTime;
+use holdpoint_record::version_table::{TransitionNote, VersionOrigin, VersionTable, VersionTableError};
+use holdpoint_record::wall_clock::WallClock;
 
 /// The most versions of the family.
 const VERSIONS: u16 = 4;

@@ -1,25 +1,27 @@
 //! The live cell, which continues under the active versions while candidates are evaluated.
 //!
 //! Owns the arm with its agent, the run of a sequence (in one slice, or on its own thread at the pace of a clock), its
-//! camera frames, and the ladder to a safe pose. Must not decide about versions, write to the record, or know a simulator.
+//! monitors and camera frames, the stop switch with the stop mark, and the ladder to a safe pose. Must not decide about versions, write to the record, or know a simulator.
 
-pub mod cell_frame;
+pub(crate) mod account_stops;
 #[cfg(test)]
 pub(crate) mod fake_cell;
 pub(crate) mod forked_task;
 pub mod instrumented;
 pub mod ladder_motion;
 pub mod listener;
-pub(crate) mod live_task_record;
+pub mod monitors;
 pub mod pacing;
 pub mod painter;
 pub mod sequence;
 pub mod shadow;
 pub mod station;
+pub mod stop_mark;
 pub mod stop_switch;
 pub mod supervisor;
 pub mod thread;
 pub(crate) mod twin_start;
+pub(crate) mod unwritten_stops;
 
 use std::collections::VecDeque;
 use std::sync::Arc;
@@ -30,12 +32,14 @@ use holdpoint_protocol::sink::VideoFrameSink;
 use holdpoint_protocol::snapshot::StoppedView;
 use holdpoint_protocol::video_frame::Scenery;
 use holdpoint_trials::cell::Cell;
+use holdpoint_trials::cell_frame;
 
+use self::account_stops::AccountStops;
 use self::sequence::StoppedTask;
 use self::station::LiveStation;
 use self::stop_switch::StopSwitch;
 use self::thread::LiveThread;
-use crate::decide::halt::{AccountStops, UnwrittenStops};
+use self::unwritten_stops::UnwrittenStops;
 
 /// Sequences whose success is stored for display.
 const RECENT: usize = 50;

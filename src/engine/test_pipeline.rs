@@ -13,9 +13,9 @@ use holdpoint_trials::cell::Cell;
 use holdpoint_trials::seeds::{CALIBRATION_FROM_RUN, EpisodeSeeds};
 
 use crate::decide::pipeline::{Pipeline, PipelineSettings};
-use crate::decide::version_table::VersionTable;
-use crate::decide::wall_clock::WallClock;
 use crate::live::stop_switch::Controls;
+use holdpoint_record::version_table::VersionTable;
+use holdpoint_record::wall_clock::WallClock;
 
 pub(crate) fn pipeline(folder: &Path, profile: ProfileName) -> Pipeline {
     pipeline_by(folder, Profile::builtin(profile).unwrap(), |_| WallClock::scripted(0, None))

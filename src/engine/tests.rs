@@ -33,9 +33,9 @@ use holdpoint_sim::SimCells;
 
 use crate::decide::people::persons::enrolled;
 use crate::decide::pipeline::{Pipeline, SliceOutcome};
-use crate::decide::version_table::TransitionNote;
 pub(crate) use crate::test_pipeline::pipeline;
 use crate::{Config, Engine, StartError};
+use holdpoint_record::version_table::TransitionNote;
 use holdpoint_text::Hint;
 use holdpoint_trials::cache::EpisodeCache;
 use holdpoint_trials::cell::Cell;
@@ -400,7 +400,7 @@ fn candidate_past_shadow(
     let candidate = pipeline.record().capability(&id).unwrap();
     let live = pipeline.live();
     let bound =
-        crate::decide::evidence_binding::binding(live.context, live.record.version_table(), &candidate);
+        holdpoint_record::evidence_binding::binding(live.context, live.record.version_table(), &candidate);
     let sequences = live.context.profile.evaluation.shadow_sequences;
     let evidence_file = live.evidence_files.edit(&id);
     evidence_file.kappas = Some(Kappas {

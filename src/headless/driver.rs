@@ -11,7 +11,6 @@ use super::script::{DecisionStep, DriftStep, ExpectStep, LiveStep, ProfileStep, 
 use super::scripted_approver;
 use crate::error::{CliError, Exit, refusal_reason};
 use holdpoint_engine::decide::pipeline::SliceOutcome;
-use holdpoint_engine::service::pump::Pump;
 use holdpoint_governance::alarms::AlarmKey;
 use holdpoint_governance::approval::{ApprovalDecision, Role};
 use holdpoint_governance::decision::{Dimension, ReasonCode};
@@ -22,6 +21,7 @@ use holdpoint_protocol::command::{Command, Operation, Refusal, Reply, Request, S
 use holdpoint_protocol::event::{Event, EventKind};
 use holdpoint_protocol::scenario_state::{Decider, ScenarioState};
 use holdpoint_protocol::snapshot::CandidateView;
+use holdpoint_service::pump::Pump;
 use holdpoint_text::{ErrorReason, Hint as _, Problem};
 use holdpoint_trials::embedded;
 

@@ -4,11 +4,11 @@ use std::borrow::Cow;
 
 use holdpoint_approvals::{ApprovalError, Identity, IdentityError};
 use holdpoint_engine::Engine;
-use holdpoint_engine::service::pump::Pump;
 use holdpoint_governance::approval::{ApprovalDecision, Role};
 use holdpoint_protocol::command::{Command, Reply, Request};
 use holdpoint_protocol::snapshot::ApprovalRequestView;
 use holdpoint_registry::{StoreError, Views};
+use holdpoint_service::pump::Pump;
 use holdpoint_text::{ErrorDetails, ErrorReason, Hint};
 
 /// Why no approver could answer.

@@ -8,8 +8,8 @@ use std::io::Write;
 use super::notify::ServiceManager;
 use super::printer::Printer;
 use crate::error::{CliError, Exit};
-use holdpoint_engine::service::engine_handle::{EngineEndError, EngineHandle, EngineUpdate, LaunchConfig};
 use holdpoint_protocol::event::{Event, EventKind};
+use holdpoint_service::engine_handle::{EngineEndError, EngineHandle, EngineUpdate, LaunchConfig};
 
 /// The configuration of a service.
 pub struct ServiceSetup {
@@ -126,8 +126,9 @@ impl ServiceStream<'_> {
 mod tests {
     use super::*;
     use holdpoint_engine::StartError;
-    use holdpoint_engine::service::control_socket::ControlSocketError;
     use holdpoint_registry::StoreError;
+    use holdpoint_service::bootstrap::BootstrapError;
+    use holdpoint_service::control_socket::ControlSocketError;
     use holdpoint_text::ErrorReason;
 
     /// systemd starts the service again: a person is needed for exit code 2 alone.
@@ -136,7 +137,7 @@ mod tests {
         let stream =
             ServiceStream { printer: None, quiet: false, only_faults: false, up: false, faulted: false };
         let (path, holder, hint) = ("/run/x".into(), "process 7".to_owned(), "`sudo kill 7`".to_owned());
-        let locked = StartError::Socket(ControlSocketError::Locked { path, holder, hint });
+        let locked = BootstrapError::Socket(ControlSocketError::Locked { path, holder, hint });
         let error = stream.end(Err(locked.into())).unwrap_err();
         assert_eq!(
             (error.exit(), error.to_string()),

@@ -13,11 +13,8 @@ use super::commands::{Commands, InputEvent};
 use super::exit_status::{FollowedVersion, outcome_of, worst_outcome};
 use super::printer::Printer;
 use super::scenario_run::cell;
-use crate::error::{CliError, Exit, refusal_reason, start_error};
+use crate::error::{CliError, Exit, bootstrap_error, refusal_reason, start_error};
 use holdpoint_engine::decide::pipeline::SliceOutcome;
-use holdpoint_engine::service::bootstrap::{EngineBootstrap, LOOK_PATIENCE};
-use holdpoint_engine::service::control_socket::{ControlSocket, SignalHandling};
-use holdpoint_engine::service::pump::Pump;
 use holdpoint_engine::{Config, Engine};
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::site_profile::ChosenProfile;
@@ -26,6 +23,9 @@ use holdpoint_protocol::command::{Command, Refusal, Reply, Request};
 use holdpoint_protocol::event::{Event, EventKind};
 use holdpoint_protocol::sink::MakeSink;
 use holdpoint_protocol::snapshot::{CandidateView, Snapshot};
+use holdpoint_service::bootstrap::{EngineBootstrap, LOOK_PATIENCE};
+use holdpoint_service::control_socket::{ControlSocket, SignalHandling};
+use holdpoint_service::pump::Pump;
 use holdpoint_text::{ErrorReason, Hint as _, Problem};
 use holdpoint_trials::cache::EpisodeCache;
 use holdpoint_trials::embedded;
@@ -86,7 +86,7 @@ pub fn run_plain(run: RunPlain<'_>, out: &mut dyn Write) -> Result<Exit, CliErro
         SignalHandling::Handled,
         Box::new(|_| ()),
     )
-    .map_err(start_error)?;
+    .map_err(bootstrap_error)?;
     let mut printer = Printer::new(out, run.json);
     let Some((engine, socket)) = await_engine(bootstrap, &mut printer)? else {
         return Ok(Exit::NothingJudged);

@@ -12,10 +12,10 @@ use std::path::PathBuf;
 use std::time::Instant;
 
 use holdpoint_body::TaskKind;
-use holdpoint_engine::decide::context::Context;
 use holdpoint_engine::live::listener::NoListener;
 use holdpoint_engine::live::station::LiveStation;
 use holdpoint_governance::ids::Family;
+use holdpoint_record::context::Context;
 use holdpoint_runtime::agent::ActiveView;
 use holdpoint_runtime::capability::Capability;
 use holdpoint_runtime::terms::SkillTerms;

@@ -9,6 +9,7 @@ pub mod harm;
 pub mod limits;
 pub mod meter;
 pub mod recovery;
+pub mod safety_event;
 pub mod seeds;
 pub mod senses;
 pub mod skill;

@@ -1,12 +1,14 @@
 //! Runs episodes, pairs, drills, sequences and re-runs of versions in trial cells, on a worker pool, with cached results
 //! where possible.
 //!
-//! Owns the cell of every measurement with its site and its embedded versions, the seeds, the trials and their traces.
+//! Owns the cell of every measurement with its site, its look for a screen and its embedded versions, the seeds, the trials
+//! and their traces.
 //! It judges nothing: the stages request runs, and the rules in governance judge them. Must not know a stage, a record, a
 //! person or the live arm.
 
 pub mod cache;
 pub mod cell;
+pub mod cell_frame;
 pub mod drills;
 pub mod embedded;
 pub mod episodes;

@@ -10,7 +10,6 @@ use std::time::Duration;
 
 use holdpoint::approvals::keyfile::KeyEncoding;
 use holdpoint::approvals::{Identity, KdfCost, Nonce};
-use holdpoint::engine::service::control_socket::Client;
 use holdpoint::governance::approval::{ApprovalDecision, Requester, Role};
 use holdpoint::governance::ids::{CapabilityId, canonical_json};
 use holdpoint::governance::profile::ProfileName;
@@ -20,6 +19,7 @@ use holdpoint::protocol::command::{Command, Operation, Refusal, Reply, Request};
 use holdpoint::protocol::snapshot::RequestKind;
 use holdpoint::protocol::wire::ClientMessage;
 use holdpoint::registry::{AuditFilter, Layout, Store, Views, verify};
+use holdpoint::service::control_socket::Client;
 use holdpoint::wording::approval::render;
 use serde_json::{Value, json};
 use tempfile::TempDir;

@@ -3,16 +3,16 @@
 use std::time::Instant;
 
 use holdpoint::body::disturbance::{DriftKind, Magnitude};
-use holdpoint::engine::service::control_socket::{
-    Client, ConsoleConnection, ConsoleMessage, ControlSocketError, LET_GO_AFTER,
-};
-use holdpoint::engine::service::engine_handle::{EngineHandle, EngineUpdate};
 use holdpoint::protocol::command::{Command, Reply, Request};
 use holdpoint::protocol::console_presence::ConsolePresence;
 use holdpoint::protocol::event::EventKind;
 use holdpoint::protocol::snapshot::Snapshot;
 use holdpoint::registry::Layout;
 use holdpoint::runtime::capability;
+use holdpoint::service::control_socket::{
+    Client, ConsoleConnection, ConsoleMessage, ControlSocketError, LET_GO_AFTER,
+};
+use holdpoint::service::engine_handle::{EngineHandle, EngineUpdate};
 
 use crate::host::Front;
 use crate::socket::{PATIENCE, RawConnection, client};

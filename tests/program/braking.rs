@@ -13,8 +13,6 @@ use std::time::{Duration, Instant};
 
 use holdpoint::engine::decide::pipeline::SliceOutcome;
 use holdpoint::engine::live::stop_switch::StopSwitch;
-use holdpoint::engine::service::control_socket::{Client, SignalHandling};
-use holdpoint::engine::service::pump::Pump;
 use holdpoint::engine::{Config, Engine};
 use holdpoint::governance::ids::CapabilityId;
 use holdpoint::governance::profile::ProfileName;
@@ -22,6 +20,8 @@ use holdpoint::protocol::command::{Command, Reply, StopPersistence};
 use holdpoint::protocol::event::EventKind;
 use holdpoint::registry::{Layout, verify};
 use holdpoint::runtime::capability;
+use holdpoint::service::control_socket::{Client, SignalHandling};
+use holdpoint::service::pump::Pump;
 use holdpoint::trials::cache::EpisodeCache;
 use holdpoint::trials::cell::Cell;
 use holdpoint_sim::SimCells;

@@ -7,9 +7,9 @@ use std::os::unix::net::{UnixListener, UnixStream};
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-use holdpoint::engine::service::control_socket::{Client, StopCall, StopOutcome, socket_path};
 use holdpoint::protocol::command::{Command, Reply};
 use holdpoint::registry::Layout;
+use holdpoint::service::control_socket::{Client, StopCall, StopOutcome, socket_path};
 
 use crate::host::{Front, PATIENCE};
 

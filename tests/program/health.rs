@@ -5,9 +5,9 @@ use std::path::Path;
 use std::process::{Child, Command, Output, Stdio};
 use std::time::{Duration, Instant};
 
-use holdpoint::engine::service::control_socket::Client;
 use holdpoint::protocol::command::{Command as Ask, Reply};
 use holdpoint::registry::Layout;
+use holdpoint::service::control_socket::Client;
 use rusqlite::Connection;
 use serde_json::Value;
 

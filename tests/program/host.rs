@@ -6,7 +6,6 @@ use std::time::{Duration, Instant};
 
 use holdpoint::body::TaskKind;
 use holdpoint::body::disturbance::{DriftKind, Magnitude};
-use holdpoint::engine::service::engine_handle::{EngineHandle, EngineUpdate, LaunchConfig, OUTSTANDING_MAX};
 use holdpoint::governance::alarms::AlarmState;
 use holdpoint::governance::profile::ProfileName;
 use holdpoint::governance::record::RecordKind;
@@ -17,6 +16,7 @@ use holdpoint::protocol::video_frame::VideoFrame;
 use holdpoint::registry::Store;
 use holdpoint::runtime::capability;
 use holdpoint::scenes::SceneOptions;
+use holdpoint::service::engine_handle::{EngineHandle, EngineUpdate, LaunchConfig, OUTSTANDING_MAX};
 use holdpoint_sim::SimCells;
 use tokio::runtime::Runtime;
 use tokio::time::timeout;

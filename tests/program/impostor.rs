@@ -20,13 +20,13 @@ use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, channel};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-use holdpoint::engine::service::control_socket::{
-    AnswerOrigin, Client, StopCall, StopOutcome, UnverifiedOrigin, socket_path,
-};
 use holdpoint::governance::record::RecordKind;
 use holdpoint::protocol::command::{Command, Reply};
 use holdpoint::protocol::wire::PROTOCOL;
 use holdpoint::registry::{AuditFilter, Layout, LockHolder, Views, lock_holder, verify};
+use holdpoint::service::control_socket::{
+    AnswerOrigin, Client, StopCall, StopOutcome, UnverifiedOrigin, socket_path,
+};
 use serde_json::{Value, json};
 
 use crate::host::PATIENCE;

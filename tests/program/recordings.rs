@@ -119,7 +119,7 @@ fn recording_holds_the_events_of_the_upgrade_and_changes_no_decision() {
     let again = holdpoint().args(["run", "--plain", "--data"]).arg(data.path()).output().unwrap();
     let stdout = String::from_utf8_lossy(&again.stdout).into_owned();
     let views = Views::open(&Layout::new(data.path()).database()).unwrap();
-    let on_record = holdpoint::engine::service::recordings::on_record(&views).unwrap().0;
+    let on_record = holdpoint::service::recordings::on_record(&views).unwrap().0;
     assert_eq!(on_record.keys().collect::<Vec<_>>(), [&file], "{stdout}");
     for name in &planted {
         std::fs::remove_file(path.with_file_name(name)).unwrap();

@@ -11,11 +11,6 @@ use std::thread::JoinHandle;
 use std::time::Duration;
 
 use holdpoint::engine::decide::pipeline::SliceOutcome;
-use holdpoint::engine::service::control_socket::{
-    ASKING_MAX, Client, ControlSocket, ControlSocketError, EVENTS_KEPT, IDLE_MAX, Notification,
-    OBSERVERS_MAX, SignalHandling, socket_path,
-};
-use holdpoint::engine::service::pump::Pump;
 use holdpoint::engine::{Config, Engine};
 use holdpoint::governance::profile::ProfileName;
 use holdpoint::governance::record::UpgradeEnd;
@@ -25,6 +20,11 @@ use holdpoint::protocol::event::{Event, EventKind};
 use holdpoint::protocol::wire::{CALL_BYTES_MAX, ServerMessage};
 use holdpoint::registry::Layout;
 use holdpoint::runtime::capability;
+use holdpoint::service::control_socket::{
+    ASKING_MAX, Client, ControlSocket, ControlSocketError, EVENTS_KEPT, IDLE_MAX, Notification,
+    OBSERVERS_MAX, SignalHandling, socket_path,
+};
+use holdpoint::service::pump::Pump;
 use holdpoint::trials::cache::EpisodeCache;
 use holdpoint::trials::cell::Cell;
 use holdpoint_sim::SimCells;

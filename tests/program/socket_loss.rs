@@ -7,10 +7,10 @@ use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
 use holdpoint::engine::decide::halt::recall;
-use holdpoint::engine::service::control_socket::{Client, socket_path};
 use holdpoint::governance::record::RecordKind;
 use holdpoint::protocol::command::{Command, Reply, StopPersistence};
 use holdpoint::registry::{AuditFilter, Layout, Views};
+use holdpoint::service::control_socket::{Client, socket_path};
 
 use crate::socket::{PATIENCE, client, engine};
 

@@ -8,12 +8,12 @@ use std::process::{Command as Process, Output};
 use std::time::{Duration, Instant};
 
 use holdpoint::body::RATE_HZ;
-use holdpoint::engine::service::control_socket::{Client, IDLE_MAX, OBSERVERS_MAX, socket_path};
 use holdpoint::governance::record::RecordKind;
 use holdpoint::protocol::command::{Caller, Command, Refusal, Reply, StopPersistence};
 use holdpoint::protocol::event::EventKind;
 use holdpoint::registry::{AuditFilter, Layout, Views};
 use holdpoint::runtime::capability;
+use holdpoint::service::control_socket::{Client, IDLE_MAX, OBSERVERS_MAX, socket_path};
 
 use crate::host::{Front, PATIENCE, operation, refusal};
 use crate::reported_error::assert_error;

@@ -7,10 +7,10 @@ use std::io::{Read as _, Write as _};
 use std::os::unix::net::UnixStream;
 use std::time::{Duration, Instant};
 
-use holdpoint::engine::service::control_socket::{Client, socket_path};
 use holdpoint::protocol::command::{Command, Reply};
 use holdpoint::protocol::wire::CALL_BYTES_MAX;
 use holdpoint::registry::{Layout, verify};
+use holdpoint::service::control_socket::{Client, socket_path};
 
 use crate::host::{Front, PATIENCE};
 use crate::mutate::{Random, mutant};

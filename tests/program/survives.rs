@@ -7,9 +7,9 @@ use std::path::Path;
 use std::process::{Child, Command, Output, Stdio};
 use std::time::{Duration, Instant};
 
-use holdpoint::engine::service::control_socket::socket_path;
 use holdpoint::governance::record::RecordKind;
 use holdpoint::registry::{AuditFilter, Layout, Views, verify};
+use holdpoint::service::control_socket::socket_path;
 use serde_json::Value;
 
 /// A generous time limit.

@@ -7,7 +7,6 @@ use std::sync::Arc;
 use holdpoint::console::frame::text_of;
 use holdpoint::console::look::{ColorDepth, Glyphs, Look, Theme};
 use holdpoint::console::model::{ConsoleModel, EngineState, View};
-use holdpoint::engine::service::engine_handle::EngineEndError;
 use holdpoint::governance::alarms::{AlarmState, AlarmSummary, Priority};
 use holdpoint::governance::decision::Dimension;
 use holdpoint::governance::lifecycle::{State, VersionFlags};
@@ -17,6 +16,7 @@ use holdpoint::protocol::command::Caller;
 use holdpoint::protocol::snapshot::{
     CandidateView, FamilyView, RequestKind, ReviewView, Snapshot, StoppedView,
 };
+use holdpoint::service::engine_handle::EngineEndError;
 
 use crate::support;
 

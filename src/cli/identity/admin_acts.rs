@@ -18,11 +18,11 @@ use holdpoint_approvals::keyfile::{self, Protection};
 use holdpoint_approvals::{
     Identity, IdentityInfo, Person, PersonActKind, PersonDirectory, PersonError, SignedPersonAct,
 };
-use holdpoint_engine::service::control_socket::Client;
 use holdpoint_governance::approval::Role;
 use holdpoint_governance::profile::ProfileName;
 use holdpoint_protocol::command::{Command, Reply};
 use holdpoint_registry::{Change, FIRST_ADMINISTRATOR, Layout, Store, StoreError, Transaction, Views};
+use holdpoint_service::control_socket::Client;
 use holdpoint_text::{ErrorDetails, ErrorReason, Untrusted};
 
 /// The administrator and the reason.

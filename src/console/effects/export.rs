@@ -14,7 +14,7 @@ use ratatui::layout::Rect;
 use crate::frame;
 use crate::look::{Look, LookOptions};
 use crate::model::{ConsoleModel, HISTORY_PANE, InputState, View};
-use holdpoint_engine::explain::health_series;
+use holdpoint_explain::health_series;
 use holdpoint_text::{Hint, Untrusted, escape_json};
 
 /// Columns and rows of the text: wide enough for every column, long enough for a screen of a tall monitor.

@@ -6,8 +6,6 @@ use std::sync::Arc;
 use super::framing::Framing;
 use super::order::{SortBy, SortOrder};
 use super::stage_progress::StageProgress;
-use holdpoint_engine::service::control_socket::UnverifiedOrigin;
-use holdpoint_engine::service::engine_handle::EngineEndError;
 use holdpoint_governance::ids::{CapabilityId, Family};
 use holdpoint_governance::record::VersionGroup;
 use holdpoint_protocol::console_presence::{AttachedConsoleView, ConsoleAccount};
@@ -15,6 +13,8 @@ use holdpoint_protocol::detail::{AuditPage, AuditVerification, Detail, RegistryP
 use holdpoint_protocol::health::HealthSeries;
 use holdpoint_protocol::snapshot::Snapshot;
 use holdpoint_protocol::video_frame::VideoFrame;
+use holdpoint_service::control_socket::UnverifiedOrigin;
+use holdpoint_service::engine_handle::EngineEndError;
 use holdpoint_text::Problem;
 
 /// Lines kept in the event log.

@@ -1,10 +1,10 @@
 //! The last line: the state that the console left.
 
 use crate::model::ConsoleModel;
-use holdpoint_engine::service::control_socket::ControlSocketError;
-use holdpoint_engine::service::engine_handle::EngineEndError;
 use holdpoint_governance::lifecycle::Stage;
 use holdpoint_protocol::snapshot::{CandidateView, Snapshot};
+use holdpoint_service::control_socket::ControlSocketError;
+use holdpoint_service::engine_handle::EngineEndError;
 use holdpoint_text::{Hint as _, Untrusted};
 
 /// Why the console ended.

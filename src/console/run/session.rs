@@ -32,8 +32,8 @@ use crate::terminal::TerminalGuard;
 use crate::terminal::guard::{EndSignal, RunningGuard};
 use crate::theme::Themes;
 use crate::update::update;
-use holdpoint_engine::service::engine_handle::{EngineEndError, EngineHandle, EngineUpdate, StopError};
 use holdpoint_protocol::command::{Command, Request};
+use holdpoint_service::engine_handle::{EngineEndError, EngineHandle, EngineUpdate, StopError};
 
 /// The interval of ticks without other events.
 const TICK: Duration = Duration::from_millis(500);

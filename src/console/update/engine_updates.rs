@@ -8,8 +8,6 @@ use crate::model::{
     ConsoleModel, EngineLink, EngineState, EventLogLine, LOG_MAX, Overlay, RequestSubject, StageProgress,
     View,
 };
-use holdpoint_engine::service::control_socket::UnverifiedOrigin;
-use holdpoint_engine::service::engine_handle::EngineEndError;
 use holdpoint_governance::alarms::Priority;
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::record::VersionGroup;
@@ -17,6 +15,8 @@ use holdpoint_protocol::approval_document::ApprovalDocument;
 use holdpoint_protocol::command::{Refusal, Reply, StopPersistence};
 use holdpoint_protocol::event::{Event, EventKind};
 use holdpoint_protocol::snapshot::Snapshot;
+use holdpoint_service::control_socket::UnverifiedOrigin;
+use holdpoint_service::engine_handle::EngineEndError;
 use holdpoint_text::{Hint, Problem, Untrusted};
 use holdpoint_wording::event as event_text;
 

@@ -21,11 +21,11 @@ use crate::widgets::chart::Chart;
 use crate::widgets::list::place;
 use crate::widgets::pen::{Fit, Hit, Pen, below, cut};
 use crate::widgets::row::{Row, wrap};
-use holdpoint_engine::explain::why::is_in_favor;
 use holdpoint_governance::decision::{Dimension, Reason};
 use holdpoint_governance::lifecycle::{Stage, State};
 use holdpoint_protocol::monitor_chart::ChartView;
 use holdpoint_protocol::snapshot::{CandidateView, MonitorView, ShadowView};
+use holdpoint_record::rationale::remedy::is_in_favor;
 
 const CHARTS: usize = 0;
 

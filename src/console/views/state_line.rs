@@ -184,10 +184,10 @@ mod tests {
     use super::*;
     use crate::keymap::Keymap;
     use crate::model::{ConsoleSettings, STALE_AFTER_MS, View};
-    use holdpoint_engine::service::engine_handle::EngineEndError;
     use holdpoint_governance::wall_time::{ClockMismatch, WallTime};
     use holdpoint_protocol::command::Caller;
     use holdpoint_protocol::snapshot::{ClockMismatchView, StartupProgressView, StoppedView};
+    use holdpoint_service::engine_handle::EngineEndError;
     use serde_json::json;
 
     /// A console at which every state applies at once.

@@ -1,7 +1,7 @@
 //! Alarms as the engine raises them: into the alarm book, into the store, and published as events.
 
-use crate::decide::monitors::Monitors;
 use crate::decide::recorder::EngineRecorder;
+use crate::live::monitors::Monitors;
 use holdpoint_governance::alarms::{
     ALARMS_MAX, Alarm, AlarmBook, AlarmChange, AlarmError, AlarmEvent, AlarmKey, AlarmState, Priority,
 };

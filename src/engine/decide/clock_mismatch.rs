@@ -11,26 +11,19 @@ use holdpoint_governance::record::RecordKind;
 use holdpoint_governance::wall_time::{ClockMismatch, WallTime};
 use holdpoint_protocol::command::{Caller, Refusal, Reply};
 use holdpoint_protocol::snapshot::ClockMismatchView;
+use holdpoint_record::REASON_BYTES_MAX;
+use holdpoint_record::clock_mismatch::{ClockMismatchRecord, read};
 use holdpoint_registry::{AuditFilter, StoreError, Views};
 use holdpoint_text::is_visible;
-use serde::{Deserialize, Serialize};
+use serde::Deserialize;
 
-use crate::decide::operations::REASON_BYTES_MAX;
 use crate::decide::recorder::EngineRecorder;
-use crate::decide::version_origin;
-use crate::decide::wall_clock::TrustedClockReading;
+use holdpoint_record::version_origin;
+use holdpoint_record::wall_clock::TrustedClockReading;
 
 /// The largest difference between the time that a person confirms and the machine's clock when the engine takes the command,
 /// ms: long enough to read the time, enter a reason and sign.
 const CONFIRMED_WITHIN_MS: u64 = 300_000;
-
-/// A clock mismatch in the audit chain.
-#[derive(Serialize, Deserialize)]
-struct ClockMismatchRecord {
-    doubt: ClockMismatch,
-    /// The time of the machine's clock.
-    said: Option<WallTime>,
-}
 
 /// A record that contains a trusted reading.
 #[derive(Deserialize)]
@@ -83,12 +76,6 @@ pub fn recorded_mismatch(views: &Views) -> Result<Option<ClockMismatch>, StoreEr
     let confirmed_seq = newest(RecordKind::ClockConfirmed)?.map_or(0, |record| record.seq);
     let newest_record = newest(RecordKind::ClockDoubted)?.filter(|record| record.seq > confirmed_seq);
     Ok(newest_record.map(|record| read(&record.body)))
-}
-
-/// The mismatch in a record's body. An unreadable body counts as a mismatch.
-pub(crate) fn read(body: &str) -> ClockMismatch {
-    let unread = ClockMismatch::Jumped { by_ms: 0 };
-    serde_json::from_str::<ClockMismatchRecord>(body).map_or(unread, |on_record| on_record.doubt)
 }
 
 /// Records a mismatch as soon as there is one.

@@ -9,9 +9,9 @@ use holdpoint_runtime::agent::Goal;
 use holdpoint_text::{Untrusted, is_visible};
 use serde::{Deserialize, Serialize};
 
-use crate::decide::operations::REASON_BYTES_MAX;
 use crate::decide::recorder::EngineRecorder;
 use crate::live::LiveWorld;
+use holdpoint_record::REASON_BYTES_MAX;
 
 /// A goal in the audit chain.
 #[derive(Serialize, Deserialize)]

@@ -3,8 +3,6 @@
 //! The [`StopSwitch`](crate::live::stop_switch::StopSwitch) stops the arm before any code here runs; a stop that cannot be
 //! written is still a stop. Functions over record and live cell.
 
-mod account_stops;
-
 use holdpoint_governance::alarms::{AlarmKey, Priority};
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::notice::Notice;
@@ -21,14 +19,13 @@ use holdpoint_text::{Hint, is_visible, signing_options};
 use serde::{Deserialize, Serialize};
 use std::time::{Duration, Instant};
 
-use crate::decide::operations::REASON_BYTES_MAX;
 use crate::decide::recorder::EngineRecorder;
 use crate::live::LiveWorld;
+use crate::live::account_stops::AccountStops;
+use crate::live::stop_mark;
 use crate::live::stop_switch::StopRequest;
-use crate::service::caller;
-use crate::service::stop_mark;
-
-pub(crate) use account_stops::AccountStops;
+use holdpoint_record::REASON_BYTES_MAX;
+use holdpoint_record::caller;
 
 /// A stop or its end, in the audit chain.
 #[derive(Serialize, Deserialize)]
@@ -85,11 +82,12 @@ pub(crate) fn stop_lost(record: &mut EngineRecorder, world: &mut LiveWorld, reas
 }
 
 /// The text for a stop that is in no file.
-pub(crate) const KEPT_NOWHERE: &str =
+pub const KEPT_NOWHERE: &str =
     "the engine could store the stop neither on record nor beside it: a sudden end of the engine loses it";
 
 /// The answer to a stop that the engine does not record in time: it is stored beside the record meanwhile.
-pub(crate) fn stopped_meanwhile(request: &StopRequest, marks: &StopMarks, next: &str) -> Reply {
+#[must_use]
+pub fn stopped_meanwhile(request: &StopRequest, marks: &StopMarks, next: &str) -> Reply {
     match marks.keep(&StopRecord::of(request).text()) {
         Ok(()) => Reply::Stopped {
             text: format!("the cell is stopped; the stop is stored beside the record; {next}"),
@@ -104,27 +102,6 @@ pub(crate) fn stopped_meanwhile(request: &StopRequest, marks: &StopMarks, next: 
 
 /// How long the engine waits before it tries to record a stop again.
 const AGAIN_AFTER: Duration = Duration::from_secs(10);
-
-/// Stops in force that could not be written to the store.
-#[derive(Default)]
-pub(crate) struct UnwrittenStops {
-    /// The bodies of their records.
-    bodies: Vec<String>,
-    tried: Option<Instant>,
-    /// Whether the first of them is stored beside the record.
-    is_marked: bool,
-}
-
-impl UnwrittenStops {
-    /// Where the stop of the cell is stored.
-    pub(crate) const fn stop_storage(&self) -> StopPersistence {
-        match (self.bodies.is_empty(), self.is_marked) {
-            (true, _) => StopPersistence::OnRecord,
-            (false, true) => StopPersistence::InMark,
-            (false, false) => StopPersistence::InMemory,
-        }
-    }
-}
 
 /// Records stops that could not be written before. Until then the first of them is stored beside the database for the next
 /// engine.

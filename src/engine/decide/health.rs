@@ -20,9 +20,9 @@ use holdpoint_registry::AuditFilter;
 use serde::{Deserialize, Serialize};
 
 use self::domain_watch::DomainWatch;
-use crate::decide::context::Context;
 use crate::decide::recorder::EngineRecorder;
 use crate::fault::EngineFault;
+use holdpoint_record::context::Context;
 use holdpoint_trials::past_limit::MeasuredTask;
 
 /// A commissioned baseline in the audit chain, with its version and cell.

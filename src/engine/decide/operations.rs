@@ -5,15 +5,9 @@
 use holdpoint_body::disturbance::{Drift, DriftKind, Magnitude};
 use holdpoint_governance::finding::Finding;
 
-use crate::decide::check::taskless_family;
-use crate::decide::context::Context;
-use crate::decide::evidence_binding::not_admitted;
-use crate::decide::evidence_file::EvidenceFiles;
 use crate::decide::recorder::EngineRecorder;
 use crate::decide::stages::monitoring::LiveMonitoring;
 use crate::decide::stages::rollback;
-use crate::decide::version_origin;
-use crate::decide::version_table::TransitionNote;
 use crate::fault::EngineFault;
 use crate::live::LiveWorld;
 use crate::live::station::LiveFault;
@@ -31,12 +25,16 @@ use holdpoint_governance::submission::Package;
 use holdpoint_governance::tries::TryLedger;
 use holdpoint_protocol::command::{Operation, PACE_ALLOWED, Refusal, Reply};
 use holdpoint_protocol::event::EventKind;
+use holdpoint_record::REASON_BYTES_MAX;
+use holdpoint_record::check::taskless_family;
+use holdpoint_record::context::Context;
+use holdpoint_record::evidence_binding::not_admitted;
+use holdpoint_record::evidence_file::EvidenceFiles;
+use holdpoint_record::version_origin;
+use holdpoint_record::version_table::TransitionNote;
 use holdpoint_registry::{ActiveCause, AuditBody, StoreError};
 use holdpoint_runtime::capability::Capability;
 use holdpoint_text::{Untrusted, is_visible, signing_options};
-
-/// The longest reason and name of a person, bytes.
-pub(crate) const REASON_BYTES_MAX: usize = 4096;
 
 /// Stage 1: registers a candidate. It is not executable, and the agent does not see it.
 pub(crate) fn register(

@@ -13,6 +13,7 @@ pub mod experiment;
 mod halted;
 mod parked;
 mod seed_keys;
+pub mod snapshot;
 mod stage_work;
 mod startup;
 
@@ -29,7 +30,6 @@ use holdpoint_governance::record::RecordKind;
 use holdpoint_governance::site_profile::ProfileTexts;
 use holdpoint_protocol::clock::Clock;
 use holdpoint_protocol::event::EventKind;
-use holdpoint_protocol::film::Film;
 use holdpoint_protocol::sink::VideoFrameSink;
 use holdpoint_protocol::snapshot::Snapshot;
 use holdpoint_runtime::capability::Capability;
@@ -39,14 +39,12 @@ use holdpoint_trials::cache::EpisodeCache;
 use holdpoint_trials::cell::Cell;
 use holdpoint_trials::seeds::EpisodeSeeds;
 
+use self::snapshot::SnapshotView;
 use self::stage_work::StageWork;
 use crate::decide::clock_mismatch;
-use crate::decide::context::Context;
-use crate::decide::evidence_file::EvidenceFiles;
 use crate::decide::goal;
 use crate::decide::halt;
 use crate::decide::health::CellHealth;
-use crate::decide::monitors::Monitors;
 use crate::decide::people::approvals::Approvals;
 use crate::decide::people::signed_calls::SignedCalls;
 use crate::decide::recorder::EngineRecorder;
@@ -60,13 +58,14 @@ use crate::decide::stages::resume::{self, Resumption};
 use crate::decide::stages::sandbox::{Sandbox, SandboxRun};
 use crate::decide::stages::shadow::{self, ShadowRun, ShadowStep};
 use crate::decide::store_identity::{self, StoreUse};
-use crate::decide::store_robot::StoreRobot;
-use crate::decide::version_table::{FamilyEntry, VersionTable};
-use crate::explain::episode_replay;
-use crate::explain::view::snapshot::SnapshotView;
 use crate::fault::EngineFault;
 use crate::live::LiveWorld;
+use crate::live::monitors::Monitors;
 use crate::live::stop_switch::{Controls, StopSwitch};
+use holdpoint_record::context::Context;
+use holdpoint_record::evidence_file::EvidenceFiles;
+use holdpoint_record::store_robot::StoreRobot;
+use holdpoint_record::version_table::{FamilyEntry, VersionTable};
 
 /// The settings of a pipeline.
 pub struct PipelineSettings {
@@ -498,11 +497,6 @@ impl Pipeline {
             world: &self.world,
         };
         view.snapshot()
-    }
-
-    /// Re-runs, with video, the episodes for which the sandbox rejected a version.
-    pub(crate) fn films_of_refusal(&self, id: &CapabilityId) -> Result<Vec<Film>, EngineFault> {
-        episode_replay::of_refusal(&self.context, &self.record, &self.evidence_files, id)
     }
 
     /// The switch that stops the arm from any thread.

@@ -22,10 +22,10 @@ use holdpoint_trials::seeds::EpisodeSeeds;
 
 use crate::decide::alarms::RaisedAlarms;
 use crate::decide::evaluation_keys::KeyLedger;
-use crate::decide::version_table::{StateMove, TransitionNote, VersionOrigin, VersionTable};
-use crate::decide::wall_clock::WallClock;
-use crate::explain::store_metrics::session_tally::SessionTally;
+use crate::decide::session_tally::SessionTally;
 use crate::fault::EngineFault;
+use holdpoint_record::version_table::{StateMove, TransitionNote, VersionOrigin, VersionTable};
+use holdpoint_record::wall_clock::WallClock;
 
 /// See the module comment.
 pub struct EngineRecorder {

@@ -1,19 +1,14 @@
 //! The clean-up after an interrupted engine: interrupted stages do not count, open requests are asked again, and an
 //! interrupted rollback is finished. Publishes each step.
 
-use crate::decide::context::Context;
-use crate::decide::evidence_binding::not_admitted;
-use crate::decide::evidence_file::{EvidenceFile, EvidenceFiles};
-use crate::decide::monitors::ActivationMonitor;
 use crate::decide::operations::report_refused_form;
 use crate::decide::people::approvals::{Approvals, void_requests};
 use crate::decide::recorder::EngineRecorder;
 use crate::decide::stages::live_harm::LiveHarmWatch;
 use crate::decide::stages::monitoring::LiveMonitoring;
 use crate::decide::stages::rollback::trigger;
-use crate::decide::version_concern::VersionConcern;
-use crate::decide::version_table::TransitionNote;
 use crate::fault::EngineFault;
+use crate::live::monitors::ActivationMonitor;
 use holdpoint_governance::alarms::{AlarmKey, Priority};
 use holdpoint_governance::condition::Condition;
 use holdpoint_governance::decision::Decision;
@@ -23,6 +18,11 @@ use holdpoint_governance::lifecycle::{DeactivationKind, LifecycleEvent, Stage, S
 use holdpoint_governance::notice::{AdmissionRefusal, Notice};
 use holdpoint_governance::rollback::TriggerKind;
 use holdpoint_protocol::event::EventKind;
+use holdpoint_record::context::Context;
+use holdpoint_record::evidence_binding::not_admitted;
+use holdpoint_record::evidence_file::{EvidenceFile, EvidenceFiles};
+use holdpoint_record::version_concern::VersionConcern;
+use holdpoint_record::version_table::TransitionNote;
 use holdpoint_registry::store_terms::EvidenceKind;
 use holdpoint_registry::{EvidenceEntry, InterruptedWork, QuarantinedFile, StartupTelemetry};
 use holdpoint_runtime::capability::Capability;

@@ -3,19 +3,12 @@
 use holdpoint_governance::record::RecordKind;
 use holdpoint_protocol::command::{Refusal, Reply};
 use holdpoint_protocol::event::EventKind;
+use holdpoint_record::REASON_BYTES_MAX;
+use holdpoint_record::shift_note::ShiftNoteRecord;
 use holdpoint_registry::StoreError;
 use holdpoint_text::is_visible;
-use serde::{Deserialize, Serialize};
 
-use crate::decide::operations::REASON_BYTES_MAX;
 use crate::decide::recorder::EngineRecorder;
-
-/// A note in the audit chain.
-#[derive(Serialize, Deserialize)]
-pub(crate) struct ShiftNoteRecord {
-    pub(crate) by: String,
-    pub(crate) text: String,
-}
 
 /// Records a note.
 ///

@@ -16,10 +16,10 @@ use holdpoint_registry::{AuditBody, Change, ContextRules, ProfileHistory, StoreE
 use holdpoint_text::Hint as _;
 use holdpoint_trials::site::StoreSite;
 
-use crate::decide::context::{Context, ContextRecord};
-use crate::decide::store_robot::StoreRobot;
-use crate::decide::version_table::{TransitionNote, VersionTable};
 use crate::fault::EngineFault;
+use holdpoint_record::context::{Context, ContextRecord};
+use holdpoint_record::store_robot::StoreRobot;
+use holdpoint_record::version_table::{TransitionNote, VersionTable};
 
 /// The recorded agent of a store, and the present one.
 #[derive(Clone, Copy, Debug)]
@@ -104,7 +104,10 @@ pub(crate) fn check_pointers(views: &Views, given: &StoreRobot) -> Result<(), St
 }
 
 /// The agent of a store; absent as for [`robot`].
-pub(crate) fn agent(views: &Views) -> Result<Option<Digest>, StoreError> {
+///
+/// # Errors
+/// If the store cannot be read.
+pub fn agent(views: &Views) -> Result<Option<Digest>, StoreError> {
     Ok(context_record(views)?.and_then(|context| context.agent))
 }
 

@@ -8,7 +8,6 @@ use std::sync::{Arc, Mutex};
 use holdpoint_body::{RATE_HZ, TaskKind};
 use holdpoint_cell::RobotCell;
 
-use super::cell_frame::{self, narrow};
 use super::listener::Listener;
 use super::shadow::Shadow;
 use holdpoint_governance::ids::CapabilityId;
@@ -16,6 +15,7 @@ use holdpoint_protocol::clock::Clock;
 use holdpoint_protocol::sink::VideoFrameSink;
 use holdpoint_protocol::video_frame::{ArmView, EnvelopeView, Twin, VideoFrame};
 use holdpoint_runtime::task::{Supervision, Tick};
+use holdpoint_trials::cell_frame::{self, narrow};
 
 /// Ticks between two video frames: 30 a second of simulated time.
 const FRAME_EVERY_TICKS: u64 = (RATE_HZ / 30) as u64;

@@ -10,13 +10,13 @@ use std::sync::Arc;
 use holdpoint_body::TaskKind;
 use holdpoint_cell::TrialCell;
 
-use super::cell_frame;
 use super::listener::Listener;
 use super::shadow::ShadowTrace;
 use super::station::{LiveStation, RunningSequence, SequenceReport};
 use super::supervisor::{MonitorQuestions, SequenceSupervisor};
 use holdpoint_governance::ids::{CapabilityId, Family};
 use holdpoint_governance::start_domain::{OutsideResponse, StartDomain, StartObservation};
+use holdpoint_protocol::clock::Clock;
 use holdpoint_protocol::video_frame::EnvelopeView;
 use holdpoint_runtime::agent::ActiveView;
 use holdpoint_runtime::capability::Capability;
@@ -24,15 +24,15 @@ use holdpoint_runtime::limits::Envelope;
 use holdpoint_runtime::recovery::RecoveryReport;
 use holdpoint_runtime::start_check::StartCheck;
 use holdpoint_runtime::terms::SkillTerms;
+use holdpoint_trials::cell_frame;
 use holdpoint_trials::seeds::{SeedPurpose, SeedSource};
 
-use crate::decide::context::Context;
-use crate::decide::evidence_binding::{not_admitted, start_domain};
-use crate::decide::evidence_file::EvidenceFiles;
-use crate::decide::monitors::Monitors;
-use crate::decide::recorder::EngineRecorder;
-use crate::decide::version_table::VersionTable;
 use crate::fault::EngineFault;
+use crate::live::monitors::Monitors;
+use holdpoint_record::context::Context;
+use holdpoint_record::evidence_binding::{not_admitted, start_domain};
+use holdpoint_record::evidence_file::EvidenceFiles;
+use holdpoint_record::version_table::VersionTable;
 
 /// The versions that were active when the sequence began, those behind them, and what their evidence covers.
 pub(crate) struct VersionsAtStart {
@@ -198,14 +198,14 @@ impl StartedSequence {
 /// If another sequence has them.
 pub(crate) fn begin(
     context: &Context,
-    record: &EngineRecorder,
+    (version_table, clock): (&VersionTable, &Clock),
     (evidence_files, monitors): (&EvidenceFiles, &Monitors),
     cell: &mut LiveStation,
     seeds: SeedSource,
     paced: bool,
     terms_of: &dyn Fn(&Capability) -> SkillTerms,
 ) -> Result<StartedSequence, EngineFault> {
-    let actives = VersionsAtStart::new(context, record.version_table(), evidence_files);
+    let actives = VersionsAtStart::new(context, version_table, evidence_files);
     let is_in_sequence = |version: &&Capability| {
         TaskKind::SEQUENCE.into_iter().any(|task| Family::from(task) == version.id().family)
     };
@@ -221,7 +221,7 @@ pub(crate) fn begin(
     let spare = context.terms();
     let link_up = cell.link_is_up();
     // The engine's own copy is read meanwhile and never changed.
-    let supervisor = SequenceSupervisor::new(monitors.clone(), record.clock().clone(), link_up);
+    let supervisor = SequenceSupervisor::new(monitors.clone(), clock.clone(), link_up);
     let running = cell
         .start_sequence()
         .ok_or_else(|| EngineFault::Impossible("the live world is at work already".to_owned()))?;

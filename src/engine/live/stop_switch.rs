@@ -146,7 +146,7 @@ impl StopSwitch {
 
     /// A request is about to wait for the engine. If it takes authority from a version at work, that version works no
     /// more from now on, whatever the engine is doing: until [`Self::taken`].
-    pub(crate) fn brake(&self, request: &Request) {
+    pub fn brake(&self, request: &Request) {
         let Some(version) = request.command.takes_from() else { return };
         let mut braking = self.braking();
         let needs_confirmation = request.command.needs_last_confirmation();
@@ -159,7 +159,7 @@ impl StopSwitch {
     }
 
     /// The engine has taken a request, and stopped the arm itself if it has to stand for it.
-    pub(crate) fn taken(&self, id: &str) {
+    pub fn taken(&self, id: &str) {
         let mut braking = self.braking();
         braking.waiting.remove(id);
         self.brakes.store(braking.waiting.len(), Ordering::Release);
@@ -217,7 +217,8 @@ impl StopSwitch {
     }
 
     /// The first stop that is not on record yet.
-    pub(crate) fn first_stop(&self) -> Option<StopRequest> {
+    #[must_use]
+    pub fn first_stop(&self) -> Option<StopRequest> {
         let queue = self.queue.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
         queue.waiting.front().cloned()
     }

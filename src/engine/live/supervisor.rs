@@ -6,15 +6,13 @@
 
 use std::sync::{Arc, Mutex};
 
-use crate::decide::monitors::{ActivationMonitor, Monitors};
+use crate::live::monitors::{ActivationMonitor, Monitors};
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::monitor::{MonitorAction, MonitorDecision, SafetyEvent};
-use holdpoint_governance::profile::Profile;
 use holdpoint_protocol::clock::{Clock, tick_of};
-use holdpoint_runtime::guard::PolicyHit;
 use holdpoint_runtime::recovery::RecoveryReport;
+use holdpoint_runtime::safety_event::safety_event;
 use holdpoint_runtime::task::{Supervision, TaskRecord, Tick};
-use holdpoint_runtime::watcher::WatcherSignal;
 
 /// A task that was stopped in flight.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -130,65 +128,5 @@ impl SequenceSupervisor {
     #[must_use]
     pub(crate) fn stand_down(self) -> (Monitors, Vec<RaisedMonitor>) {
         (self.monitors, self.raised)
-    }
-}
-
-/// The safety event in a tick, the gravest source first.
-fn safety_event(passed: &Tick<'_>) -> Option<SafetyEvent> {
-    passed
-        .measured
-        .and_then(of_hit)
-        .or_else(|| passed.checked.and_then(of_hit))
-        .or_else(|| passed.raised.iter().find_map(|signal| of_signal(*signal)))
-}
-
-/// The safety events of a finished task.
-#[must_use]
-pub fn safety_events(record: &TaskRecord) -> Vec<SafetyEvent> {
-    let hits = record.hits.iter().filter_map(|(_, hit)| of_hit(*hit));
-    let signals = record.signals.iter().filter_map(|raised| of_signal(raised.signal));
-    hits.chain(signals).collect()
-}
-
-/// The safety events of a finished task, danger by its measures of harm among them.
-#[must_use]
-pub(crate) fn stopping_events(record: &TaskRecord, profile: &Profile) -> Vec<SafetyEvent> {
-    let is_danger = record.harm.is_some_and(|harm| !profile.live_harm.dangers(&harm).is_empty());
-    safety_events(record).into_iter().chain(is_danger.then_some(SafetyEvent::Danger)).collect()
-}
-
-const fn of_hit(hit: PolicyHit) -> Option<SafetyEvent> {
-    match hit {
-        PolicyHit::ForceMeasured => Some(SafetyEvent::ForceLimit),
-        PolicyHit::SpeedMeasured => Some(SafetyEvent::SpeedLimit),
-        PolicyHit::KeepOut | PolicyHit::KeepOutEntered => Some(SafetyEvent::KeepOut),
-        PolicyHit::PredictedCollision => Some(SafetyEvent::Collision),
-        PolicyHit::NotFinite => Some(SafetyEvent::NotANumber),
-        PolicyHit::ModeUncovered
-        | PolicyHit::ModeForbidden
-        | PolicyHit::ModeUnreviewed
-        | PolicyHit::CommandUndeclared
-        | PolicyHit::ZoneUndeclared
-        | PolicyHit::BudgetExceeded => Some(SafetyEvent::PermissionBreach),
-        PolicyHit::UnsafeContinuation => Some(SafetyEvent::UnsafeContinuation),
-        PolicyHit::OutsideWorkspace
-        | PolicyHit::RetriesExceeded
-        | PolicyHit::PermissionWithdrawn
-        | PolicyHit::SpeedClamped
-        | PolicyHit::ForceClamped => None,
-    }
-}
-
-const fn of_signal(signal: WatcherSignal) -> Option<SafetyEvent> {
-    match signal {
-        WatcherSignal::UnexpectedContact => Some(SafetyEvent::Collision),
-        WatcherSignal::TelemetryInvalid => Some(SafetyEvent::NotANumber),
-        WatcherSignal::ObjectSlip
-        | WatcherSignal::ObjectLost
-        | WatcherSignal::TrackingError
-        | WatcherSignal::StaleInput
-        | WatcherSignal::ToolLost
-        | WatcherSignal::GripFault
-        | WatcherSignal::Overrun => None,
     }
 }

@@ -17,8 +17,8 @@ use super::sequence::{FinishedSequence, StartedSequence};
 use super::shadow::Shadow;
 use super::stop_switch::StopSwitch;
 use super::supervisor::MonitorQuestions;
-use crate::decide::monitors::ActivationMonitor;
 use crate::fault::EngineFault;
+use crate::live::monitors::ActivationMonitor;
 
 /// Pause after a sequence in which nothing was worked: no version is active, or the world failed.
 const NOTHING_PAUSE: Duration = Duration::from_secs(2);

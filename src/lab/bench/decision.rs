@@ -10,7 +10,6 @@ use serde::Serialize;
 
 use holdpoint::bench::{BenchError, FigureClock};
 use holdpoint_engine::decide::pipeline::SliceOutcome;
-use holdpoint_engine::service::pump::Pump;
 use holdpoint_engine::{Config, Engine};
 use holdpoint_governance::lifecycle::State;
 use holdpoint_governance::profile::ProfileName;
@@ -19,6 +18,7 @@ use holdpoint_protocol::command::{Command, Reply, Request};
 use holdpoint_protocol::event::EventKind;
 use holdpoint_protocol::scenario_state::ScenarioState;
 use holdpoint_runtime::capability::Capability;
+use holdpoint_service::pump::Pump;
 use holdpoint_sim::SimCells;
 use holdpoint_sim::work_count::{WorkCount, on_this_thread};
 use holdpoint_trials::cache::EpisodeCache;

@@ -10,7 +10,7 @@ use holdpoint_cell::Referee;
 use holdpoint_cell::TrialCell;
 use holdpoint_cell::referee::{RefereeLimits, UnsafeKind};
 use holdpoint_cell::rng::{Stream, StreamPurpose};
-use holdpoint_engine::decide::context::Context;
+use holdpoint_record::context::Context;
 use holdpoint_runtime::agent::dispatcher::admit;
 use holdpoint_runtime::arm::ActuatorHandle;
 use holdpoint_runtime::capability::Capability;

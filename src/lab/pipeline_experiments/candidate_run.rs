@@ -13,7 +13,7 @@ use serde::{Deserialize, Serialize};
 use super::ExperimentError;
 pub(crate) use driver::{CandidateDriver, DrivenSlice};
 use holdpoint_engine::Experiment;
-use holdpoint_engine::explain::store_metrics::{self, Since};
+use holdpoint_explain::store_metrics::{self, Since};
 use holdpoint_governance::decision::Reason;
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::metrics::Fate;

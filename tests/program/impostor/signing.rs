@@ -2,10 +2,10 @@
 
 use std::sync::atomic::Ordering;
 
-use holdpoint::engine::service::control_socket::Client;
-use holdpoint::engine::service::engine_handle::{EngineHandle, EngineUpdate};
 use holdpoint::protocol::command::{Command, Refusal, Reply, Request};
 use holdpoint::protocol::console_presence::ConsolePresence;
+use holdpoint::service::control_socket::Client;
+use holdpoint::service::engine_handle::{EngineHandle, EngineUpdate};
 
 use super::{EngineProcess, Impostor, LIE, output_text, until};
 use crate::reported_error::assert_error;

@@ -9,7 +9,7 @@ use crate::effects::BackgroundResult;
 use crate::model::ReconnectStatus;
 use crate::msg::MsgKind;
 use crate::run::frame_pace::FrameReason;
-use holdpoint_engine::service::engine_handle::EngineHandle;
+use holdpoint_service::engine_handle::EngineHandle;
 use holdpoint_text::Hint as _;
 
 /// The first pause between two searches for a running engine; each is twice as long as the one before.

@@ -3,12 +3,12 @@
 use super::*;
 use crate::approval_screen::ClosingAnswer;
 use crate::model::EngineLink;
-use holdpoint_engine::service::control_socket::AnswerOrigin;
 use holdpoint_protocol::account_role::AccountRole;
 use holdpoint_protocol::console_presence::{
     AttachedConsoleView, CONSOLE_VIEWS, ConsoleAccount, ConsolePresence,
 };
 use holdpoint_protocol::event::{Event, EventKind};
+use holdpoint_service::control_socket::AnswerOrigin;
 
 fn event(seq: u64, kind: EventKind) -> Event {
     Event { seq, at_ms: 60_000 + seq, kind }

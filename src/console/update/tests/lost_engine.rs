@@ -3,10 +3,10 @@
 
 use super::*;
 use crate::model::{EngineLink, ReconnectStatus, STOP_ANSWER_MS};
-use holdpoint_engine::service::engine_handle::EngineEndError;
 use holdpoint_protocol::command::{Refusal, Reply, StopPersistence};
 use holdpoint_protocol::console_presence::{AttachedConsoleView, ConsolePresence};
 use holdpoint_protocol::event::{Event, EventKind};
+use holdpoint_service::engine_handle::EngineEndError;
 
 const SIZES: [(u16, u16); 5] = [(120, 36), (80, 24), (60, 16), (40, 12), (30, 3)];
 

@@ -4,7 +4,7 @@ use super::*;
 use crate::action::Scope;
 use crate::frame;
 use crate::model::EngineAbsence;
-use holdpoint_engine::service::engine_handle::EngineEndError;
+use holdpoint_service::engine_handle::EngineEndError;
 
 const IN_USE: &str = "the store \"/data\" is in use by process 712";
 

@@ -20,9 +20,9 @@ use super::*;
 use crate::decide::people::persons::enrolled;
 use crate::decide::people::signers::tests::{question, signed};
 use crate::decide::pipeline::Pipeline;
-use crate::decide::wall_clock::{Clocks, WallClock};
 use crate::test_pipeline::pipeline_by;
 use crate::tests::{assert_accepted, at_the_gate, awaiting_approval};
+use holdpoint_record::wall_clock::{Clocks, WallClock};
 
 const MINUTE_MS: i64 = 60_000;
 const DAY_MS: i64 = 24 * 60 * MINUTE_MS;

@@ -15,8 +15,8 @@ use holdpoint_trials::seeds::{KEYED_FROM, SeedPurpose, SeedSource};
 use serde::Serialize;
 
 use super::read;
-use crate::decide::evidence_file::EvidenceFile;
-use crate::decide::version_concern::Confirmation;
+use holdpoint_record::evidence_file::EvidenceFile;
+use holdpoint_record::version_concern::Confirmation;
 
 /// Tries for each pair in a sandbox: an episode without a valid start is run again on the next seed.
 const TRIES_PER_PAIR: u64 = 4;

@@ -12,8 +12,8 @@ use super::key_check::{KeyCheck, check_keys};
 use super::*;
 use crate::decide::pipeline::{Pipeline, SliceOutcome};
 use crate::decide::stages::activation::tests::package;
-use crate::decide::wall_clock::WallClock;
 use crate::test_pipeline::seeded_pipeline;
+use holdpoint_record::wall_clock::WallClock;
 
 fn pipeline(folder: &Path) -> Pipeline {
     let mut profile = Profile::builtin(ProfileName::Sim).unwrap();

@@ -10,9 +10,9 @@ use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::notice::Notice;
 use holdpoint_governance::start_domain::DomainMiss;
 
-use crate::decide::context::Context;
 use crate::decide::recorder::EngineRecorder;
 use crate::live::station::{OutsideStart, SequenceReport};
+use holdpoint_record::context::Context;
 
 /// How many tasks in a row were covered since the last one that was not, by version.
 #[derive(Default)]

@@ -22,15 +22,16 @@ use holdpoint_protocol::event::EventKind;
 use holdpoint_protocol::snapshot::{ApprovalRequestView, RequestKind};
 use holdpoint_registry::store_terms::RequestState;
 use holdpoint_registry::{ApprovalRequest, Change};
-use holdpoint_wording::request::{drift_response, untested};
+use holdpoint_wording::request::{self, drift_response};
 
-use crate::decide::context::Context;
-use crate::decide::evidence_file::{EvidenceFile, EvidenceFiles};
 use crate::decide::recorder::EngineRecorder;
-use crate::decide::version_origin;
-use crate::decide::version_table::{TransitionNote, VersionTable};
-use crate::explain::view::check_explanation;
 use crate::fault::EngineFault;
+use holdpoint_record::context::Context;
+use holdpoint_record::evidence_file::{EvidenceFile, EvidenceFiles};
+use holdpoint_record::rationale::check_explanation;
+use holdpoint_record::untested::untested;
+use holdpoint_record::version_origin;
+use holdpoint_record::version_table::{TransitionNote, VersionTable};
 
 pub use approval_request::PendingApproval;
 pub(super) use approval_request::{RecordedAnswer, new_row, vote};
@@ -399,7 +400,7 @@ pub(super) fn view(
         changes: evidence_file.changes.clone(),
         conditions: evidence_file.conditions.iter().map(ToString::to_string).collect(),
         why: check_explanation::summary(evidence_file, &check_explanation::SUMMARIZED),
-        untested: request_display::untested(evidence_file).into_iter().map(untested).collect(),
+        untested: untested(evidence_file).into_iter().map(request::untested).collect(),
         on_drift: match request.kind {
             RequestKind::Activation | RequestKind::Emergency => drift_response(&request_display::on_drift(
                 context,

@@ -18,11 +18,11 @@ use holdpoint_text::is_visible;
 use super::approvals::{Approvals, PendingApproval, new_row, tier, view, vote};
 use super::request_display::DisplayedText;
 use super::signers::check_signer;
-use crate::decide::context::Context;
-use crate::decide::evidence_file::{EvidenceFile, EvidenceFiles};
 use crate::decide::recorder::EngineRecorder;
-use crate::decide::version_origin;
 use crate::fault::EngineFault;
+use holdpoint_record::context::Context;
+use holdpoint_record::evidence_file::{EvidenceFile, EvidenceFiles};
+use holdpoint_record::version_origin;
 
 /// An emergency approval that the rules count, and until when it holds.
 pub(crate) struct BreakGlassApproval {

@@ -3,17 +3,17 @@
 //! Owns the answer and its record. The monitor decides what raises a question and what an unanswered one causes. An
 //! answer lifts no restriction and confirms no version.
 
-use crate::decide::context::Context;
-use crate::decide::evidence_file::{EvidenceFile, EvidenceFiles};
-use crate::decide::monitors::Monitors;
 use crate::decide::operations::checked;
 use crate::decide::recorder::EngineRecorder;
 use crate::fault::EngineFault;
+use crate::live::monitors::Monitors;
 use holdpoint_governance::alarms::{AlarmEvent, AlarmKey};
 use holdpoint_governance::monitor::{MonitorAction, MonitorAnswer};
 use holdpoint_governance::record::RecordKind;
 use holdpoint_protocol::command::{Operation, Refusal, Reply};
 use holdpoint_protocol::event::EventKind;
+use holdpoint_record::context::Context;
+use holdpoint_record::evidence_file::{EvidenceFile, EvidenceFiles};
 
 /// An operator answers a monitor's question: the version continues and its charts restart.
 pub(crate) fn answer_continue(

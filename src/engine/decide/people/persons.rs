@@ -7,9 +7,9 @@ use holdpoint_registry::Change;
 use holdpoint_text::Hint;
 
 use super::approvals::Approvals;
-use crate::decide::context::Context;
 use crate::decide::recorder::EngineRecorder;
 use crate::fault::EngineFault;
+use holdpoint_record::context::Context;
 
 /// Carries out an administrator's act about a person. What does not hold is refused and changes nothing.
 ///

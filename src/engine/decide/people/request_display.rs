@@ -11,23 +11,21 @@ use std::collections::BTreeMap;
 use holdpoint_approvals::keyfile::hex;
 use holdpoint_approvals::{Approval, DisplayBinding, Nonce, facts_digest, lines_digest};
 use holdpoint_governance::approval::{self, ApprovalDecision, ApprovalOutcome, Role, SignatureCheck, Vote};
-use holdpoint_governance::composition::Kappas;
 use holdpoint_governance::decision::{Dimension, ReasonCode};
-use holdpoint_governance::evidence::DrillKind;
 use holdpoint_governance::ids::{CapabilityId, Digest, canonical_json};
 use holdpoint_governance::manifest::BundleSource;
-use holdpoint_governance::outcome::{Assessment, Basis, DimensionOutcome};
+use holdpoint_governance::outcome::DimensionOutcome;
 use holdpoint_governance::record::RecordKind;
 use holdpoint_governance::strictness::Strictness;
 use holdpoint_governance::wall_time::WallTime;
 use holdpoint_protocol::approval_document::{
     AnswerVoidCause, ApprovalDocument, ApprovalFacts, ComponentFacts, CoverageFacts, DriftResponse,
     EarlierSignature, PairsFacts, QuestionRefusal, RequestedSigner, ShadowFacts, SignatureEffect,
-    UntestedAspect,
 };
 use holdpoint_protocol::command::{Refusal, Reply};
 use holdpoint_protocol::event::DimensionResult;
 use holdpoint_protocol::snapshot::RequestKind;
+use holdpoint_record::untested::untested;
 use holdpoint_registry::AuditBody;
 use holdpoint_runtime::capability::Capability;
 use holdpoint_wording::approval::{RENDERER_VERSION, render};
@@ -36,14 +34,14 @@ use holdpoint_wording::request::{refusal, refusal_hint};
 use super::approvals::{Approvals, PendingApproval, RecordedAnswer, vote};
 use super::break_glass_approvals;
 use super::signers::person;
-use crate::decide::context::Context;
-use crate::decide::evidence_binding::stale_causes;
-use crate::decide::evidence_file::{EvidenceFile, EvidenceFiles};
 use crate::decide::recorder::EngineRecorder;
-use crate::explain::view::check_explanation::{SUMMARIZED, summary};
-use crate::explain::view::evidence;
-use crate::explain::why::is_in_favor;
 use crate::fault::EngineFault;
+use holdpoint_record::context::Context;
+use holdpoint_record::evidence_binding::stale_causes;
+use holdpoint_record::evidence_file::{EvidenceFile, EvidenceFiles};
+use holdpoint_record::evidence_view;
+use holdpoint_record::rationale::check_explanation::{SUMMARIZED, summary};
+use holdpoint_record::rationale::remedy::is_in_favor;
 
 /// The most requests that are remembered: one for each open question and each person.
 const REQUESTS_MAX: usize = 4096;
@@ -369,7 +367,7 @@ fn facts(
             lifecycle.state,
             evidence_file,
         ),
-        pairs: evidence::pairs(evidence_file).map(|pairs| PairsFacts {
+        pairs: evidence_view::pairs(evidence_file).map(|pairs| PairsFacts {
             n: pairs.n,
             candidate: pairs.candidate.success,
             candidate_interval: pairs.candidate_success,
@@ -377,7 +375,7 @@ fn facts(
             active_interval: pairs.active_success,
         }),
         counted: evidence_file.counted.clone(),
-        shadow: evidence::shadow(evidence_file, &profile.evaluation).map(|shadow| ShadowFacts {
+        shadow: evidence_view::shadow(evidence_file, &profile.evaluation).map(|shadow| ShadowFacts {
             n: shadow.n,
             output: shadow.output,
             governance: shadow.governance,
@@ -529,67 +527,5 @@ pub(super) fn on_drift(
         confirmed_after: context.profile.activation.provisional_episodes,
         in_doubt,
         limits: (watch.factor() < 1.0).then(|| watch.limits(monitor)),
-    }
-}
-
-/// What was not measured.
-pub(crate) fn untested(evidence_file: &EvidenceFile) -> Vec<UntestedAspect> {
-    let mut aspects = vec![UntestedAspect::PhysicalArm];
-    match &evidence_file.kappas {
-        None => aspects.push(UntestedAspect::Everything),
-        Some(kappas) => aspects.extend(estimates(kappas)),
-    }
-    if evidence_file.pairs.is_empty() {
-        aspects.push(UntestedAspect::Pairs);
-    }
-    for kind in DrillKind::ALL {
-        let feasible = evidence_file.drills.map_or(0, |(candidate, _)| candidate.of(kind).feasible());
-        if feasible == 0 {
-            aspects.push(UntestedAspect::Drill(kind));
-        }
-    }
-    if evidence_file.twins.is_empty() {
-        aspects.push(UntestedAspect::Twin);
-    }
-    aspects
-}
-
-fn estimates(kappas: &Kappas) -> Vec<UntestedAspect> {
-    fn of<O>(dimension: Dimension, assessment: &Assessment<O>) -> Option<UntestedAspect> {
-        match (assessment.basis, assessment.kappa) {
-            (Basis::Measured, Some(_)) => None,
-            (_, None) => Some(UntestedAspect::Unmeasured(dimension)),
-            (Basis::Estimated, Some(_)) => Some(UntestedAspect::Estimated(dimension)),
-        }
-    }
-    [
-        of(Dimension::Interface, &kappas.interface),
-        of(Dimension::Policy, &kappas.policy),
-        of(Dimension::Behavior, &kappas.behavior),
-        of(Dimension::Recovery, &kappas.recovery),
-    ]
-    .into_iter()
-    .flatten()
-    .collect()
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use holdpoint_governance::evidence::{DrillTallies, DrillTally};
-
-    #[test]
-    fn untested_aspects_are_listed() {
-        use UntestedAspect::{Drill, Everything, Pairs, PhysicalArm, Twin};
-        let mut evidence_file = EvidenceFile::default();
-        let drills = DrillKind::ALL.map(Drill);
-        let nothing = [&[PhysicalArm, Everything, Pairs][..], &drills, &[Twin]].concat();
-        assert_eq!(untested(&evidence_file), nothing);
-        let ran = DrillTally { passed: 1, failed: 0, infeasible: 0, failed_alone: 0 };
-        let candidate = DrillTallies { rollback: ran, ..DrillTallies::default() };
-        evidence_file.drills = Some((candidate, DrillTallies::default()));
-        let some = untested(&evidence_file);
-        assert!(!some.contains(&Drill(DrillKind::Rollback)), "{some:?}");
-        assert_eq!(some.len(), nothing.len() - 1, "{some:?}");
     }
 }

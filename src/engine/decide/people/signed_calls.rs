@@ -16,9 +16,9 @@ use holdpoint_text::Hint;
 
 use super::persons::unconfirmed;
 use super::signers::person;
-use crate::decide::context::Context;
 use crate::decide::recorder::EngineRecorder;
 use crate::fault::EngineFault;
+use holdpoint_record::context::Context;
 
 /// The longest that a signature under a request may count, ms of the engine's clock.
 pub const CALL_VALID_MS_MAX: u64 = 300_000;

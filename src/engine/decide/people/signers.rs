@@ -9,8 +9,8 @@ use holdpoint_registry::FIRST_ADMINISTRATOR;
 use holdpoint_text::{Hint, is_visible};
 
 use super::persons::unconfirmed;
-use crate::decide::context::Context;
 use crate::decide::recorder::EngineRecorder;
+use holdpoint_record::context::Context;
 
 /// Checks the named signer of a decision: the store knows the person, and the profile's requirements are met. The store
 /// verifies the signature when it stores the decision.

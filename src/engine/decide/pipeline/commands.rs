@@ -7,7 +7,6 @@ use crate::decide::alarms;
 use crate::decide::clock_mismatch;
 use crate::decide::goal;
 use crate::decide::halt;
-use crate::decide::monitors::ActivationMonitor;
 use crate::decide::operations::{self, LastVersion, accepted, checked};
 use crate::decide::people::approvals::PendingApproval;
 use crate::decide::people::signed_calls::{self, Signer};
@@ -15,10 +14,8 @@ use crate::decide::people::{monitor_questions, persons};
 use crate::decide::shift_note;
 use crate::decide::stages::closing::close_rejected;
 use crate::decide::stages::{break_glass, monitoring, release};
-use crate::decide::version_origin;
-use crate::explain::episode_replay;
-use crate::explain::view::lookup;
 use crate::fault::EngineFault;
+use crate::live::monitors::ActivationMonitor;
 use holdpoint_approvals::SignedApproval;
 use holdpoint_governance::alarms::{AlarmError, AlarmEvent, AlarmKey};
 use holdpoint_governance::approval::ApprovalDecision;
@@ -31,6 +28,10 @@ use holdpoint_governance::profile::ProfileName;
 use holdpoint_governance::record::RecordKind;
 use holdpoint_protocol::command::{Caller, Command, Operation, Refusal, Reply, Request};
 use holdpoint_protocol::snapshot::RequestKind;
+use holdpoint_record::context::Context;
+use holdpoint_record::evidence_file::EvidenceFiles;
+use holdpoint_record::version_origin;
+use holdpoint_record::version_table::VersionTable;
 use holdpoint_text::{Hint as _, Problem, Untrusted, signing_options};
 
 fn refuse_held(why: &Problem) -> Reply {
@@ -112,13 +113,37 @@ impl Pipeline {
         if let Some(why) = self.record.holding().filter(|_| !command.is_harmless()) {
             return refuse_held(why);
         }
-        let carried_out = self.carry_out(command, caller, signer).and_then(|reply| {
+        let carried_out = self.carry_out(command, caller, signer);
+        self.reply_to(carried_out)
+    }
+
+    /// What the pipeline knows of the versions.
+    pub(crate) const fn known(&self) -> (&Context, &VersionTable, &EvidenceFiles) {
+        (&self.context, self.record.version_table(), &self.evidence_files)
+    }
+
+    /// Lets `query` answer a question from what the pipeline knows of the versions.
+    pub(crate) fn read<E: Into<EngineFault>>(
+        &mut self,
+        signer: Option<&Signer>,
+        query: impl FnOnce(&Context, &VersionTable, &EvidenceFiles) -> Result<Reply, E>,
+    ) -> Reply {
+        if let Some(Err(refusal)) = signer.map(|signer| signed_calls::still_stands(&self.record, signer)) {
+            return refusal;
+        }
+        let (context, version_table, evidence_files) = self.known();
+        let read = query(context, version_table, evidence_files);
+        self.reply_to(read.map_err(Into::into))
+    }
+
+    fn reply_to(&mut self, carried_out: Result<Reply, EngineFault>) -> Reply {
+        let done = carried_out.and_then(|reply| {
             if self.record.holding().is_none() {
                 self.activation().look_at_changed()?;
             }
             Ok(reply)
         });
-        match carried_out {
+        match done {
             Ok(reply) => reply,
             Err(fault) => match fault.refusal() {
                 Some(code) => Reply::refused(code, &fault),
@@ -203,7 +228,7 @@ impl Pipeline {
                 let evidence_file = self.evidence_files.of(&operation.version);
                 let watched = match ActivationMonitor::reactivated(
                     &operation.version,
-                    &self.record,
+                    (self.record.version_table(), self.record.now_tick()),
                     evidence_file,
                     &self.context,
                 ) {
@@ -256,18 +281,12 @@ impl Pipeline {
             Command::Note { by, text } => Ok(shift_note::take(record, by, text)?),
             Command::Goal { goal, by, reason } => Ok(goal::set(record, world, &goal, by, reason)?),
             Command::Pace { times } => operations::set_pace(record, world, times),
-            Command::Detail { version } => lookup::detail(context, record, evidence_files, &version),
-            Command::Film { version, asked } => {
-                episode_replay::film(context, record, evidence_files, &version, asked)
-            }
-            Command::Registry { group, text, offset, limit } => {
-                lookup::registry_page(context, record, group, &text, offset, limit)
-            }
-            Command::Audit { before, subject, without, limit } => {
-                lookup::audit_page(record, before, &subject, without, limit)
-            }
             // The engine answers these itself.
             Command::Stop { .. }
+            | Command::Detail { .. }
+            | Command::Film { .. }
+            | Command::Registry { .. }
+            | Command::Audit { .. }
             | Command::Snapshot
             | Command::Health { .. }
             | Command::VerifyAudit

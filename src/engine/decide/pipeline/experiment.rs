@@ -11,9 +11,9 @@ use holdpoint_cell::RefereeLimits;
 
 use super::Pipeline;
 use crate::Engine;
-use crate::decide::evidence_binding::terms_of;
 use crate::fault::EngineFault;
 use crate::live::listener::NoListener;
+use crate::live::monitors::terms_of;
 use crate::live::station::{SequenceReport, TaskTruth};
 use holdpoint_governance::ids::{CapabilityId, Family};
 use holdpoint_governance::monitor::Rate;

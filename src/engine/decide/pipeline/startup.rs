@@ -14,8 +14,8 @@ use super::{Pipeline, StageWork};
 use crate::decide::operations::registered_event;
 use crate::decide::stages::{omitted_stage, sandbox, shadow, validation};
 use crate::decide::store_identity::{StoreAgent, VoidedFamilies};
-use crate::decide::version_table::{TransitionNote, VersionOrigin};
 use crate::fault::EngineFault;
+use holdpoint_record::version_table::{TransitionNote, VersionOrigin};
 
 impl Pipeline {
     /// The agent the store is for, and the one that dispatches.

@@ -20,16 +20,16 @@ use super::closing::{
 };
 use super::release;
 use super::validation::registered;
-use crate::decide::context::Context;
-use crate::decide::evidence_binding::{binding, made_under};
-use crate::decide::evidence_file::{EvidenceFile, EvidenceFiles};
-use crate::decide::monitors::{ActivationMonitor, Monitors};
 use crate::decide::people::approvals::{Approvals, PendingApproval, clear_alarm, closing_note};
 use crate::decide::recorder::EngineRecorder;
 use crate::decide::store_identity::StoreAgent;
-use crate::decide::version_origin;
-use crate::decide::version_table::{TransitionNote, VersionTableError};
 use crate::fault::EngineFault;
+use crate::live::monitors::{ActivationMonitor, Monitors};
+use holdpoint_record::context::Context;
+use holdpoint_record::evidence_binding::{binding, made_under};
+use holdpoint_record::evidence_file::{EvidenceFile, EvidenceFiles};
+use holdpoint_record::version_origin;
+use holdpoint_record::version_table::{TransitionNote, VersionTableError};
 
 /// What the gate reads and moves.
 pub struct Activation<'a> {

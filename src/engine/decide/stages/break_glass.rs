@@ -25,8 +25,8 @@ use super::rollback::trigger;
 use crate::decide::halt;
 use crate::decide::people::approvals::{Approvals, clear_alarm, closing_note};
 use crate::decide::people::break_glass_approvals;
-use crate::decide::version_table::TransitionNote;
 use crate::fault::EngineFault;
+use holdpoint_record::version_table::TransitionNote;
 
 impl Activation<'_> {
     /// One person activates a version by break-glass. A refusal changes nothing.

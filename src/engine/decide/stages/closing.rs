@@ -15,13 +15,13 @@ use holdpoint_registry::store_terms::{EvidenceKind, RequestState};
 use holdpoint_registry::{AuditBody, Change};
 use holdpoint_wording::stage::early_end;
 
-use crate::decide::context::Context;
-use crate::decide::evidence_file::{EvidenceFile, EvidenceFiles};
 use crate::decide::people::approvals::{Approvals, clear_alarm, closing_note};
-use crate::decide::recorded_decision;
 use crate::decide::recorder::EngineRecorder;
-use crate::decide::version_table::TransitionNote;
 use crate::fault::EngineFault;
+use holdpoint_record::context::Context;
+use holdpoint_record::evidence_file::{EvidenceFile, EvidenceFiles};
+use holdpoint_record::recorded_decision;
+use holdpoint_record::version_table::TransitionNote;
 
 /// Keeps and tells how far a stage is: the unit that runs, with its own count where that is a part, and the whole.
 pub(crate) fn progress(

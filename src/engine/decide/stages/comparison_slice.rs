@@ -13,11 +13,11 @@ use holdpoint_trials::trace::{EpisodeTrace, keep_trace};
 
 use super::closing::progress;
 use super::shared_stops::alarm_since;
-use crate::decide::context::Context;
-use crate::decide::evidence_binding::{trial_subject, trial_team};
-use crate::decide::evidence_file::EvidenceFiles;
 use crate::decide::recorder::EngineRecorder;
 use crate::fault::EngineFault;
+use holdpoint_record::context::Context;
+use holdpoint_record::evidence_binding::{trial_subject, trial_team};
+use holdpoint_record::evidence_file::EvidenceFiles;
 
 /// The comparison and its cell.
 pub(super) struct ComparisonSlice<'a> {

@@ -25,14 +25,14 @@ use holdpoint_trials::seeds::SeedSource;
 use super::cache_mismatch::invalidate_cache;
 use super::closing::{note_spent_time, progress};
 use super::comparison_slice::{ComparisonSlice, run_slice};
-use crate::decide::context::Context;
-use crate::decide::evidence_binding::binding;
-use crate::decide::evidence_file::EvidenceFiles;
-use crate::decide::monitors::Monitors;
 use crate::decide::recorder::EngineRecorder;
-use crate::decide::version_concern::Confirmation;
-use crate::decide::version_table::VersionTable;
 use crate::fault::EngineFault;
+use crate::live::monitors::Monitors;
+use holdpoint_record::context::Context;
+use holdpoint_record::evidence_binding::binding;
+use holdpoint_record::evidence_file::EvidenceFiles;
+use holdpoint_record::version_concern::Confirmation;
+use holdpoint_record::version_table::VersionTable;
 
 /// A confirmation under way.
 pub struct ConfirmationRun {

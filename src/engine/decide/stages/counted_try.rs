@@ -18,11 +18,11 @@ use holdpoint_runtime::capability::Capability;
 use holdpoint_trials::seeds::SeedSource;
 
 use super::closing::{close_rejected, first_reason, put_on_hold, report_decision, stage_note};
-use crate::decide::context::Context;
-use crate::decide::evidence_binding::{binding, made_under};
-use crate::decide::evidence_file::{EvidenceFile, EvidenceFiles};
 use crate::decide::recorder::EngineRecorder;
 use crate::fault::EngineFault;
+use holdpoint_record::context::Context;
+use holdpoint_record::evidence_binding::{binding, made_under};
+use holdpoint_record::evidence_file::{EvidenceFile, EvidenceFiles};
 
 /// The terms of the try that a candidate's sandbox is or would be; else why it runs no pair.
 ///

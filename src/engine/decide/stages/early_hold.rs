@@ -10,11 +10,11 @@ use holdpoint_governance::time_excess::names_time_excess;
 use holdpoint_registry::store_terms::EvidenceKind;
 
 use super::closing::{close_rejected, first_reason, put_on_hold, report_decision, stage_note};
-use crate::decide::context::Context;
-use crate::decide::evidence_binding::made_under;
-use crate::decide::evidence_file::EvidenceFiles;
 use crate::decide::recorder::EngineRecorder;
 use crate::fault::EngineFault;
+use holdpoint_record::context::Context;
+use holdpoint_record::evidence_binding::made_under;
+use holdpoint_record::evidence_file::EvidenceFiles;
 
 /// Ends the sandbox of a candidate if its ticks take too long, if the evaluation has taken the wall time of the profile, or if
 /// the cell has no version that may take over as its fallback: each of its fallback drills would fail. Returns whether it

@@ -10,9 +10,9 @@ use holdpoint_protocol::event::EventKind;
 use holdpoint_registry::Change;
 use holdpoint_registry::store_terms::EvidenceKind;
 
-use crate::decide::context::Context;
 use crate::decide::recorder::EngineRecorder;
 use crate::fault::EngineFault;
+use holdpoint_record::context::Context;
 
 /// A rung that took no time.
 pub(crate) fn rung(

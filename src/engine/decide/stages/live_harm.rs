@@ -16,12 +16,12 @@ use holdpoint_registry::{AuditFilter, StoredBatch, TelemetryViews, Views};
 use holdpoint_runtime::capability::Capability;
 use serde::{Deserialize, Serialize};
 
-use crate::decide::context::Context;
-use crate::decide::evidence_file::EvidenceFiles;
 use crate::decide::recorder::EngineRecorder;
-use crate::decide::version_table::VersionTable;
 use crate::fault::EngineFault;
-use crate::live::live_task_record::{LIVE, UNWATCHED};
+use holdpoint_record::context::Context;
+use holdpoint_record::evidence_file::EvidenceFiles;
+use holdpoint_record::live_task_record::{LIVE, UNWATCHED};
+use holdpoint_record::version_table::VersionTable;
 use holdpoint_trials::past_limit::MeasuredTask;
 
 /// Tasks without harm after which a count is recorded: a start reads the telemetry since then.

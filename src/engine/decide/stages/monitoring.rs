@@ -20,22 +20,23 @@ use super::ladder::raise_rolled_back;
 use super::live_harm::LiveHarmWatch;
 use super::resume::{self, Resumption};
 use super::rollback::{LiveScene, Rollback};
-use crate::decide::context::Context;
-use crate::decide::evidence_file::EvidenceFiles;
 use crate::decide::health::CellHealth;
-use crate::decide::monitors::Monitors;
 use crate::decide::recorder::EngineRecorder;
-use crate::decide::version_concern::VersionConcern;
-use crate::decide::version_table::TransitionNote;
 use crate::fault::EngineFault;
 use crate::live::LiveWorld;
 use crate::live::listener::NoListener;
-use crate::live::live_task_record::{LIVE, LiveTaskMarks, LiveTaskRecord, UNWATCHED};
+use crate::live::monitors::{self, Monitors};
 use crate::live::painter::{Painter, SequencePainter};
 use crate::live::sequence::{self, FinishedSequence, StartedSequence, StoppedTask};
 use crate::live::shadow::Shadow;
 use crate::live::station::{SequenceReport, TaskStart};
-use crate::live::supervisor::{Trip, safety_events};
+use crate::live::supervisor::Trip;
+use holdpoint_record::context::Context;
+use holdpoint_record::evidence_file::EvidenceFiles;
+use holdpoint_record::live_task_record::{LIVE, LiveTaskMarks, LiveTaskRecord, UNWATCHED};
+use holdpoint_record::version_concern::VersionConcern;
+use holdpoint_record::version_table::TransitionNote;
+use holdpoint_runtime::safety_event::safety_events;
 use holdpoint_trials::past_limit::MeasuredTask;
 
 /// The live world under watch: neither prompts nor evaluations.
@@ -64,18 +65,11 @@ impl LiveMonitoring<'_> {
         let seeds = self.record.live_seeds()?;
         let (context, evidence_files, monitors) = (self.context, &*self.evidence_files, &*self.monitors);
         let version_table = self.record.version_table();
-        let terms_of = |version: &_| {
-            crate::decide::evidence_binding::terms_of(
-                context,
-                version_table,
-                evidence_files,
-                monitors,
-                version,
-            )
-        };
+        let terms_of =
+            |version: &_| monitors::terms_of(context, version_table, evidence_files, monitors, version);
         let paced = self.world.is_paced();
-        let known = (evidence_files, monitors);
-        sequence::begin(context, self.record, known, &mut self.world.cell, seeds, paced, &terms_of)
+        let (known, by) = ((evidence_files, monitors), (version_table, self.record.clock()));
+        sequence::begin(context, by, known, &mut self.world.cell, seeds, paced, &terms_of)
     }
 
     /// One sequence of the live world, in step with the engine; monitors learn from it.

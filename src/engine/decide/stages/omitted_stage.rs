@@ -11,11 +11,11 @@ use holdpoint_protocol::event::EventKind;
 use holdpoint_registry::store_terms::EvidenceKind;
 
 use super::closing::stage_note;
-use crate::decide::context::Context;
-use crate::decide::evidence_binding::{binding, made_under};
-use crate::decide::evidence_file::EvidenceFiles;
 use crate::decide::recorder::EngineRecorder;
 use crate::fault::EngineFault;
+use holdpoint_record::context::Context;
+use holdpoint_record::evidence_binding::{binding, made_under};
+use holdpoint_record::evidence_file::EvidenceFiles;
 
 /// Takes a candidate past the sandbox or past shadow. Nothing is found out about it there.
 ///

@@ -29,14 +29,14 @@ use super::cache_mismatch::invalidate_cache;
 use super::closing::{abort_stage, note_spent_time, progress};
 use super::comparison_slice::{ComparisonSlice, run_slice};
 use super::shadow::{self, ShadowRun};
-use crate::decide::context::Context;
-use crate::decide::evidence_binding::binding;
-use crate::decide::evidence_file::EvidenceFiles;
-use crate::decide::monitors::Monitors;
 use crate::decide::recorder::EngineRecorder;
-use crate::decide::version_concern::ReEvaluationEvidence;
 use crate::fault::EngineFault;
+use crate::live::monitors::Monitors;
 use crate::live::station::LiveStation;
+use holdpoint_record::context::Context;
+use holdpoint_record::evidence_binding::binding;
+use holdpoint_record::evidence_file::EvidenceFiles;
+use holdpoint_record::version_concern::ReEvaluationEvidence;
 
 /// A version under re-evaluation.
 pub struct ReEvaluationRun {

@@ -16,15 +16,15 @@ use holdpoint_protocol::event::EventKind;
 use holdpoint_registry::AuditBody;
 use holdpoint_registry::store_terms::RequestState;
 
-use crate::decide::context::Context;
-use crate::decide::evidence_file::{EvidenceFile, EvidenceFiles};
-use crate::decide::monitors::Monitors;
 use crate::decide::operations::checked;
 use crate::decide::people::approvals::{Approvals, clear_alarm, closing_note};
 use crate::decide::recorder::EngineRecorder;
 use crate::decide::stages::monitoring::LiveMonitoring;
-use crate::decide::version_table::TransitionNote;
 use crate::fault::EngineFault;
+use crate::live::monitors::Monitors;
+use holdpoint_record::context::Context;
+use holdpoint_record::evidence_file::{EvidenceFile, EvidenceFiles};
+use holdpoint_record::version_table::TransitionNote;
 
 /// A person requests to lift the restriction of an active version.
 pub(crate) fn release(

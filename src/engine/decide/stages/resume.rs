@@ -11,11 +11,11 @@ use holdpoint_governance::rollback::{RollbackRecord, Rung, RungFailure, RungReco
 use holdpoint_runtime::task::TaskRecord;
 
 use super::ladder::{conclude, push_rung};
-use crate::decide::context::Context;
 use crate::decide::recorder::EngineRecorder;
 use crate::fault::EngineFault;
 use crate::live::station::SequenceReport;
-use crate::live::supervisor::stopping_events;
+use holdpoint_record::context::Context;
+use holdpoint_runtime::safety_event::stopping_events;
 
 /// Tasks of the predecessor after which the recovery of the family is judged.
 const RESUME_TASKS: u32 = 3;

@@ -22,21 +22,21 @@ use holdpoint_text::Hint;
 use super::ladder::{event, evidence, push_rung, rung};
 use super::resume::Resumption;
 use super::shared_stops;
-use crate::decide::context::Context;
-use crate::decide::evidence_binding::{not_admitted, terms_of};
-use crate::decide::evidence_file::{EvidenceFile, EvidenceFiles};
-use crate::decide::monitors::ActivationMonitor;
-use crate::decide::monitors::Monitors;
 use crate::decide::recorder::EngineRecorder;
-use crate::decide::version_table::{TransitionNote, VersionTableError};
 use crate::fault::EngineFault;
 use crate::live::LiveWorld;
-use crate::live::cell_frame;
 use crate::live::forked_task::ForkedTask;
 use crate::live::ladder_motion::LadderMotion;
+use crate::live::monitors::{ActivationMonitor, Monitors, terms_of};
 use crate::live::painter::LadderPainter;
 use crate::live::station::Rig;
-use crate::live::supervisor::{Trip, stopping_events};
+use crate::live::supervisor::Trip;
+use holdpoint_record::context::Context;
+use holdpoint_record::evidence_binding::not_admitted;
+use holdpoint_record::evidence_file::{EvidenceFile, EvidenceFiles};
+use holdpoint_record::version_table::{TransitionNote, VersionTableError};
+use holdpoint_runtime::safety_event::stopping_events;
+use holdpoint_trials::cell_frame;
 use holdpoint_trials::past_limit::{MeasuredTask, past_limit};
 
 /// The trigger of a rollback that begins now.
@@ -125,8 +125,8 @@ impl Rollback<'_> {
         }
         // Without a live monitor no tick runs under a provisional version.
         let evidence_file = self.evidence_files.of(&predecessor.id());
-        let Ok(watched) =
-            ActivationMonitor::reactivated(&predecessor.id(), self.record, evidence_file, self.context)
+        let now = (self.record.version_table(), self.record.now_tick());
+        let Ok(watched) = ActivationMonitor::reactivated(&predecessor.id(), now, evidence_file, self.context)
         else {
             let notice = Notice::TargetUnmonitored { version: predecessor.id() };
             let failed = Some(RungFailure::PredecessorFailed);

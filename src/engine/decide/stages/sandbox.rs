@@ -44,14 +44,11 @@ use super::counted_try;
 use super::early_hold::end_on_hold;
 use super::shared_stops::keep_stops;
 use super::validation;
-use crate::decide::context::Context;
-use crate::decide::evidence_binding::{binding, made_under, measured_terms_of, trial_subject, trial_team};
-use crate::decide::evidence_file::EvidenceFiles;
 use crate::decide::recorder::EngineRecorder;
 use crate::fault::EngineFault;
-
-/// Episodes of the canonical and of the adversarial mode.
-pub(crate) const MODE_EPISODES: u64 = 10;
+use holdpoint_record::context::Context;
+use holdpoint_record::evidence_binding::{binding, made_under, measured_terms_of, trial_subject, trial_team};
+use holdpoint_record::evidence_file::{EvidenceFiles, MODE_EPISODES};
 
 /// A mode in which the candidate runs alone.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -21,14 +21,14 @@ use holdpoint_trials::scene_stops::SceneStops;
 
 use super::closing::{abort_stage, close_rejected, progress, put_on_hold, stage_note};
 use super::shared_stops::keep_stops;
-use crate::decide::context::Context;
-use crate::decide::evidence_binding::{binding, made_under, terms_of};
-use crate::decide::evidence_file::EvidenceFiles;
-use crate::decide::monitors::Monitors;
 use crate::decide::recorder::EngineRecorder;
 use crate::fault::EngineFault;
+use crate::live::monitors::{Monitors, terms_of};
 use crate::live::shadow::{Shadow, ShadowTrace};
 use crate::live::twin_start::missing_abilities;
+use holdpoint_record::context::Context;
+use holdpoint_record::evidence_binding::{binding, made_under};
+use holdpoint_record::evidence_file::EvidenceFiles;
 
 /// Live sequences tried for one usable shadow sequence: the live world may not reach the task.
 const ATTEMPTS_FACTOR: u32 = 6;

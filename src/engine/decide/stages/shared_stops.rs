@@ -6,9 +6,9 @@ use holdpoint_governance::notice::Notice;
 use holdpoint_governance::shared_event::SharedEvent;
 use holdpoint_trials::scene_stops::SceneStops;
 
-use crate::decide::context::Context;
-use crate::decide::evidence_file::EvidenceFile;
 use crate::decide::recorder::EngineRecorder;
+use holdpoint_record::context::Context;
+use holdpoint_record::evidence_file::EvidenceFile;
 
 /// Keeps the hard stops so far of a candidate and the active version.
 pub(crate) fn keep_stops(

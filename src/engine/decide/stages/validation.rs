@@ -12,14 +12,14 @@ use holdpoint_runtime::capability::Capability;
 use holdpoint_trials::tick_time::median_tick_us;
 
 use super::closing::{close_rejected, first_reason, report_decision, stage_note};
-use crate::decide::check::{self, CheckInputs};
-use crate::decide::context::Context;
-use crate::decide::evidence_binding::{made_under, terms_under};
-use crate::decide::evidence_file::{EvidenceFiles, StaticAssessment};
 use crate::decide::recorder::EngineRecorder;
-use crate::decide::version_origin;
-use crate::decide::version_table::VersionTable;
 use crate::fault::EngineFault;
+use holdpoint_record::check::{self, CheckInputs};
+use holdpoint_record::context::Context;
+use holdpoint_record::evidence_binding::{made_under, terms_under};
+use holdpoint_record::evidence_file::{EvidenceFiles, StaticAssessment};
+use holdpoint_record::version_origin;
+use holdpoint_record::version_table::VersionTable;
 
 /// Stage 2 of a candidate, whole: it takes well under a millisecond, and for a component two seconds of a task.
 ///

@@ -13,11 +13,11 @@ use holdpoint_protocol::snapshot::RequestKind;
 use holdpoint_registry::store_terms::RequestState;
 use holdpoint_registry::{ApprovalEntry, ApprovalRequest};
 
-use crate::decide::context::Context;
 use crate::decide::people::signers::rollback_target;
 use crate::decide::recorder::EngineRecorder;
-use crate::decide::version_origin;
 use crate::fault::EngineFault;
+use holdpoint_record::context::Context;
+use holdpoint_record::version_origin;
 
 /// A signed answer, which the store verified when it recorded it.
 #[derive(Clone, Debug, PartialEq)]

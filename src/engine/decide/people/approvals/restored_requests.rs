@@ -7,14 +7,14 @@ use holdpoint_governance::wall_time::WallTime;
 use holdpoint_registry::verify_approval;
 
 use super::{Approvals, PendingApproval, RecordedAnswer, RequestKind, activation_terms, vote};
-use crate::decide::context::Context;
-use crate::decide::evidence_file::EvidenceFiles;
 use crate::decide::people::persons::unconfirmed;
 use crate::decide::people::request_display::is_display_current;
 use crate::decide::recorder::EngineRecorder;
 use crate::decide::stages::activation::gate;
-use crate::decide::version_origin;
 use crate::fault::EngineFault;
+use holdpoint_record::context::Context;
+use holdpoint_record::evidence_file::EvidenceFiles;
+use holdpoint_record::version_origin;
 
 impl Approvals {
     /// Restores a request that was open when the engine ended, with its answers: the same question, evidence and

@@ -12,7 +12,7 @@ use holdpoint_runtime::capability;
 
 use crate::decide::stages::confirmation;
 use crate::decide::stages::rollback::tests::Bench;
-use crate::decide::version_table::TransitionNote;
+use holdpoint_record::version_table::TransitionNote;
 
 fn renumbered(to: &str) -> Package {
     let mut package = capability::read(&Path::new(crate::MANIFESTS).join("grasp/1.0.0")).unwrap();
@@ -50,11 +50,10 @@ fn a_confirmation_begins_again_under_another_anchor() {
     assert!(run.is_current(bench.pipeline.record().version_table()), "the predecessor is the anchor now");
     // A restart reads the choice from the record.
     let table = bench.pipeline.record().version_table();
-    let chosen = crate::decide::version_table::chosen_anchors(&table.store().views().unwrap()).unwrap();
+    let chosen = holdpoint_record::version_table::chosen_anchors(&table.store().views().unwrap()).unwrap();
     assert_eq!(chosen.get(&first.family), Some(&first));
-    let registry = Command::Registry { group: VersionGroup::All, text: String::new(), offset: 0, limit: 10 };
-    let Reply::Registry { page } = bench.pipeline.command(registry) else {
-        panic!("no page of the registry")
-    };
+    let (context, table, _) = bench.pipeline.known();
+    let page = holdpoint_explain::view::lookup::registry_page(context, table, VersionGroup::All, "", 0, 10);
+    let Ok(Reply::Registry { page }) = page else { panic!("no page of the registry") };
     assert_eq!(page.anchors, [first]);
 }

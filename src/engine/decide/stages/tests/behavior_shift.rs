@@ -16,8 +16,8 @@ use holdpoint_registry::Views;
 
 use crate::decide::pipeline::SliceOutcome;
 use crate::decide::stages::rollback::tests::{Bench, GOOD};
-use crate::decide::version_concern::VersionConcern;
-use crate::explain::store_metrics::{Since, observe};
+use holdpoint_explain::store_metrics::{Since, observe};
+use holdpoint_record::version_concern::VersionConcern;
 
 /// A bench with an active version whose twins in shadow were these, once it has worked as many live tasks as the first look
 /// is taken at; and what the alarm says, if it is raised.

@@ -27,9 +27,9 @@ use rusqlite::Connection;
 
 use crate::decide::pipeline::{Pipeline, PipelineSettings, SliceOutcome};
 use crate::decide::stages::activation::tests::package;
-use crate::decide::version_table::VersionTable;
-use crate::decide::wall_clock::WallClock;
 use crate::live::stop_switch::Controls;
+use holdpoint_record::version_table::VersionTable;
+use holdpoint_record::wall_clock::WallClock;
 
 const PAIRS: u32 = 60;
 const DRILLS: u32 = 10;
@@ -184,7 +184,7 @@ fn cached_results_count_after_a_spot_check_and_change_no_event() {
     assert!(samples[0].foreign < all.foreign, "what the process ran again is its own: {samples:?}");
 
     let views = second.record().version_table().store().views().unwrap();
-    let explained = crate::explain::why::explain(&views, &id).unwrap().unwrap();
+    let explained = holdpoint_explain::why::explain(&views, &id).unwrap().unwrap();
     let uses = explained.decisions.iter().filter_map(|decision| decision.kept.as_ref());
     assert_eq!(uses.count(), 1, "with the sandbox's decision");
 }
@@ -239,7 +239,7 @@ fn cache_mismatch_with_a_valid_mac_is_found_before_it_counts() {
     assert_eq!(begun.count(), 2, "it began again");
     let views = second.record().version_table().store().views().unwrap();
     let detail = views.version(&id).unwrap().unwrap();
-    let decisions = crate::explain::why::decisions(&views, &id, &detail).unwrap();
+    let decisions = holdpoint_explain::why::decisions(&views, &id, &detail).unwrap();
     let mut consequences = decisions.iter().flat_map(|decision| &decision.consequences);
     let is_void =
         |of: &Consequence| matches!(of, Consequence::CacheVoided { place: CacheLocation::Store, .. });

@@ -11,10 +11,10 @@ use holdpoint_governance::submission::Package;
 use holdpoint_protocol::command::{Command, Operation, Refusal, Reply};
 use holdpoint_runtime::capability::{self, Capability};
 
-use crate::decide::check::RegisteredVersions;
 use crate::decide::pipeline::SliceOutcome;
 use crate::decide::stages::rollback::tests::Bench;
 use crate::decide::stages::validation;
+use holdpoint_record::check::RegisteredVersions;
 
 /// The most slices until a candidate without a usable fallback is demoted: nothing of it is run.
 const SLICES_MAX: usize = 60;

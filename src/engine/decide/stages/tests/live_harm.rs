@@ -17,7 +17,7 @@ use holdpoint_protocol::event::EventKind;
 use holdpoint_registry::AuditFilter;
 
 use crate::decide::stages::rollback::tests::Bench;
-use crate::decide::version_table::TransitionNote;
+use holdpoint_record::version_table::TransitionNote;
 
 fn id(version: &str) -> CapabilityId {
     version.parse().unwrap()

@@ -16,10 +16,10 @@ use holdpoint_trials::cell::Cell;
 use holdpoint_trials::embedded;
 use holdpoint_trials::seeds::CALIBRATION_FROM_RUN;
 
-use crate::decide::context::Context;
 use crate::decide::pipeline::SliceOutcome;
 use crate::tests::assert_accepted;
 use crate::{Config, Engine, Experiment, StartError};
+use holdpoint_record::context::Context;
 
 fn config(folder: &Path, scripted: bool) -> Config<'_> {
     Config {

@@ -13,13 +13,13 @@ use holdpoint_governance::profile::{Profile, ProfileName};
 use holdpoint_trials::cell::Cell;
 use holdpoint_trials::seeds::{CALIBRATION_FROM_RUN, EpisodeSeeds};
 
-use crate::decide::evidence_file::EvidenceFile;
 use crate::decide::stages::rollback::tests::{Bench, GOOD};
 use crate::decide::stages::shadow::{self, ShadowStep};
-use crate::decide::wall_clock::WallClock;
 use crate::live::fake_cell::{FakeFactory, stand_still};
 use crate::test_pipeline::pipeline_in;
 use crate::tests::compatible;
+use holdpoint_record::evidence_file::EvidenceFile;
+use holdpoint_record::wall_clock::WallClock;
 
 /// A candidate that went through shadow in a fake cell.
 fn shadowed(profile: &Profile) -> (Bench, CapabilityId) {

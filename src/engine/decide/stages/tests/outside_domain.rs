@@ -12,9 +12,9 @@ use holdpoint_governance::start_domain::{
 };
 use holdpoint_runtime::agent::dispatcher::DispatchRefusal;
 
-use crate::decide::evidence_binding::{binding, start_domain};
 use crate::decide::stages::rollback::tests::Bench;
 use crate::live::station::SequenceReport;
+use holdpoint_record::evidence_binding::{binding, start_domain};
 
 /// The first sequence of the bench has its object at x = .589 m after this drift; the next seven have theirs inside.
 const SHIFT: Drift = Drift { kind: DriftKind::DistributionShift, magnitude: Magnitude::Strong };

@@ -11,8 +11,8 @@ use crate::decide::people::persons::enrolled;
 use crate::decide::people::signers::tests::signed;
 use crate::decide::stages::activation::tests::{package, request_activation};
 use crate::decide::stages::rollback::tests::Bench;
+use crate::live::stop_mark::OwnStopMark;
 use crate::live::stop_switch::StopRequest;
-use crate::service::stop_mark::OwnStopMark;
 use crate::test_pipeline::pipeline;
 use crate::tests::at_the_gate;
 

@@ -14,7 +14,7 @@ use holdpoint_registry::AuditFilter;
 use crate::decide::pipeline::SliceOutcome;
 use crate::decide::stages::activation::tests::{package, request_activation};
 use crate::decide::stages::rollback::tests::Bench;
-use crate::decide::version_table::TransitionNote;
+use holdpoint_record::version_table::TransitionNote;
 
 const CANDIDATE: &str = "align-improved";
 

@@ -15,7 +15,7 @@ use holdpoint_runtime::capability::{self, Capability};
 
 use crate::decide::pipeline::SliceOutcome;
 use crate::decide::stages::rollback::tests::Bench;
-use crate::decide::version_table::TransitionNote;
+use holdpoint_record::version_table::TransitionNote;
 
 /// A version under the next number, with nothing else changed.
 fn renumbered(folder: &str, from: &str, to: &str) -> Package {

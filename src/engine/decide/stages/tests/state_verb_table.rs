@@ -18,12 +18,12 @@ use holdpoint_protocol::command::{Command, Operation, Reply};
 use holdpoint_protocol::snapshot::RequestKind;
 use holdpoint_registry::AuditFilter;
 
-use crate::decide::evidence_binding::{terms_of, trial_subject};
 use crate::decide::people::persons::enrolled;
 use crate::decide::stages::activation::tests::{package, request_activation};
 use crate::decide::stages::rollback::tests::Bench;
-use crate::decide::version_table::TransitionNote;
-use crate::live::station::LiveFault;
+use crate::live::{monitors::terms_of, station::LiveFault};
+use holdpoint_record::evidence_binding::trial_subject;
+use holdpoint_record::version_table::TransitionNote;
 
 const GUIDE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../guide/reference/states-and-verbs.md");
 const BEGIN: &str = "<!-- standings -->\n";

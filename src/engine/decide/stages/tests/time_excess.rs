@@ -15,7 +15,7 @@ use holdpoint_trials::tick_time::median_tick_us;
 
 use crate::decide::pipeline::SliceOutcome;
 use crate::decide::stages::rollback::tests::Bench;
-use crate::explain::store_metrics::{Since, observe};
+use holdpoint_explain::store_metrics::{Since, observe};
 
 /// The most slices until a candidate is on hold, or in its sandbox.
 const SLICES_MAX: usize = 60;

@@ -14,11 +14,11 @@ use holdpoint_registry::{AuditFilter, Views};
 use holdpoint_runtime::capability;
 
 use super::cell_faults::{operation, register};
-use crate::decide::evidence_file::EvidenceFile;
 use crate::decide::operations::has_tried;
 use crate::decide::pipeline::SliceOutcome;
 use crate::decide::stages::rollback::tests::Bench;
-use crate::explain::store_metrics::{Since, observe};
+use holdpoint_explain::store_metrics::{Since, observe};
+use holdpoint_record::evidence_file::EvidenceFile;
 
 /// The most slices until what is waited for.
 const SLICES_MAX: usize = 20_000;

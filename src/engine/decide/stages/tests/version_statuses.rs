@@ -5,7 +5,7 @@ use holdpoint_wording::explanation_summary::summary_lines;
 
 use super::state_verb_table::SETTINGS;
 use crate::decide::stages::rollback::tests::Bench;
-use crate::explain::why::summarize;
+use holdpoint_explain::why::summarize;
 
 /// What the version of each setting is, in the order of [`SETTINGS`].
 const CONDITIONS: [VersionCondition; SETTINGS.len()] = [

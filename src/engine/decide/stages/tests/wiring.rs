@@ -6,8 +6,9 @@ use holdpoint_protocol::command::{Caller, Command, Reply};
 use holdpoint_text::Hint;
 
 use super::state_verb_table::{CANDIDATE, operation};
-use crate::decide::evidence_binding::{measured_terms_of, terms_of};
 use crate::decide::stages::rollback::tests::Bench;
+use crate::live::monitors::terms_of;
+use holdpoint_record::evidence_binding::measured_terms_of;
 
 /// A tighter envelope binds where the version is measured and where it has the arm.
 #[test]
