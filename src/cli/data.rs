@@ -55,7 +55,7 @@ pub(super) fn database(data: &Path) -> Result<PathBuf, CliError> {
         let folder = shell_word(&data.display().to_string());
         let text = format!("{data:?} has the socket of an engine and no store, which this verb needs");
         let hint = format!(
-            "`holdpoint --data {folder}` attaches a console, which shows the state, and `holdpoint stop --data {folder}` \
+            "`holdpoint run --data {folder}` attaches a console, which shows the state, and `holdpoint stop --data {folder}` \
              stops the cell; run other verbs on the store's folder, as the engine's account"
         );
         let details = ErrorDetails::of_path(ErrorReason::NoStore, data);

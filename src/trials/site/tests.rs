@@ -72,7 +72,7 @@ fn a_baseline_has_to_be_what_the_file_says() {
             "baseline = \"place/1.0.0\"",
             "families.place.fallback",
         ),
-        ("kind = \"simulated\"", "kind = \"wire\"", "live.kind"),
+        ("kind = \"simulated\"", "kind = \"wire\"", "live.endpoint"),
     ] {
         let error = LoadedSite::read(&changed(folder.path(), from, to)).err().unwrap();
         let named = error.details().and_then(|details| details.place).and_then(|place| place.field);

@@ -66,7 +66,7 @@ fn sequence_without_work_has_failed() {
     assert!(report.failed && report.tasks.iter().all(|done| done.record.invalid), "{report:?}");
 }
 
-/// A cell that does not answer is told apart from one that failed: a person has to look.
+/// A cell that does not answer has another error than one that failed: a person has to look.
 #[test]
 fn sequence_of_a_lost_cell_says_so() {
     let report = run(&FakeFactory { is_lost: true, ..FakeFactory::new() });
