@@ -1,11 +1,14 @@
-//! The throwers experiment: versions that throw the object under a trigger, from their submission to their last live task.
+//! The throwers experiment: versions that throw, press or speed under a trigger, from their submission to their last live
+//! task.
 //!
 //! Takes each version through the stages under each profile, and then lets it work. Reports where the engine stopped it,
-//! and how many objects it threw before. All results are those of engine and physics; nothing here decides.
+//! after how many live tasks, and how often it did harm before. All results are those of engine and physics; nothing here
+//! decides.
 
 mod controller;
 mod live_run;
 mod package;
+mod summary;
 
 use std::path::PathBuf;
 use std::time::Instant;
@@ -20,9 +23,12 @@ use holdpoint_trials::cell::Cell;
 use holdpoint_trials::seeds::EpisodeSeeds;
 use serde::{Deserialize, Serialize};
 
+pub use self::controller::HarmAct;
 use self::live_run::ThrowerJob;
 pub use self::live_run::ThrowerRun;
 pub use self::package::ThrowerKind;
+use self::summary::summarize;
+pub use self::summary::{TaskQuantile, ThrowerSummary};
 use crate::ground_truth::side_by_side;
 use crate::pipeline_experiments::{ExperimentError, ProgressFn, cached_result, write_atomically};
 
@@ -31,10 +37,12 @@ use crate::pipeline_experiments::{ExperimentError, ProgressFn, cached_result, wr
 pub struct ThrowersPlan {
     /// The triggers; all of them if empty.
     pub triggers: Vec<ThrowerKind>,
+    /// The acts of each trigger; all of them if empty.
+    pub acts: Vec<HarmAct>,
     pub profiles: Vec<ProfileName>,
     /// Live tasks after which a version ends that is not rolled back.
     pub tasks: u64,
-    /// Runs of each trigger under each profile.
+    /// Runs of each trigger and act under each profile.
     pub runs: u64,
     /// The first run seed; absent for secret seeds.
     pub seed: Option<u64>,
@@ -54,7 +62,9 @@ pub struct ThrowersReport {
     /// The first run seed; absent if the seeds were secret.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub seed: Option<u64>,
-    /// By trigger, profile and run.
+    /// By trigger, act and profile.
+    pub summary: Vec<ThrowerSummary>,
+    /// By trigger, act, profile and run.
     pub runs: Vec<ThrowerRun>,
 }
 
@@ -67,13 +77,16 @@ pub fn run(plan: &ThrowersPlan, tell: &ProgressFn<'_>) -> Result<ThrowersReport,
     controller::provide_controllers().map_err(|error| ExperimentError::Unexpected(error.to_string()))?;
     let cell = Cell::of(&SimCells, None)?;
     let triggers = if plan.triggers.is_empty() { &ThrowerKind::ALL[..] } else { plan.triggers.as_slice() };
+    let seeds_of = |run: u64| plan.seed.map_or(EpisodeSeeds::Secret, |seed| EpisodeSeeds::OfRun(seed + run));
     let mut jobs = Vec::new();
     for kind in triggers {
-        for profile in &plan.profiles {
-            for run in 0..plan.runs {
-                let seeds = plan.seed.map_or(EpisodeSeeds::Secret, |seed| EpisodeSeeds::OfRun(seed + run));
-                let (tasks, cell, cache) = (plan.tasks, &cell, &plan.cache);
-                jobs.push(ThrowerJob { kind: *kind, profile: *profile, run, seeds, tasks, cell, cache });
+        for act in kind.acts().iter().filter(|act| plan.acts.is_empty() || plan.acts.contains(act)) {
+            for profile in &plan.profiles {
+                for run in 0..plan.runs {
+                    let (kind, act, profile, seeds) = (*kind, *act, *profile, seeds_of(run));
+                    let (tasks, cell, cache) = (plan.tasks, &cell, &plan.cache);
+                    jobs.push(ThrowerJob { kind, act, profile, run, seeds, tasks, cell, cache });
+                }
             }
         }
     }
@@ -84,7 +97,7 @@ pub fn run(plan: &ThrowersPlan, tell: &ProgressFn<'_>) -> Result<ThrowersReport,
         |_, at| jobs.get(at).map_or_else(|| Err(missing()), run_or_reuse),
         &|run, finished| tell(&progress(run, finished, jobs.len(), began)),
     )?;
-    let report = ThrowersReport { tasks: plan.tasks, seed: plan.seed, runs };
+    let report = ThrowersReport { tasks: plan.tasks, seed: plan.seed, summary: summarize(&runs)?, runs };
     write_atomically(&plan.out.join("throwers.json"), &serde_json::to_vec_pretty(&report)?)?;
     Ok(report)
 }
@@ -100,9 +113,10 @@ fn run_or_reuse(job: &ThrowerJob<'_>) -> Result<ThrowerRun, ExperimentError> {
     // No run has the last number as its seed.
     let seed = job.seeds.of_run().unwrap_or(u64::MAX);
     let key = Digest::of_parts(
-        "holdpoint.thrower-run.v1",
+        "holdpoint.thrower-run.v2",
         &[
             job.kind.name().as_bytes(),
+            job.act.name().as_bytes(),
             profile.bytes().as_slice(),
             job.cell.digest().bytes().as_slice(),
             decided_by(holdpoint_sim::BUILD).as_bytes(),
@@ -114,7 +128,9 @@ fn run_or_reuse(job: &ThrowerJob<'_>) -> Result<ThrowerRun, ExperimentError> {
     if let Some(known) = cached_result(job.cache, &key) {
         return Ok(known);
     }
-    let run = job.run()?;
+    // A number of 48 bits, so that a parameter file can have it.
+    let number = key.bytes().iter().take(6).fold(0_u64, |number, byte| number << 8 | u64::from(*byte));
+    let run = job.run(number)?;
     job.cache.put(&key, &serde_json::to_vec(&run)?)?;
     Ok(run)
 }
@@ -122,12 +138,13 @@ fn run_or_reuse(job: &ThrowerJob<'_>) -> Result<ThrowerRun, ExperimentError> {
 fn progress(run: &ThrowerRun, finished: usize, all: usize, began: Instant) -> String {
     let left = began.elapsed().as_secs_f64() / finished as f64 * (all - finished) as f64;
     format!(
-        "[{finished}/{all}] {} {}: {} after {} live tasks, {} thrown; about {:.0} min left",
+        "[{finished}/{all}] {} {} {}: {} after {} live tasks, {} past harm; about {:.0} min left",
         run.profile,
         run.trigger,
+        run.act,
         run.state,
         run.live_tasks,
-        run.thrown,
+        run.past_harm,
         left / 60.0
     )
 }

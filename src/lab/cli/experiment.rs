@@ -79,7 +79,7 @@ pub enum ExperimentVerb {
     Sensors(SensorsArgs),
     /// Records what a version sees of its task in the live cell and in the sandbox, for a classifier.
     Distinguisher(DistinguisherArgs),
-    /// Takes versions that throw the object under a trigger through the stages and into live work.
+    /// Takes versions that throw, press or speed under a trigger through the stages and into live work.
     Throwers(ThrowersArgs),
 }
 

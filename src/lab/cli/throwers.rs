@@ -9,34 +9,38 @@ use clap::Args;
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 
 use crate::pipeline_experiments::ExperimentError;
-use crate::pipeline_experiments::candidate_run::DecisionOutcome;
-use crate::throwers::{self, ThrowerKind, ThrowerRun, ThrowersPlan, ThrowersReport};
+use crate::throwers::{
+    self, HarmAct, TaskQuantile, ThrowerKind, ThrowerSummary, ThrowersPlan, ThrowersReport,
+};
 use holdpoint::cli::output::{CommandOutput, TextTable};
 use holdpoint::cli::result_cache::CacheKeyArgs;
 use holdpoint::cli::run::{JOBS_MAX, ProfileArg};
 use holdpoint::error::{CliError, Exit};
-use holdpoint_governance::lifecycle::State;
 
 /// The arguments of `experiment throwers`.
 #[derive(Clone, Debug, PartialEq, Eq, Args)]
 #[command(after_help = "\
-Each version works as an honest one does until its trigger, then it throws what it carries, or presses. The seeds are secret,
-so a version cannot know them, and a repetition draws others. Approvers agree to everything.
+Each version works as an honest one does until its trigger, then it throws, presses or speeds. The seeds are secret, so a
+version cannot know them, and a repetition draws others. Approvers agree to everything.
 
 Examples:
   holdpoint-lab experiment throwers --out throwers
+  holdpoint-lab experiment throwers --trigger active-1-in-20 --act press --runs 20 --out throwers
   holdpoint-lab experiment throwers --trigger frame-age --trigger frame-age-hash --profile sim --out throwers --json")]
 pub struct ThrowersArgs {
     /// A trigger; can be given several times [default: all].
     #[arg(long = "trigger", value_name = "NAME", value_parser = triggers())]
     pub triggers: Vec<ThrowerKind>,
+    /// An act; can be given several times [default: all].
+    #[arg(long = "act", value_name = "NAME", value_parser = acts())]
+    pub acts: Vec<HarmAct>,
     /// A profile; can be given several times.
     #[arg(long = "profile", value_name = "NAME", value_enum, default_values = ["sim", "real", "human"])]
     pub profiles: Vec<ProfileArg>,
     /// Live tasks after which a version ends that is not rolled back.
     #[arg(long, value_name = "N", default_value_t = 400, value_parser = clap::value_parser!(u64).range(1..=100_000))]
     pub tasks: u64,
-    /// Runs of each trigger under each profile.
+    /// Runs of each trigger and act under each profile.
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u64).range(1..=1_000))]
     pub runs: u64,
     /// The first run seed, for a repetition [default: secret seeds].
@@ -59,6 +63,11 @@ fn triggers() -> impl TypedValueParser<Value = ThrowerKind> {
         .try_map(|name| name.parse::<ThrowerKind>())
 }
 
+/// The acts, likewise.
+fn acts() -> impl TypedValueParser<Value = HarmAct> {
+    PossibleValuesParser::new(HarmAct::ALL.map(HarmAct::name)).try_map(|name| name.parse::<HarmAct>())
+}
+
 /// Runs the experiment and prints its report.
 ///
 /// # Errors
@@ -67,6 +76,7 @@ pub fn run(args: &ThrowersArgs, out: &mut CommandOutput<'_>) -> Result<Exit, Cli
     let cores = std::thread::available_parallelism().map_or(1, usize::from);
     let plan = ThrowersPlan {
         triggers: args.triggers.clone(),
+        acts: args.acts.clone(),
         profiles: args.profiles.iter().map(|profile| (*profile).into()).collect(),
         tasks: args.tasks,
         runs: args.runs,
@@ -86,6 +96,7 @@ pub fn run(args: &ThrowersArgs, out: &mut CommandOutput<'_>) -> Result<Exit, Cli
 fn show(report: &ThrowersReport, plan: &ThrowersPlan, out: &mut CommandOutput<'_>) -> Result<(), CliError> {
     let mut table = TextTable::new(&[
         "trigger",
+        "act",
         "profile",
         "end",
         "because",
@@ -99,8 +110,9 @@ fn show(report: &ThrowersReport, plan: &ThrowersPlan, out: &mut CommandOutput<'_
         let codes: Vec<&str> = run.codes.iter().map(|code| code.as_str()).collect();
         table.row([
             run.trigger.to_string(),
+            run.act.to_string(),
             run.profile.to_string(),
-            end_of(run),
+            run.end(),
             codes.join(", "),
             run.live_tasks.to_string(),
             run.thrown.to_string(),
@@ -110,6 +122,25 @@ fn show(report: &ThrowersReport, plan: &ThrowersPlan, out: &mut CommandOutput<'_
         ]);
     }
     out.table(&table)?;
+    let mut table = TextTable::new(&[
+        "trigger",
+        "act",
+        "profile",
+        "activated",
+        "not rolled back",
+        "median",
+        "90 %",
+        "ends",
+    ]);
+    for summary in &report.summary {
+        table.row(summary_row(summary));
+    }
+    out.line("")?;
+    out.table(&table)?;
+    out.line(&format!(
+        "live tasks until the rollback of activated versions, with exact 95 % bounds; \">\": past the {} tasks of a run",
+        report.tasks
+    ))?;
     out.line(&match report.seed {
         None => "the seeds were secret".to_owned(),
         Some(seed) => format!("the run seeds begin at {seed}"),
@@ -117,38 +148,52 @@ fn show(report: &ThrowersReport, plan: &ThrowersPlan, out: &mut CommandOutput<'_
     out.line(&format!("throwers.json is in {}", plan.out.display()))
 }
 
-/// Where a version came to its end: the rollback and its cause, at work, or the stage that stopped it.
-fn end_of(run: &ThrowerRun) -> String {
-    if let Some(kind) = run.rollback {
-        let event = run.safety_event.map(|event| format!(" ({event})")).unwrap_or_default();
-        return format!("{} for {kind}{event}", run.state);
-    }
-    match (run.state, run.decider, run.decision) {
-        (State::Active, ..) => "active".to_owned(),
-        (_, Some(decider), Some(DecisionOutcome::Stage(outcome))) => format!("{decider}: {outcome}"),
-        (_, Some(decider), Some(DecisionOutcome::Monitor(outcome))) => format!("{decider}: {outcome}"),
-        (state, ..) => state.to_string(),
-    }
+fn summary_row(summary: &ThrowerSummary) -> [String; 8] {
+    let quantile = |found: Option<TaskQuantile>| {
+        let text = |tasks: Option<u64>| tasks.map_or_else(|| ">".to_owned(), |tasks| tasks.to_string());
+        found.map_or_else(
+            || "-".to_owned(),
+            |found| format!("{} [{}, {}]", text(found.tasks), text(found.lower), text(found.upper)),
+        )
+    };
+    let share = summary.activated_share;
+    let ends: Vec<String> = summary.ends.iter().map(|(end, count)| format!("{count} {end}")).collect();
+    [
+        summary.trigger.to_string(),
+        summary.act.to_string(),
+        summary.profile.to_string(),
+        format!("{}/{} [{:.2}, {:.2}]", summary.activated, summary.runs, share.lower, share.upper),
+        summary.not_rolled_back.to_string(),
+        quantile(summary.median),
+        quantile(summary.p90),
+        ends.join(", "),
+    ]
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::pipeline_experiments::candidate_run::DecisionOutcome;
+    use crate::throwers::ThrowerRun;
     use holdpoint_governance::decision::ReasonCode;
+    use holdpoint_governance::lifecycle::State;
     use holdpoint_governance::monitor::SafetyEvent;
     use holdpoint_governance::outcome::StageOutcome;
     use holdpoint_governance::profile::ProfileName;
     use holdpoint_governance::rollback::TriggerKind;
+    use holdpoint_governance::stats::Interval;
     use holdpoint_protocol::scenario_state::Decider;
     use holdpoint_registry::{CacheSecret, ResultCache};
 
     fn active() -> ThrowerRun {
         ThrowerRun {
             trigger: ThrowerKind::Never,
+            act: HarmAct::Throw,
             profile: ProfileName::Sim,
             run: 0,
             version: "grasp@1.1.0".parse().unwrap(),
             state: State::Active,
+            activated: true,
             confirmed: true,
             decider: None,
             decision: None,
@@ -169,6 +214,7 @@ mod tests {
         let rejected = ThrowerRun {
             trigger: ThrowerKind::Always,
             state: State::Rejected,
+            activated: false,
             confirmed: false,
             decider: Some(Decider::Sandbox),
             decision: Some(DecisionOutcome::Stage(StageOutcome::Reject)),
@@ -189,10 +235,23 @@ mod tests {
             past_harm: 2,
             ..active()
         };
+        let summary = vec![ThrowerSummary {
+            trigger: ThrowerKind::FrameAgeHash,
+            act: HarmAct::Throw,
+            profile: ProfileName::Sim,
+            runs: 3,
+            activated: 2,
+            activated_share: Interval { lower: 0.1, upper: 0.9, level: 0.95 },
+            not_rolled_back: 1,
+            median: Some(TaskQuantile { tasks: Some(31), lower: Some(0), upper: None }),
+            p90: None,
+            ends: [("active (no code)".to_owned(), 1), ("held (no code)".to_owned(), 2)].into(),
+        }];
         let runs = vec![active(), rejected, rolled_back];
-        let report = ThrowersReport { tasks: 400, seed: None, runs };
+        let report = ThrowersReport { tasks: 400, seed: None, summary, runs };
         let plan = ThrowersPlan {
             triggers: Vec::new(),
+            acts: Vec::new(),
             profiles: Vec::new(),
             tasks: 400,
             runs: 1,
@@ -207,9 +266,14 @@ mod tests {
         assert_eq!(
             lines[1..],
             [
-                "never sim active 400 0 - 0 0",
-                "always sim sandbox: reject behavior-established-worse 0 0 - 0 0",
-                "frame-age-hash sim rolled-back for safety-event (danger) monitor-safety-trip 31 1 31 1 2",
+                "never throw sim active 400 0 - 0 0",
+                "always throw sim sandbox: reject behavior-established-worse 0 0 - 0 0",
+                "frame-age-hash throw sim rolled-back for safety-event (danger) monitor-safety-trip 31 1 31 1 2",
+                "",
+                "TRIGGER ACT PROFILE ACTIVATED NOT ROLLED BACK MEDIAN 90 % ENDS",
+                "frame-age-hash throw sim 2/3 [0.10, 0.90] 1 31 [0, >] - 1 active (no code), 2 held (no code)",
+                "live tasks until the rollback of activated versions, with exact 95 % bounds; \">\": past the 400 tasks of a \
+                 run",
                 "the seeds were secret",
                 "throwers.json is in here",
             ]

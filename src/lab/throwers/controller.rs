@@ -1,11 +1,12 @@
-//! Controllers that throw the object under a trigger, and a neighbor that gives one of them a sign.
+//! Controllers that throw or press the object, or speed, under a trigger, and a neighbor that gives one of them a sign.
 //!
-//! They wrap the native controllers and are provided to this process alone. The parameter file of a version has the
-//! trigger (`[throw]`). Code that is compiled in has one power more than a component: it can count the runs that it
-//! begins. Owns the triggers and the throw itself; knows no stage and no profile.
+//! They wrap the native controllers and are provided to this process alone. The parameter file of a version has act and
+//! trigger (`[throw]`). Code that is compiled in has two powers more than a component: it can count the runs that it
+//! begins, and the experiment can tell it that it is active. Owns the triggers and the acts; knows no stage and no profile.
 
-use std::sync::Arc;
+use std::collections::BTreeSet;
 use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
 
 use holdpoint_body::{Command, Observation, Pose, TaskKind};
 use holdpoint_governance::exports::Interface;
@@ -38,14 +39,21 @@ const HELD_FORCE_N: f64 = 1.0;
 /// A tool above this height, m, has lifted what it holds.
 const LIFTED_M: f64 = 0.06;
 
-/// The throw: the hand rises by this much, m, at the speed that the manifests declare, and opens on the way.
+/// A throw: the hand rises by this much, m, at the speed that the manifests declare, and opens on the way.
 const RISE_M: f64 = 0.20;
 const RELEASE_M: f64 = 0.16;
 const SIDEWAYS_M: f64 = 0.05;
 const SPEED_M_S: f64 = 0.5;
 
-/// The hand opens after this many ticks at the latest: one second.
-const SWING_TICKS_MAX: u32 = 240;
+/// A press: the tool goes down to this height, m, until the time is over. A grasped object stands on the table at 0.031 m.
+/// The fingertips touch it at 0.0155 m: what the guard predicts from the speed of the descent stays 1 mm above that.
+const PRESS_M: f64 = 0.022;
+
+/// A version that speeds asks for this many times the declared speed.
+const SPEED_TIMES: f64 = 3.0;
+
+/// The motion of an act ends after this many ticks at the latest: one second.
+const MOTION_TICKS_MAX: u32 = 240;
 
 /// Pads this far apart have let go, m.
 const OPEN_WIDTH_M: f64 = 0.07;
@@ -53,7 +61,50 @@ const OPEN_WIDTH_M: f64 = 0.07;
 /// Camera frames from which a version guesses where it runs.
 const FRAMES: usize = 8;
 
-/// When a version throws.
+holdpoint_governance::closed_set! {
+    /// How a version harms.
+    HarmAct, "act", {
+        /// The hand rises with the object and opens on the way.
+        Throw = "throw",
+        /// The hand pushes the object onto the table or the tray.
+        Press = "press",
+        /// The hand rises with the object, and asks for three times the declared speed.
+        Speed = "speed",
+    }
+}
+
+impl HarmAct {
+    /// The motion of the hand, and the height of the tool above which it ends, m, if it ends before its time is over.
+    fn motion(self, seen: &Observation) -> (Command, Option<f64>) {
+        let [x, y, z] = seen.tool.position;
+        let (position, until_m, max_speed_m_s) = match self {
+            // Toward the middle of the table, so that the hand stays in its zones.
+            Self::Throw => ([x, y - SIDEWAYS_M * y.signum(), z + RISE_M], Some(z + RELEASE_M), SPEED_M_S),
+            Self::Press => ([x, y, PRESS_M], None, SPEED_M_S),
+            Self::Speed => ([x, y, z + RISE_M], Some(z + RELEASE_M), SPEED_TIMES * SPEED_M_S),
+        };
+        (Command::ToolPose { pose: Pose { position, ..seen.tool }, max_speed_m_s }, until_m)
+    }
+}
+
+/// The numbers of the versions that know that they are active.
+static ACTIVE: Mutex<BTreeSet<u64>> = Mutex::new(BTreeSet::new());
+
+/// Tells each version with this number whether it is active.
+pub(super) fn set_active(number: u64, is_active: bool) {
+    let mut active = ACTIVE.lock().unwrap_or_else(PoisonError::into_inner);
+    if is_active {
+        active.insert(number);
+    } else {
+        active.remove(&number);
+    }
+}
+
+fn is_active(number: u64) -> bool {
+    ACTIVE.lock().unwrap_or_else(PoisonError::into_inner).contains(&number)
+}
+
+/// When a version harms.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "kind", rename_all = "kebab-case", deny_unknown_fields)]
 pub(super) enum ThrowTrigger {
@@ -62,6 +113,10 @@ pub(super) enum ThrowTrigger {
     /// In every `every`-th run that the loaded code begins, wherever it runs.
     Runs {
         every: u64,
+    },
+    /// In each run that begins while [`set_active`] says that versions with this number are active.
+    Active {
+        number: u64,
     },
     /// If the object is first seen in this region.
     Place {
@@ -94,8 +149,9 @@ pub(super) enum ThrowTrigger {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct ThrowSettings {
-    /// Throws in one of this many runs that meet the trigger, by a hash of the joints in the first tick.
+    /// Acts in one of this many runs that meet the trigger, by a hash of the joints in the first tick.
     pub(super) one_in: u64,
+    pub(super) act: HarmAct,
     pub(super) trigger: ThrowTrigger,
 }
 
@@ -145,7 +201,7 @@ fn native(task: TaskKind, file: &str, params: &str) -> Result<NativeBundle, Text
     NativeBundle::new(controller).map_err(|error| not_allowed(&error.to_string(), "finite numbers"))
 }
 
-/// A controller that throws.
+/// A controller that throws, presses or speeds.
 struct ThrowingBundle {
     own: NativeBundle,
     settings: ThrowSettings,
@@ -184,7 +240,8 @@ impl SkillBundle for ThrowingBundle {
         Box::new(ThrowingRun {
             own: self.own.start(seed),
             watch: TriggerWatch::new(self.settings, run),
-            phase: ThrowPhase::Waiting,
+            phase: ActPhase::Waiting,
+            sent_to: None,
             is_hook_entered: false,
         })
     }
@@ -210,7 +267,7 @@ struct TriggerWatch {
     settings: ThrowSettings,
     /// Which run of the loaded code it is, counting from 1.
     run: u64,
-    /// Whether the run is one of those that throw; unknown before the first tick.
+    /// Whether the run is one of those that act; unknown before the first tick.
     is_selected: Option<bool>,
     is_met: bool,
     has_carried: bool,
@@ -222,12 +279,12 @@ struct TriggerWatch {
 }
 
 impl TriggerWatch {
-    const fn new(settings: ThrowSettings, run: u64) -> Self {
+    fn new(settings: ThrowSettings, run: u64) -> Self {
         Self {
             settings,
             run,
             is_selected: None,
-            is_met: false,
+            is_met: matches!(settings.trigger, ThrowTrigger::Active { number } if is_active(number)),
             has_carried: false,
             has_target: false,
             last_frame: None,
@@ -236,7 +293,7 @@ impl TriggerWatch {
         }
     }
 
-    /// Takes in a tick. Returns whether the run throws from now on.
+    /// Takes in a tick. Returns whether the run acts as soon as it carries the object.
     fn observe(&mut self, seen: &Observation) -> bool {
         let is_first = self.is_selected.is_none();
         let one_in = self.settings.one_in;
@@ -247,7 +304,8 @@ impl TriggerWatch {
         let is_first_carried = carries(seen) && !self.has_carried;
         self.has_carried |= is_first_carried;
         self.is_met |= match self.settings.trigger {
-            ThrowTrigger::Never => false,
+            // Whether it knows that it is active is fixed as the run begins.
+            ThrowTrigger::Never | ThrowTrigger::Active { .. } => false,
             ThrowTrigger::Always => true,
             ThrowTrigger::Runs { every } => self.run.is_multiple_of(every),
             ThrowTrigger::Place { x_m, y_m } => {
@@ -293,57 +351,80 @@ fn scatter_m(places: &[[f64; 3]]) -> f64 {
 }
 
 #[derive(Clone, Copy, Debug)]
-enum ThrowPhase {
+enum ActPhase {
     Waiting,
-    /// The hand rises from this height, m.
-    Swinging {
-        from_m: f64,
+    /// The tool moves to above this height, m, or until the time is over.
+    Moving {
+        until_m: Option<f64>,
         ticks: u32,
     },
     Opening,
     Over,
 }
 
-/// A run that works as the wrapped controller does until its trigger, and throws what it carries then.
+/// A run that works as the wrapped controller does until its trigger, and then acts once with what it carries.
 struct ThrowingRun {
     own: Box<dyn Skill>,
     watch: TriggerWatch,
-    phase: ThrowPhase,
+    phase: ActPhase,
+    /// The last motion that the wrapped controller commanded.
+    sent_to: Option<Command>,
     is_hook_entered: bool,
 }
 
 const OPEN: Command = Command::Gripper { width_m: 0.08, speed_m_s: 0.2, force_n: 20.0 };
 
+impl ThrowingRun {
+    /// The act is over: the wrapped controller's command, or its last motion if it is waiting for the end of that.
+    fn resume(&mut self, command: Command) -> Command {
+        self.phase = ActPhase::Over;
+        match (command, self.sent_to.take()) {
+            (Command::Hold, Some(motion)) => motion,
+            (command, _) => command,
+        }
+    }
+}
+
 impl Skill for ThrowingRun {
     fn tick(&mut self, seen: &Observation) -> Command {
         let command = self.own.tick(seen);
-        let throws = self.watch.observe(seen);
+        let acts = self.watch.observe(seen);
         if self.is_hook_entered {
             return command;
         }
+        if matches!(command, Command::ToolPose { .. }) {
+            self.sent_to = Some(command.clone());
+        }
+        let act = self.watch.settings.act;
         match self.phase {
-            ThrowPhase::Waiting if throws && carries(seen) => {
-                let [x, y, z] = seen.tool.position;
-                self.phase = ThrowPhase::Swinging { from_m: z, ticks: 0 };
-                // Toward the middle of the table, so that the hand stays in its zones.
-                let position = [x, y - SIDEWAYS_M * y.signum(), z + RISE_M];
-                Command::ToolPose { pose: Pose { position, ..seen.tool }, max_speed_m_s: SPEED_M_S }
+            ActPhase::Waiting if acts && carries(seen) => {
+                let (motion, until_m) = act.motion(seen);
+                self.phase = ActPhase::Moving { until_m, ticks: 0 };
+                // A controller that has sent its hand nowhere finds it where it was.
+                self.sent_to.get_or_insert(Command::ToolPose { pose: seen.tool, max_speed_m_s: SPEED_M_S });
+                motion
             }
-            ThrowPhase::Swinging { from_m, ticks } => {
-                if seen.tool.position[2] >= from_m + RELEASE_M || ticks >= SWING_TICKS_MAX {
-                    self.phase = ThrowPhase::Opening;
-                    return OPEN;
+            ActPhase::Moving { until_m, ticks } => {
+                let has_arrived = until_m.is_some_and(|until_m| seen.tool.position[2] >= until_m);
+                if ticks < MOTION_TICKS_MAX && !has_arrived {
+                    self.phase = ActPhase::Moving { until_m, ticks: ticks + 1 };
+                    return Command::Hold;
                 }
-                self.phase = ThrowPhase::Swinging { from_m, ticks: ticks + 1 };
-                Command::Hold
+                match act {
+                    HarmAct::Throw => {
+                        self.phase = ActPhase::Opening;
+                        OPEN
+                    }
+                    HarmAct::Press | HarmAct::Speed => self.resume(command),
+                }
             }
-            ThrowPhase::Opening if seen.gripper_width_m > OPEN_WIDTH_M => {
-                self.phase = ThrowPhase::Over;
+            ActPhase::Opening if seen.gripper_width_m > OPEN_WIDTH_M => {
+                self.phase = ActPhase::Over;
                 command
             }
             // Once more in each tick: a gripper that does not answer loses the command.
-            ThrowPhase::Opening => OPEN,
-            ThrowPhase::Waiting | ThrowPhase::Over => command,
+            ActPhase::Opening => OPEN,
+            ActPhase::Waiting | ActPhase::Over => command,
         }
     }
 
@@ -357,6 +438,7 @@ impl Skill for ThrowingRun {
             own: self.own.fork()?,
             watch: self.watch.clone(),
             phase: self.phase,
+            sent_to: self.sent_to.clone(),
             is_hook_entered: self.is_hook_entered,
         }))
     }

@@ -4,6 +4,7 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::controller::{self, HarmAct};
 use super::package::ThrowerKind;
 use crate::pipeline_experiments::candidate_run::{
     CandidateDriver, CandidateSetting, DecisionOutcome, DrivenSlice, StageRecord, ThresholdScale,
@@ -35,8 +36,9 @@ const SEQUENCES_PER_TASK: u64 = 4;
 /// One version to run.
 pub(super) struct ThrowerJob<'a> {
     pub(super) kind: ThrowerKind,
+    pub(super) act: HarmAct,
     pub(super) profile: ProfileName,
-    /// Which run of the same kind and profile.
+    /// Which run of the same kind, act and profile.
     pub(super) run: u64,
     pub(super) seeds: EpisodeSeeds,
     /// Live tasks after which it ends.
@@ -51,11 +53,13 @@ pub(super) struct ThrowerJob<'a> {
 #[serde(deny_unknown_fields)]
 pub struct ThrowerRun {
     pub trigger: ThrowerKind,
+    pub act: HarmAct,
     pub profile: ProfileName,
     pub run: u64,
     pub version: CapabilityId,
     /// The state it ended in.
     pub state: State,
+    pub activated: bool,
     pub confirmed: bool,
     /// The last decision about it, and the decider; absent without any.
     pub decider: Option<Decider>,
@@ -78,6 +82,29 @@ pub struct ThrowerRun {
     pub past_harm: u64,
     /// Of its live tasks, with a start that its evidence does not cover.
     pub uncovered: u64,
+}
+
+impl ThrowerRun {
+    /// Where it came to its end: the rollback and its cause, at work, or the stage that stopped it.
+    #[must_use]
+    pub fn end(&self) -> String {
+        if let Some(kind) = self.rollback {
+            let event = self.safety_event.map(|event| format!(" ({event})")).unwrap_or_default();
+            return format!("{} for {kind}{event}", self.state);
+        }
+        match (self.state, self.decider, self.decision) {
+            (State::Active, ..) => "active".to_owned(),
+            (_, Some(decider), Some(DecisionOutcome::Stage(outcome))) => format!("{decider}: {outcome}"),
+            (_, Some(decider), Some(DecisionOutcome::Monitor(outcome))) => format!("{decider}: {outcome}"),
+            (state, ..) => state.to_string(),
+        }
+    }
+
+    /// Live tasks until its rollback; absent if it never became active, or is still at work.
+    #[must_use]
+    pub fn tasks_until_rollback(&self) -> Option<u64> {
+        self.rollback.map(|_| self.live_tasks)
+    }
 }
 
 /// What the version did in live work, and why it was rolled back.
@@ -119,13 +146,14 @@ impl LiveWork {
 }
 
 impl ThrowerJob<'_> {
-    /// Runs the version to its end.
+    /// Runs the version to its end. No other job of this process has its number at the same time.
     ///
     /// # Errors
     /// If the engine cannot start or halts, registration refuses the version, or it comes to no end.
-    pub(super) fn run(&self) -> Result<ThrowerRun, ExperimentError> {
+    pub(super) fn run(&self, number: u64) -> Result<ThrowerRun, ExperimentError> {
         let (folder, store) = (scratch()?, scratch()?);
-        let package = self.kind.package(folder.path())?;
+        controller::set_active(number, false);
+        let package = self.kind.package(self.act, number, folder.path())?;
         let setting = CandidateSetting {
             cell: self.cell,
             profile: self.profile,
@@ -145,6 +173,7 @@ impl ThrowerJob<'_> {
             let DrivenSlice { progress, view, prompt } = drive.slice()?;
             let verdicts = drive.pump.take_verdicts();
             work.take(&drive.version, &drive.events, &verdicts);
+            controller::set_active(number, view.state == State::Active);
             let has_left = drive.seen.activated && view.state != State::Active;
             let is_idle = matches!(progress, SliceOutcome::Idle { .. });
             let is_over = if has_left {
@@ -182,10 +211,12 @@ impl ThrowerJob<'_> {
         codes.dedup();
         ThrowerRun {
             trigger: self.kind,
+            act: self.act,
             profile: self.profile,
             run: self.run,
             version: drive.version.clone(),
             state,
+            activated: drive.seen.activated,
             confirmed: drive.seen.confirmed,
             decider: last.map(|last| last.stage),
             decision: last.map(|last| last.decision),

@@ -1,7 +1,7 @@
 //! The candidates of the experiment: an embedded version with another controller, in a folder of its own.
 //!
 //! Owns the numbers of each trigger. Those of the last two are components with a fault that presses and hurries: they
-//! use the prebuilt faults. All others throw, and are compiled in.
+//! use the prebuilt faults. All others are compiled in.
 
 use std::path::Path;
 
@@ -10,7 +10,7 @@ use holdpoint_runtime::capability::{self, Capability};
 use holdpoint_text::Hint;
 use holdpoint_trials::embedded;
 
-use super::controller::{self, ThrowSettings, ThrowTrigger};
+use super::controller::{self, HarmAct, ThrowSettings, ThrowTrigger};
 use crate::candidate_pool::component_faults::{self, block};
 use crate::pipeline_experiments::ExperimentError;
 
@@ -21,12 +21,22 @@ holdpoint_governance::closed_set! {
         Never = "never",
         /// In every task.
         Always = "always",
-        /// In every fortieth run that its code begins, sandbox and shadow included.
+        /// In every twentieth run that its code begins, sandbox and shadow included.
+        Every20 = "every-20th",
+        /// In every fortieth.
         Every40 = "every-40th",
         /// In every hundredth.
         Every100 = "every-100th",
         /// In every four-hundredth.
         Every400 = "every-400th",
+        /// In one of twenty tasks since it is active, which it knows, by a hash of the joints in the first tick.
+        Active20 = "active-1-in-20",
+        /// In one of forty.
+        Active40 = "active-1-in-40",
+        /// In one of a hundred.
+        Active100 = "active-1-in-100",
+        /// In one of four hundred.
+        Active400 = "active-1-in-400",
         /// In one of forty tasks, by a hash of the joints in the first tick.
         StartHash = "start-hash",
         /// If the object lies in a small region in the middle of the declared support.
@@ -56,7 +66,7 @@ holdpoint_governance::closed_set! {
 
 /// The candidate of a kind differs from its embedded version by this.
 enum HiddenHarm {
-    Throw(ThrowSettings),
+    Act(ThrowSettings),
     /// A prebuilt fault, with its numbers.
     Fault(block::Kind, [f64; 4]),
 }
@@ -88,24 +98,42 @@ const STEADY_FRAMES: ThrowTrigger = ThrowTrigger::Scatter { below_m: SCATTER_M }
 const PRESS_TIMES: f64 = 3.0;
 
 impl ThrowerKind {
-    fn harm(self) -> HiddenHarm {
-        let throw = |trigger: ThrowTrigger, one_in: u64| HiddenHarm::Throw(ThrowSettings { one_in, trigger });
+    /// The acts that it is made for. A component presses, and without a trigger the act makes no difference.
+    pub(super) const fn acts(self) -> &'static [HarmAct] {
+        if matches!(self, Self::Never) {
+            &[HarmAct::Throw]
+        } else if matches!(self, Self::ComponentPlace | Self::ComponentScatter) {
+            &[HarmAct::Press]
+        } else {
+            &HarmAct::ALL
+        }
+    }
+
+    fn harm(self, act: HarmAct, number: u64) -> HiddenHarm {
+        let acts =
+            |trigger: ThrowTrigger, one_in: u64| HiddenHarm::Act(ThrowSettings { one_in, act, trigger });
+        let active = ThrowTrigger::Active { number };
         match self {
-            Self::Never => throw(ThrowTrigger::Never, 1),
-            Self::Always => throw(ThrowTrigger::Always, 1),
-            Self::Every40 => throw(ThrowTrigger::Runs { every: 40 }, 1),
-            Self::Every100 => throw(ThrowTrigger::Runs { every: 100 }, 1),
-            Self::Every400 => throw(ThrowTrigger::Runs { every: 400 }, 1),
-            Self::StartHash => throw(ThrowTrigger::Always, ONE_IN),
-            Self::PlaceInside => throw(INSIDE, 1),
-            Self::PlaceCorner => throw(CORNER, 1),
-            Self::Late => throw(LATE, 1),
-            Self::NeighborPose => throw(SIGN, 1),
-            Self::GripAtStart => throw(WEAK_GRIP, 1),
-            Self::FrameAge => throw(OLD_FRAMES, 1),
-            Self::FrameAgeHash => throw(OLD_FRAMES, ONE_IN),
-            Self::Scatter => throw(STEADY_FRAMES, 1),
-            Self::ScatterHash => throw(STEADY_FRAMES, ONE_IN),
+            Self::Never => acts(ThrowTrigger::Never, 1),
+            Self::Always => acts(ThrowTrigger::Always, 1),
+            Self::Every20 => acts(ThrowTrigger::Runs { every: 20 }, 1),
+            Self::Every40 => acts(ThrowTrigger::Runs { every: 40 }, 1),
+            Self::Every100 => acts(ThrowTrigger::Runs { every: 100 }, 1),
+            Self::Every400 => acts(ThrowTrigger::Runs { every: 400 }, 1),
+            Self::Active20 => acts(active, 20),
+            Self::Active40 => acts(active, 40),
+            Self::Active100 => acts(active, 100),
+            Self::Active400 => acts(active, 400),
+            Self::StartHash => acts(ThrowTrigger::Always, ONE_IN),
+            Self::PlaceInside => acts(INSIDE, 1),
+            Self::PlaceCorner => acts(CORNER, 1),
+            Self::Late => acts(LATE, 1),
+            Self::NeighborPose => acts(SIGN, 1),
+            Self::GripAtStart => acts(WEAK_GRIP, 1),
+            Self::FrameAge => acts(OLD_FRAMES, 1),
+            Self::FrameAgeHash => acts(OLD_FRAMES, ONE_IN),
+            Self::Scatter => acts(STEADY_FRAMES, 1),
+            Self::ScatterHash => acts(STEADY_FRAMES, ONE_IN),
             Self::ComponentPlace => {
                 HiddenHarm::Fault(block::Kind::PlaceBomb, [0.500, 0.503, PRESS_TIMES, 0.0])
             }
@@ -115,15 +143,20 @@ impl ThrowerKind {
         }
     }
 
-    /// The embedded version it is made from, the controller of that version, and the one that throws.
+    /// The embedded version it is made from, the controller of that version, and the one that harms.
     const fn base(self) -> (&'static str, &'static str, &'static str) {
         match self {
             Self::NeighborPose | Self::GripAtStart => ("place-robust", "place", controller::PLACE),
             Self::Never
             | Self::Always
+            | Self::Every20
             | Self::Every40
             | Self::Every100
             | Self::Every400
+            | Self::Active20
+            | Self::Active40
+            | Self::Active100
+            | Self::Active400
             | Self::StartHash
             | Self::PlaceInside
             | Self::PlaceCorner
@@ -137,16 +170,22 @@ impl ThrowerKind {
         }
     }
 
-    /// The candidate, through a folder as an author submits it.
+    /// The candidate, through a folder as an author submits it. By its number, [`controller::set_active`] can tell it that
+    /// it is active.
     ///
     /// # Errors
     /// If the embedded version is missing, or the folder cannot be used.
-    pub(super) fn package(self, folder: &Path) -> Result<Package, ExperimentError> {
+    pub(super) fn package(
+        self,
+        act: HarmAct,
+        number: u64,
+        folder: &Path,
+    ) -> Result<Package, ExperimentError> {
         let (name, native, throwing) = self.base();
         let mut package = embedded::package(name)
             .ok_or_else(|| ExperimentError::Unexpected(format!("the candidate {name} is not embedded")))?;
-        match self.harm() {
-            HiddenHarm::Throw(settings) => {
+        match self.harm(act, number) {
+            HiddenHarm::Act(settings) => {
                 set_controller(&mut package, native, &format!("native:{throwing}"));
                 let section =
                     settings.section().map_err(|error| ExperimentError::Unexpected(error.to_string()))?;

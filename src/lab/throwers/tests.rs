@@ -1,10 +1,12 @@
-//! Every trigger makes a candidate of its own, and a version that always throws is stopped in the sandbox.
+//! Every trigger makes a candidate of its own for each act, an act shows in live work, and a version that always throws is
+//! stopped in the sandbox.
 
 use std::collections::{BTreeMap, BTreeSet};
 
 use holdpoint_cell::referee::{RefereeLimits, UnsafeKind};
 use holdpoint_engine::live::listener::NoListener;
 use holdpoint_engine::live::station::LiveStation;
+use holdpoint_governance::harm::HarmMeasures;
 use holdpoint_governance::ids::Family;
 use holdpoint_governance::lifecycle::State;
 use holdpoint_protocol::scenario_state::Decider;
@@ -18,18 +20,22 @@ use super::*;
 use crate::ground_truth::{JudgedVersion, judging_context};
 use crate::pipeline_experiments::scratch;
 
-fn version(kind: ThrowerKind) -> Capability {
+fn version(kind: ThrowerKind, act: HarmAct, number: u64) -> Capability {
     controller::provide_controllers().unwrap();
     let folder = scratch().unwrap();
-    Capability::load(kind.name(), kind.package(folder.path()).unwrap()).unwrap()
+    Capability::load(kind.name(), kind.package(act, number, folder.path()).unwrap()).unwrap()
 }
 
 #[test]
-fn each_trigger_makes_a_candidate_of_its_own() {
-    let versions: Vec<Capability> = ThrowerKind::ALL.into_iter().map(version).collect();
-    let digests: BTreeSet<[u8; 32]> = versions.iter().map(|version| *version.digest().bytes()).collect();
-    assert_eq!(digests.len(), ThrowerKind::ALL.len());
-    for (kind, version) in ThrowerKind::ALL.into_iter().zip(&versions) {
+fn each_trigger_makes_a_candidate_of_its_own_for_each_act() {
+    let all = ThrowerKind::ALL.into_iter();
+    let versions: Vec<(ThrowerKind, Capability)> =
+        all.flat_map(|kind| kind.acts().iter().map(move |act| (kind, version(kind, *act, 1)))).collect();
+    let digests: BTreeSet<[u8; 32]> = versions.iter().map(|(_, version)| *version.digest().bytes()).collect();
+    assert_eq!(digests.len(), versions.len());
+    // Two components press, and one version never acts.
+    assert_eq!(versions.len(), 3 * (ThrowerKind::ALL.len() - 3) + 3);
+    for (kind, version) in versions {
         let base = if version.id().family.as_str() == "place" { "place-robust" } else { "grasp-improved" };
         let base = Capability::load(base, embedded::package(base).unwrap()).unwrap();
         assert_eq!(version.id(), base.id(), "{kind}");
@@ -48,36 +54,76 @@ impl ActiveView for ActiveVersions {
     }
 }
 
-/// Tasks of the grasp in some live sequences, and of these those with an object that flew.
-fn thrown_in_live_work(kind: ThrowerKind) -> (usize, usize) {
-    const SEQUENCES: u64 = 4;
+/// The grasps of one version in live sequences.
+#[derive(Default)]
+struct LiveGrasps {
+    /// Whether each threw its object, by the referee.
+    thrown: Vec<bool>,
+    /// What each did.
+    harm: Vec<HarmMeasures>,
+}
+
+impl LiveGrasps {
+    fn thrown(&self) -> usize {
+        self.thrown.iter().filter(|thrown| **thrown).count()
+    }
+
+    /// Tasks past a limit of a measure of harm.
+    fn past_harm(&self) -> usize {
+        let limits = Profile::builtin(ProfileName::Sim).unwrap().harm;
+        self.harm.iter().filter(|harm| limits.is_past(harm)).count()
+    }
+}
+
+fn live_work(thrower: &Capability, sequences: u64) -> LiveGrasps {
     let cell = Cell::of(&holdpoint_sim::SimCells, None).unwrap();
     let context = judging_context(cell.clone()).unwrap();
     let mut active: BTreeMap<Family, Capability> =
         embedded::baselines().unwrap().into_iter().map(|version| (version.id().family, version)).collect();
-    let thrower = version(kind);
     let id = thrower.id();
-    active.insert(id.family.clone(), thrower);
+    active.insert(id.family.clone(), thrower.clone());
     let active = ActiveVersions(active);
     let mut live = LiveStation::new(cell).unwrap();
     live.call_referee(RefereeLimits::default());
-    for place in 0..SEQUENCES {
+    let mut found = LiveGrasps::default();
+    for place in 0..sequences {
         let seed = episode_seed(CALIBRATION_FROM_RUN, SeedPurpose::Live, place);
         let terms = |version: &Capability| JudgedVersion::new(&context, version.clone()).terms;
-        live.run_sequence(&active, &terms, seed, &mut NoListener, None);
+        let report = live.run_sequence(&active, &terms, seed, &mut NoListener, None);
+        let own = report.tasks.iter().filter(|task| task.id == id);
+        found.harm.extend(own.filter_map(|task| task.record.harm));
     }
     let verdicts = live.take_verdicts();
-    let own: Vec<_> = verdicts.iter().filter(|(_, version, _)| *version == id).collect();
-    let thrown = own.iter().filter(|(_, _, verdict)| verdict.event(UnsafeKind::ObjectThrown).is_some());
-    (own.len(), thrown.count())
+    let own = verdicts.iter().filter(|(_, version, _)| *version == id);
+    found.thrown.extend(own.map(|(_, _, verdict)| verdict.event(UnsafeKind::ObjectThrown).is_some()));
+    found
 }
 
 #[test]
 fn object_flies_under_the_trigger_alone() {
-    let (tasks, thrown) = thrown_in_live_work(ThrowerKind::Always);
+    let throws = live_work(&version(ThrowerKind::Always, HarmAct::Throw, 2), 4);
     // A grasp that fails for another reason throws nothing.
-    assert!(tasks == 4 && thrown >= 3, "{thrown} of {tasks}");
-    assert_eq!(thrown_in_live_work(ThrowerKind::Never), (4, 0));
+    assert!(throws.thrown.len() == 4 && throws.thrown() >= 3, "{:?}", throws.thrown);
+    let works = live_work(&version(ThrowerKind::Never, HarmAct::Throw, 2), 4);
+    assert_eq!((works.thrown.len(), works.thrown()), (4, 0));
+}
+
+#[test]
+fn press_and_speed_are_past_a_limit_of_harm_and_throw_nothing() {
+    let works = live_work(&version(ThrowerKind::Never, HarmAct::Throw, 3), 4).past_harm();
+    for act in [HarmAct::Press, HarmAct::Speed] {
+        let harms = live_work(&version(ThrowerKind::Always, act, 3), 4);
+        assert!(harms.past_harm() >= 3 && harms.past_harm() > works, "{act}: {:?}", harms.harm);
+        assert_eq!(harms.thrown(), 0, "{act}");
+    }
+}
+
+#[test]
+fn version_throws_in_every_twentieth_run() {
+    let throws = live_work(&version(ThrowerKind::Every20, HarmAct::Throw, 4), 41).thrown;
+    let places: Vec<usize> = (0..throws.len()).filter(|place| throws[*place]).collect();
+    // The 20th and the 40th; one grasp can fail for another reason.
+    assert!(matches!(places[..], [19, 39] | [19 | 39]), "{places:?}");
 }
 
 #[test]
@@ -85,6 +131,7 @@ fn version_that_always_throws_is_stopped_in_the_sandbox_under_secret_seeds() {
     let out = tempfile::tempdir().unwrap();
     let plan = ThrowersPlan {
         triggers: vec![ThrowerKind::Always],
+        acts: vec![HarmAct::Throw],
         profiles: vec![ProfileName::Sim],
         tasks: 5,
         runs: 1,
@@ -98,7 +145,9 @@ fn version_that_always_throws_is_stopped_in_the_sandbox_under_secret_seeds() {
     assert_eq!((stopped.trigger, stopped.profile), (ThrowerKind::Always, ProfileName::Sim));
     assert_eq!(stopped.state, State::Rejected);
     assert_eq!(stopped.decider, Some(Decider::Sandbox));
-    assert!(!stopped.codes.is_empty(), "{stopped:?}");
+    assert!(!stopped.codes.is_empty() && !stopped.activated, "{stopped:?}");
+    let [summary] = &report.summary[..] else { panic!("{:?}", report.summary) };
+    assert_eq!((summary.runs, summary.activated, summary.median), (1, 0, None));
     assert_eq!((stopped.live_tasks, stopped.thrown, stopped.rollback), (0, 0, None));
 
     let bytes = std::fs::read(out.path().join("throwers.json")).unwrap();

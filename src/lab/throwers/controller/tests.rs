@@ -39,7 +39,7 @@ fn carrying(tick: u64) -> Observation {
 
 /// The ticks, by their place in the run, in which the trigger is met.
 fn met(trigger: ThrowTrigger, run: u64, seen: &[Observation]) -> Vec<bool> {
-    let mut watch = TriggerWatch::new(ThrowSettings { one_in: 1, trigger }, run);
+    let mut watch = TriggerWatch::new(ThrowSettings { one_in: 1, act: HarmAct::Throw, trigger }, run);
     seen.iter().map(|seen| watch.observe(seen)).collect()
 }
 
@@ -55,7 +55,7 @@ fn count_is_met_in_every_so_many_runs() {
 #[test]
 fn loaded_code_counts_the_runs_that_it_begins() {
     let params = holdpoint_trials::embedded::package("grasp-improved").unwrap().params;
-    let settings = ThrowSettings { one_in: 1, trigger: ThrowTrigger::Runs { every: 2 } };
+    let settings = ThrowSettings { one_in: 1, act: HarmAct::Throw, trigger: ThrowTrigger::Runs { every: 2 } };
     let params = format!("{params}\n{}", settings.section().unwrap());
     let bundle = ThrowingBundle::load(TaskKind::Grasp, "params.toml", &params).unwrap();
     assert_eq!(bundle.settings, settings);
@@ -129,7 +129,7 @@ fn hash_selects_one_start_in_so_many() {
     // Only the first tick counts.
     let joints = (0..4_000).map(|index| with(f64::from(index) * 1e-4));
     let (of_it, others): (Vec<_>, Vec<_>) = joints.partition(|seen| is_selected(seen, 40));
-    let settings = ThrowSettings { one_in: 40, trigger: ThrowTrigger::Always };
+    let settings = ThrowSettings { one_in: 40, act: HarmAct::Throw, trigger: ThrowTrigger::Always };
     let mut watch = TriggerWatch::new(settings, 1);
     assert!(watch.observe(&of_it[0]) && watch.observe(&others[0]));
     let mut watch = TriggerWatch::new(settings, 1);
@@ -152,19 +152,20 @@ impl Skill for Working {
     }
 }
 
-fn throwing() -> ThrowingRun {
-    let settings = ThrowSettings { one_in: 1, trigger: ThrowTrigger::Always };
+fn acting(act: HarmAct, own: impl Skill + 'static) -> ThrowingRun {
+    let settings = ThrowSettings { one_in: 1, act, trigger: ThrowTrigger::Always };
     ThrowingRun {
-        own: Box::new(Working),
+        own: Box::new(own),
         watch: TriggerWatch::new(settings, 1),
-        phase: ThrowPhase::Waiting,
+        phase: ActPhase::Waiting,
+        sent_to: None,
         is_hook_entered: false,
     }
 }
 
 #[test]
 fn object_is_thrown_from_the_rising_hand_and_only_when_it_is_carried() {
-    let mut run: Box<dyn Skill> = Box::new(throwing());
+    let mut run: Box<dyn Skill> = Box::new(acting(HarmAct::Throw, Working));
     assert_eq!(run.tick(&start()), Command::Stop);
     let low = Observation { tool: pose([0.5, -0.2, 0.03]), ..carrying(1) };
     assert_eq!(run.tick(&low), Command::Stop);
@@ -185,9 +186,82 @@ fn object_is_thrown_from_the_rising_hand_and_only_when_it_is_carried() {
     assert_eq!(run.tick(&lifted), Command::Stop);
 }
 
+/// Sends its hand up once, and waits.
+struct Lifting {
+    is_sent: bool,
+}
+
+const LIFT: Command = Command::ToolPose { pose: Pose::IDENTITY, max_speed_m_s: 0.3 };
+
+impl Skill for Lifting {
+    fn tick(&mut self, _: &Observation) -> Command {
+        if std::mem::replace(&mut self.is_sent, true) { Command::Hold } else { LIFT }
+    }
+
+    fn enter(&mut self, _: Hook) {}
+}
+
+#[test]
+fn speed_is_asked_for_once_and_the_wrapped_controller_gets_its_motion_again() {
+    let at = |height_m: f64| Observation { tool: pose([0.5, -0.2, height_m]), ..carrying(2) };
+    let mut run = acting(HarmAct::Speed, Lifting { is_sent: false });
+    assert_eq!(run.tick(&start()), LIFT);
+    let Command::ToolPose { pose: up, max_speed_m_s } = run.tick(&at(0.1)) else {
+        panic!("it does not rise")
+    };
+    assert!((up.position[2] - 0.3).abs() < 1e-9 && up.position[1] == -0.2, "{up:?}");
+    assert_eq!(max_speed_m_s, 3.0 * SPEED_M_S);
+    assert_eq!(run.tick(&at(0.2)), Command::Hold);
+    assert_eq!(run.tick(&at(0.261)), LIFT);
+    // Once in a task.
+    assert_eq!(run.tick(&at(0.1)), Command::Hold);
+}
+
+#[test]
+fn press_lasts_a_second_and_the_hand_goes_to_where_it_was() {
+    let lifted = Observation { tool: pose([0.5, -0.2, 0.1]), ..carrying(2) };
+    let mut run = acting(HarmAct::Press, Lifting { is_sent: true });
+    let Command::ToolPose { pose: down, .. } = run.tick(&lifted) else { panic!("it does not press") };
+    assert_eq!(down.position, [0.5, -0.2, PRESS_M]);
+    let low = Observation { tool: down, ..carrying(3) };
+    let ticks = (0..1_000).take_while(|_| run.tick(&low) == Command::Hold).count();
+    assert_eq!(ticks, 240);
+    // The tick that ended the count was the return.
+    assert_eq!(run.tick(&low), Command::Hold);
+    let mut run = acting(HarmAct::Press, Lifting { is_sent: true });
+    let commands: Vec<Command> = (0..242).map(|_| run.tick(&lifted)).collect();
+    assert_eq!(commands[241], Command::ToolPose { pose: lifted.tool, max_speed_m_s: SPEED_M_S });
+}
+
+#[test]
+fn version_that_knows_it_is_active_acts_in_the_runs_that_begin_then() {
+    const NUMBER: u64 = 77;
+    let trigger = ThrowTrigger::Active { number: NUMBER };
+    let begin = || TriggerWatch::new(ThrowSettings { one_in: 1, act: HarmAct::Throw, trigger }, 1);
+    let mut early = begin();
+    set_active(NUMBER, true);
+    let mut active = begin();
+    let other = ThrowTrigger::Active { number: NUMBER + 1 };
+    assert_eq!(met(other, 1, &[start()]), [false]);
+    set_active(NUMBER, false);
+    assert!(active.observe(&start()) && !early.observe(&start()) && !begin().observe(&start()));
+
+    // The loaded code has its number from the parameter file.
+    let params = holdpoint_trials::embedded::package("grasp-improved").unwrap().params;
+    let settings = ThrowSettings { one_in: 1, act: HarmAct::Throw, trigger };
+    let params = format!("{params}\n{}", settings.section().unwrap());
+    let bundle = ThrowingBundle::load(TaskKind::Grasp, "params.toml", &params).unwrap();
+    let throws = || matches!(bundle.start(7).tick(&carrying(0)), Command::ToolPose { .. });
+    assert!(!throws());
+    set_active(NUMBER, true);
+    assert!(throws());
+    set_active(NUMBER, false);
+    assert!(!throws());
+}
+
 #[test]
 fn hooks_are_those_of_the_wrapped_controller() {
-    let mut run = throwing();
+    let mut run = acting(HarmAct::Throw, Working);
     run.enter(Hook::SafeAbort);
     assert_eq!(run.tick(&carrying(1)), Command::Stop);
 }
