@@ -1,7 +1,8 @@
 //! Whether an engine starts with the cell stopped, by the state that the previous one left.
 //!
-//! Under `real` and `human` an engine records that it begins to run the cell, and that it ended cleanly. A beginning
-//! without an end is a sudden end: a kill, a panic, a power cut. The state of the cell is then unknown.
+//! An engine records that it begins to run the cell, and that it ended cleanly. A beginning without an end is a sudden end:
+//! a kill, a panic, a power cut. The state of the cell is then unknown, whatever the profile. Under `sim`, an engine with
+//! known seeds records neither: it is an experiment or a demonstration, whose records are equal in every run.
 
 use super::profile::ProfileName;
 
@@ -18,18 +19,18 @@ crate::closed_set! {
 /// The audit chain's account of the last engine that ran the cell.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum LastEngineRun {
-    /// It ended cleanly, or none recorded that it began. An engine under `sim`, of a script, or of an earlier version
-    /// records neither: a stop is then on record itself, or in a mark.
+    /// It ended cleanly, or none recorded that it began. An engine of a script, one with known seeds under `sim`, or one of
+    /// an earlier version records neither: a stop is then on record itself, or in a mark.
     Ended,
     /// It began, and did not end.
     Began,
 }
 
-/// Whether an engine under this profile records that it runs the cell.
+/// Whether an engine under this profile records that it runs the cell. Consoles and services have secret seeds.
 #[must_use]
-pub const fn records_run_end(profile: ProfileName) -> bool {
+pub const fn records_run_end(profile: ProfileName, has_secret_seeds: bool) -> bool {
     match profile {
-        ProfileName::Sim => false,
+        ProfileName::Sim => has_secret_seeds,
         ProfileName::Real | ProfileName::Human => true,
     }
 }
@@ -59,6 +60,8 @@ mod tests {
         ] {
             assert_eq!(start_stopped_reason(last, marked), why, "{last:?}, marked: {marked}");
         }
-        assert_eq!(ProfileName::ALL.map(records_run_end), [false, true, true]);
+        for (has_secret_seeds, records) in [(true, [true; 3]), (false, [false, true, true])] {
+            assert_eq!(ProfileName::ALL.map(|profile| records_run_end(profile, has_secret_seeds)), records);
+        }
     }
 }

@@ -188,7 +188,9 @@ pub(crate) fn begin_work(
     world: &mut LiveWorld,
     profile: ProfileName,
 ) -> Result<(), StoreError> {
-    if world.at_work || world.is_halted() || record.clock().is_scripted() || !records_run_end(profile) {
+    let has_secret_seeds = record.seeds().of_run().is_none();
+    let records = !record.clock().is_scripted() && records_run_end(profile, has_secret_seeds);
+    if world.at_work || world.is_halted() || !records {
         return Ok(());
     }
     let clock = record.version_table().wall().reading();
