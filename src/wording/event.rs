@@ -250,11 +250,12 @@ fn text(kind: &EventKind) -> String {
         EventKind::HarmPastLimit { version, task, sequence, past, danger, tasks_past } => {
             let measures: Vec<String> = past.iter().map(harm_past).collect();
             let of_sequence = sequence.map_or_else(String::new, |sequence| format!(", sequence {sequence}"));
-            let danger = if *danger { "; DANGER to people" } else { "" };
+            // A safety event opens an alarm; a task past a limit alone does not, and the line says so.
+            let then = if *danger { "DANGER to people" } else { "counted, no alarm by itself" };
             format!(
-                "harm     {version}: {} in live task {task}{of_sequence}; {tasks_past} of {task} past a \
-                 limit{danger}",
-                measures.join(", ")
+                "harm     {version}: {} in live task {task}{of_sequence}; {tasks_past} of {task} tasks past a \
+                 harm limit; {then}",
+                measures.join("; ")
             )
         }
         EventKind::SensesCommissioned { tasks, picture_jitter_m, pictures_missing } => format!(
@@ -434,15 +435,26 @@ mod tests {
 
     #[test]
     fn live_task_past_a_limit_names_measures_values_and_counts() {
+        let line = |json: &str| {
+            let kind: EventKind = serde_json::from_str(json).unwrap();
+            sentence(&Event { seq: 1, at_ms: 0, kind }, LINE_WIDTH_MAX).as_str().to_owned()
+        };
         let json = r#"{"event":"harm-past-limit","version":"place@1.0.0","task":107,"danger":true,"tasks_past":3,
             "past":[{"measure":"landing-speed","value":2.31,"limit":0.3,"unit":"m/s"},
                     {"measure":"drop-height","value":0.27,"limit":0.01,"unit":"m"}]}"#;
-        let kind: EventKind = serde_json::from_str(json).unwrap();
-        let line = sentence(&Event { seq: 1, at_ms: 0, kind }, LINE_WIDTH_MAX);
         assert_eq!(
-            line.as_str(),
-            "harm     place@1.0.0: speed of the object at landing 2.310 m/s (limit 0.300 m/s), fall of the object \
-             0.2700 m (limit 0.0100 m) in live task 107; 3 of 107 past a limit; DANGER to people"
+            line(json),
+            "harm     place@1.0.0: speed of the object at landing 2.310 m/s, above its harm limit 0.300 m/s; fall of \
+             the object 0.2700 m, above its harm limit 0.0100 m in live task 107; 3 of 107 tasks past a harm limit; \
+             DANGER to people"
+        );
+        // A distance is past its limit where it is less; and no alarm stands beside the line.
+        let json = r#"{"event":"harm-past-limit","version":"place@1.0.0","task":9,"danger":false,"tasks_past":1,
+            "past":[{"measure":"joint-margin","value":0.02,"limit":0.05,"unit":"rad"}]}"#;
+        assert_eq!(
+            line(json),
+            "harm     place@1.0.0: distance to a joint's limit 0.020 rad, below its harm limit 0.050 rad in live \
+             task 9; 1 of 9 tasks past a harm limit; counted, no alarm by itself"
         );
     }
 

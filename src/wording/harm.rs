@@ -11,10 +11,11 @@ pub(crate) const fn more(measure: HarmKind) -> &'static str {
     if measure.is_worse_when_lower() { "less" } else { "more" }
 }
 
-/// A measure past its limit.
+/// A measure past its limit: on which side, and of which kind the limit is. A limit of harm is no limit of the envelope.
 pub(crate) fn harm_past(past: &HarmPast) -> String {
     let HarmPast { measure, value, limit, .. } = past;
-    format!("{} {} (limit {})", measure.label(), measure.format(*value), measure.format(*limit))
+    let side = if measure.is_worse_when_lower() { "below" } else { "above" };
+    format!("{} {}, {side} its harm limit {}", measure.label(), measure.format(*value), measure.format(*limit))
 }
 
 /// Both means with their unit and the tolerance.

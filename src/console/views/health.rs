@@ -7,7 +7,7 @@
 //!  80 %         P   ⠒⠤⣀             it: the ends of the interval of 95 %
 //! marks         P      !
 //!       08:00       12:00       16:00
-//! 12:00 to 12:15, engine 04:00:00: grasp@1.1.0 30 of 34 done, 1 past a limit
+//! 12:00 to 12:15, engine 04:00:00: grasp@1.1.0 30 of 34 done, 1 with a violation
 //! P 12:03 promotion: grasp@1.1.0 took over
 //! success of grasp since Tue 17 Nov 12:00: 88.2 % of 340, before 94.0 %…
 //! ```
@@ -112,7 +112,7 @@ impl HealthQuantity {
     const fn legend(self) -> &'static str {
         match self {
             Self::Success => "% done, band: 95 % interval",
-            Self::Violations => "% past a limit, band: with those close to one",
+            Self::Violations => "% with a violation, band: with those close to a limit",
             Self::Time => "s, median, band: to the 95th percentile",
             Self::Force => "N, median of the largest, band: to the 95th percentile",
         }
@@ -515,15 +515,15 @@ fn under(model: &ConsoleModel, series: &HealthSeries, width: usize, height: usiz
 fn values(series: &HealthSeries, point: &HealthPoint, start: &str) -> String {
     let HealthPoint { version, tasks, succeeded, success: [low, high], violated, near, .. } = point;
     let share = 100.0 * *succeeded as f64 / (*tasks).max(1) as f64;
-    // On record, a task past a limit counts as near one, too.
+    // On record, a task with a violation counts as near a limit, too.
     let close = near.saturating_sub(*violated);
     let engine = match series.clock {
         HealthClock::Wall => format!(" (engine {})", seconds(point.at_ms[0])),
         HealthClock::Virtual => String::new(),
     };
     format!(
-        "{start}{engine} {version}: {succeeded} of {tasks} done, {share:.1} % [{:.0}, {:.0}]; {violated} past a \
-         limit, {close} close to one; {:.1} s, p95 {:.1}; {:.1} N, p95 {:.1}",
+        "{start}{engine} {version}: {succeeded} of {tasks} done, {share:.1} % [{:.0}, {:.0}]; {violated} with \
+         a violation, {close} close to a limit; {:.1} s, p95 {:.1}; {:.1} N, p95 {:.1}",
         100.0 * low,
         100.0 * high,
         point.time_s[0],
