@@ -32,4 +32,5 @@ pub mod theme;
 mod trend;
 pub mod update;
 pub mod views;
+pub mod waiting_rows;
 pub mod widgets;

@@ -6,6 +6,7 @@ use super::audit::{self, AuditGroup, AuditItem};
 use super::formatters::state_label;
 use super::model::{ConsoleModel, EVENT_LOG_PANE, EventLogLine, HISTORY_PANE, ItemKey, MONITORS_PANE, View};
 use super::state_filter::StateFilterFacts;
+use super::waiting_rows::WaitingRow;
 use holdpoint_governance::alarms::{AlarmState, Priority};
 use holdpoint_governance::behavior::component_of;
 use holdpoint_governance::condition::Condition;
@@ -18,9 +19,7 @@ use holdpoint_protocol::detail::{Detail, DrillView, FieldDiff, MeasuredValue};
 use holdpoint_protocol::event::DimensionResult;
 use holdpoint_protocol::explanation::DecisionExplanation;
 use holdpoint_protocol::health::AlarmEpisode;
-use holdpoint_protocol::snapshot::{
-    AlarmView, ApprovalRequestView, CandidateView, Disagreement, EscalationView, current_progress,
-};
+use holdpoint_protocol::snapshot::{AlarmView, CandidateView, Disagreement, current_progress};
 
 /// A row of the registry's tree.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -53,26 +52,6 @@ impl<'a> AlarmItem<'a> {
     pub const fn alarm(self) -> &'a AlarmView {
         match self {
             Self::Alarm(alarm) | Self::Group { first: alarm, .. } => alarm,
-        }
-    }
-}
-
-/// A row of the requests that wait for people.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum PendingApprovalItem<'a> {
-    /// A drift monitor's question: without an answer, a rollback at the deadline. These come first.
-    MonitorQuestion(&'a EscalationView),
-    /// An approval request: without an answer, the candidate stays on hold.
-    Approval(&'a ApprovalRequestView),
-}
-
-impl PendingApprovalItem<'_> {
-    /// Its version.
-    #[must_use]
-    pub const fn version(&self) -> &CapabilityId {
-        match self {
-            Self::MonitorQuestion(question) => &question.version,
-            Self::Approval(prompt) => &prompt.version,
         }
     }
 }
@@ -228,18 +207,6 @@ impl ConsoleModel {
         items
     }
 
-    /// The requests that wait for people: monitors' questions first, each kind the most urgent first.
-    #[must_use]
-    pub fn waiting_rows(&self) -> Vec<PendingApprovalItem<'_>> {
-        let Some(snapshot) = &self.engine_data.snapshot else { return Vec::new() };
-        let mut questions: Vec<&EscalationView> = snapshot.questions.iter().collect();
-        questions.sort_by_key(|question| question.deadline_ms);
-        let mut prompts: Vec<&ApprovalRequestView> = snapshot.prompts.iter().collect();
-        prompts.sort_by_key(|prompt| prompt.until);
-        let questions = questions.into_iter().map(PendingApprovalItem::MonitorQuestion);
-        questions.chain(prompts.into_iter().map(PendingApprovalItem::Approval)).collect()
-    }
-
     /// Candidates in the pipeline by [`CandidateRank`]; of equal ones the newest of the last family first, but the queue in
     /// the order in which its stages begin.
     #[must_use]
@@ -382,10 +349,7 @@ impl ConsoleModel {
             (View::Alarms, _) => {
                 self.alarm_rows().get(row).map(|row| ItemKey::Alarm(row.alarm().alarm.clone()))
             }
-            (View::Approvals, _) => self.waiting_rows().get(row).map(|row| match row {
-                PendingApprovalItem::MonitorQuestion(question) => ItemKey::Question(question.version.clone()),
-                PendingApprovalItem::Approval(prompt) => ItemKey::Prompt(prompt.id.clone()),
-            }),
+            (View::Approvals, _) => self.waiting_rows().get(row).map(WaitingRow::item_key),
             (View::Audit, _) => self.audit_rows().get(row).map(|row| ItemKey::Record(row.record.seq)),
         }
     }
@@ -420,13 +384,7 @@ impl ConsoleModel {
             (View::Alarms, _, ItemKey::Alarm(name)) => {
                 self.alarm_rows().iter().position(|row| row.alarm().alarm == *name)
             }
-            (View::Approvals, _, key) => self.waiting_rows().iter().position(|row| match (row, key) {
-                (PendingApprovalItem::MonitorQuestion(question), ItemKey::Question(id)) => {
-                    question.version == *id
-                }
-                (PendingApprovalItem::Approval(prompt), ItemKey::Prompt(id)) => prompt.id == *id,
-                (PendingApprovalItem::MonitorQuestion(_) | PendingApprovalItem::Approval(_), _) => false,
-            }),
+            (View::Approvals, _, key) => self.waiting_rows().iter().position(|row| row.item_key() == *key),
             (View::Audit, _, ItemKey::Record(seq)) => {
                 self.audit_rows().iter().position(|row| row.record.seq == *seq)
             }

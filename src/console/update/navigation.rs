@@ -9,8 +9,9 @@ use crate::form::NO_IDENTITY_TEXT;
 use crate::model::{
     ConsoleModel, EVENT_LOG_PANE, HISTORY_PANE, ListCursor, OpenedRecord, Overlay, SortOrder, View,
 };
-use crate::rows::{PendingApprovalItem, RegistryItem};
+use crate::rows::RegistryItem;
 use crate::state_filter::StateFilter;
+use crate::waiting_rows::WaitingRow;
 use holdpoint_governance::ids::Family;
 use holdpoint_protocol::snapshot::AlarmView;
 use holdpoint_wording::notice;
@@ -265,16 +266,17 @@ fn choose(model: &mut ConsoleModel) -> Vec<Effect> {
     }
 }
 
-/// Opens the prompt of a waiting approval, or the version of a monitor's question, which has its own keys.
+/// Opens the prompt of a waiting approval, or the card of a version with keys of its own: a monitor asks about it, or it
+/// stands until a person acts.
 fn open_waiting(model: &mut ConsoleModel) -> Vec<Effect> {
     let prompt = match model.waiting_rows().get(model.row()) {
-        Some(PendingApprovalItem::Approval(question)) => model
+        Some(WaitingRow::Approval(question)) => model
             .engine_data
             .snapshot
             .as_ref()
             .map(|snapshot| ApprovalScreen::open(question, snapshot, model.now_ms)),
-        Some(PendingApprovalItem::MonitorQuestion(question)) => {
-            model.view_state.chosen = Some(question.version.clone());
+        Some(row @ (WaitingRow::MonitorQuestion(_) | WaitingRow::Standing(_))) => {
+            model.view_state.chosen = Some(row.version().clone());
             return show(model, View::Candidate);
         }
         None => return refuse(model, "nothing waits for people"),

@@ -1,9 +1,10 @@
-//! View 6: the requests that wait for people, monitors' questions first, and the one under the cursor in short. Enter
-//! opens the prompt with the whole decision.
+//! View 6: what waits for people, monitors' questions first, and the row under the cursor in short. Enter opens the prompt
+//! with the whole decision, or the card of a version that stands.
 //!
 //! ```text
 //! ▸ ◷ question grasp@1.0.0  rolled back in 43 s
 //!   ◷ approval align@2.0.0  1 of 2  held in 29 min 2 s
+//!   ‖ paused place@1.3.8  paused by mia: odd noise
 //! ── align@2.0.0 ─────────────────────────────
 //! replaces align@1.0.0 …
 //! ```
@@ -15,11 +16,11 @@ use crate::action::Action;
 use crate::formatters::reason_line;
 use crate::look::ThemeRole;
 use crate::model::ConsoleModel;
-use crate::rows::PendingApprovalItem;
+use crate::waiting_rows::{WaitingRow, standing};
 use crate::widgets::list::{GUTTER, place};
 use crate::widgets::pen::{Pen, cut};
 use crate::widgets::row::{Row, wrap};
-use holdpoint_protocol::snapshot::EscalationView;
+use holdpoint_protocol::snapshot::{CandidateView, EscalationView};
 use holdpoint_text::Untrusted;
 
 pub fn draw(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
@@ -38,8 +39,9 @@ pub fn draw(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
     let inside = pen.pane(lower, &item.version().to_string(), false, "");
     let width = usize::from(inside.width);
     let lines = match item {
-        PendingApprovalItem::MonitorQuestion(question) => monitor_question_rows(model, question),
-        PendingApprovalItem::Approval(question) => {
+        WaitingRow::MonitorQuestion(question) => monitor_question_rows(model, question),
+        WaitingRow::Standing(candidate) => standing_rows(model, candidate),
+        WaitingRow::Approval(question) => {
             let key = model.keymap.key(Action::Open);
             let mut lines =
                 vec![(ThemeRole::Waiting, format!("{key} opens the whole decision; it approves nothing"))];
@@ -66,6 +68,21 @@ pub fn draw(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
         pen.clear(Rect { y: inside.y + last, height: 1, ..inside });
         pen.row(inside, last, &Row::of(ThemeRole::Muted, &more));
     }
+}
+
+/// A version that stands until a person acts: its status, and the keys.
+fn standing_rows(model: &ConsoleModel, candidate: &CandidateView) -> Vec<(ThemeRole, String)> {
+    let Some(now) = model.engine_data.snapshot.as_deref() else { return Vec::new() };
+    let status = now.status(candidate);
+    let open = model.keymap.key(Action::Open);
+    let act = standing(status.condition).map_or_else(String::new, |(_, action)| {
+        format!("; {} ({}) lets it go on, here and there", model.keymap.key(action), action.name())
+    });
+    let told = holdpoint_wording::version_status(&candidate.version, &status);
+    vec![
+        (ThemeRole::Waiting, format!("{open} opens its card{act}")),
+        (ThemeRole::Text, Untrusted::new(told).line().into_string()),
+    ]
 }
 
 /// A monitor's question in sentences.

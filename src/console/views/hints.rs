@@ -248,7 +248,7 @@ pub fn actions(model: &ConsoleModel) -> Vec<Action> {
         (None, View::Alarms) => {
             &[A::Acknowledge, A::Mark, A::Shelve, A::Unshelve, A::ResetAlarm, A::Open, A::Abort]
         }
-        (None, View::Approvals) => &[A::Open, A::Continue, A::Rollback, A::Abort],
+        (None, View::Approvals) => &[A::Open, A::Continue, A::Resume, A::Repeat, A::Rollback, A::Abort],
         (None, View::Health) => {
             &[A::NextPane, A::ZoomIn, A::ZoomOut, A::Left, A::Right, A::Export, A::Freeze]
         }

@@ -19,8 +19,9 @@ use super::{event_log, families, pipeline, robot, status, tabs, waits};
 use crate::formatters::{approvals, duration};
 use crate::look::{Glyph, ThemeRole};
 use crate::model::{ConsoleModel, EVENT_LOG_PANE};
-use crate::rows::{AlarmItem, CandidateItem, PendingApprovalItem};
+use crate::rows::{AlarmItem, CandidateItem};
 use crate::theme::StateMark;
+use crate::waiting_rows::{WaitingRow, standing};
 use crate::widgets::pen::{Fit, Hit, Pen, below, cut};
 use crate::widgets::row::Row;
 
@@ -202,20 +203,20 @@ fn alarm_row(model: &ConsoleModel, item: AlarmItem<'_>, pen: &Pen<'_>) -> Row {
         .with(ThemeRole::Text, &format!(" {}{count}: {notice}", alarm.subject))
 }
 
-/// One waiting request, in a line.
+/// What waits for a person, in a line.
 #[must_use]
-pub fn waiting_row(model: &ConsoleModel, item: &PendingApprovalItem<'_>, pen: &Pen<'_>, width: usize) -> Row {
+pub fn waiting_row(model: &ConsoleModel, item: &WaitingRow<'_>, pen: &Pen<'_>, width: usize) -> Row {
     let now_ms = model.engine_ms();
     let glyph = pen.look.glyph(Glyph::Waiting);
     match item {
-        PendingApprovalItem::MonitorQuestion(question) => {
+        WaitingRow::MonitorQuestion(question) => {
             let head = Row::of(ThemeRole::Waiting, &format!("{glyph} question "));
             let left = format!("  rolled back in {}", time_left(question.deadline_ms, now_ms));
             let room = name_room(width, &head, &left);
             let name = super::cut_middle(&question.version.to_string(), room);
             head.with(ThemeRole::Text, &name).with(ThemeRole::Muted, &left)
         }
-        PendingApprovalItem::Approval(prompt) => {
+        WaitingRow::Approval(prompt) => {
             let (count, next) = approvals(prompt, model.is_stopped(), model.time());
             let role = if prompt.granted { ThemeRole::Text } else { ThemeRole::Muted };
             let head = Row::of(ThemeRole::Waiting, &format!("{glyph} approval "));
@@ -223,6 +224,15 @@ pub fn waiting_row(model: &ConsoleModel, item: &PendingApprovalItem<'_>, pen: &P
             let room = name_room(width, &head, &count);
             let name = super::cut_middle(&prompt.version.to_string(), room);
             head.with(ThemeRole::Text, &format!("{name}{count}")).with(role, &next)
+        }
+        WaitingRow::Standing(candidate) => {
+            let status = model.engine_data.snapshot.as_ref().map(|now| now.status(candidate));
+            let stands = status.as_ref().and_then(|status| standing(status.condition));
+            let label = stands.map_or("", |(label, _)| label);
+            let why = status.as_ref().and_then(holdpoint_wording::status_cause).unwrap_or_default();
+            let head = Row::of(ThemeRole::Waiting, &format!("{} {label} ", pen.look.glyph(Glyph::Paused)));
+            let name = super::cut_middle(&candidate.version.to_string(), name_room(width, &head, ""));
+            head.with(ThemeRole::Text, &name).with(ThemeRole::Muted, &format!("  {why}"))
         }
     }
 }

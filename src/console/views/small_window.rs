@@ -18,6 +18,7 @@ use crate::model::{ConsoleModel, EVENT_LOG_PANE, MONITORS_PANE, Overlay, View};
 use crate::rows::{AlarmItem, RegistryItem};
 use crate::state_filter::{StateFilter, counts_and_place};
 use crate::theme::StateMark;
+use crate::waiting_rows::WaitingRow;
 use crate::widgets::list::{GUTTER, place};
 use crate::widgets::pen::{Pen, above, below, cut, heading_room};
 use crate::widgets::row::Row;
@@ -128,7 +129,9 @@ fn body(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
 
 /// Alarms and waiting requests: in every view, and first. Returns the rest of the area.
 fn attention(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) -> Rect {
-    let waiting = model.waiting_rows();
+    // A version that stands has no deadline.
+    let mut waiting = model.waiting_rows();
+    waiting.retain(|row| !matches!(row, WaitingRow::Standing(_)));
     let alarms = model.alarm_rows();
     let height = usize::from(area.height);
     // If the view has room below, only the most serious of both are shown here; their own views list the rest.

@@ -15,14 +15,13 @@ use crate::action::Action;
 use crate::formatters::{approvals, time_of_day};
 use crate::look::ThemeRole;
 use crate::model::ConsoleModel;
-use crate::rows::PendingApprovalItem;
+use crate::waiting_rows::{self, WaitingRow};
 use crate::widgets::pen::Pen;
 use crate::widgets::row::Row;
 use holdpoint_governance::alarms::AlarmState;
 use holdpoint_governance::decision::lead_reason;
 use holdpoint_governance::ids::CapabilityId;
-use holdpoint_governance::version_status::VersionCondition;
-use holdpoint_protocol::snapshot::{ApprovalRequestView, CandidateView, RequestKind, Snapshot};
+use holdpoint_protocol::snapshot::{ApprovalRequestView, RequestKind, Snapshot};
 use unicode_width::UnicodeWidthStr as _;
 
 /// The widest name of a version in its column.
@@ -44,8 +43,9 @@ pub struct WaitingItem {
 #[must_use]
 pub fn items(model: &ConsoleModel) -> Vec<WaitingItem> {
     let Some(now) = model.engine_data.snapshot.as_deref() else { return Vec::new() };
-    let requests = model.waiting_rows();
-    let mut items: Vec<WaitingItem> = requests.iter().map(|item| request(model, item)).collect();
+    let (standing, requests): (Vec<WaitingRow<'_>>, Vec<WaitingRow<'_>>) =
+        model.waiting_rows().into_iter().partition(|row| matches!(row, WaitingRow::Standing(_)));
+    let mut items: Vec<WaitingItem> = requests.iter().map(|row| waiting_item(model, now, row)).collect();
     if let Some(doubt) = &now.clock_doubt {
         items.push(WaitingItem {
             what: "time",
@@ -80,7 +80,7 @@ pub fn items(model: &ConsoleModel) -> Vec<WaitingItem> {
             });
         }
     }
-    items.extend(now.candidates.iter().rev().filter_map(|candidate| kept(now, candidate)));
+    items.extend(standing.iter().map(|row| waiting_item(model, now, row)));
     let latched = now.alarms.iter().filter(|alarm| alarm.state == AlarmState::Latched);
     items.extend(latched.map(|alarm| WaitingItem {
         what: "reset",
@@ -96,17 +96,25 @@ fn is_asked(now: &Snapshot, version: &CapabilityId) -> bool {
     now.prompts.iter().any(|prompt| prompt.version == *version)
 }
 
-fn request(model: &ConsoleModel, item: &PendingApprovalItem<'_>) -> WaitingItem {
-    let subject = item.version().to_string();
-    let (what, text) = match item {
-        PendingApprovalItem::MonitorQuestion(question) => {
+fn waiting_item(model: &ConsoleModel, now: &Snapshot, row: &WaitingRow<'_>) -> WaitingItem {
+    let subject = row.version().to_string();
+    let (what, text, action) = match row {
+        WaitingRow::MonitorQuestion(question) => {
             let left = time_left(question.deadline_ms, model.engine_ms());
             let why = lead_reason(&question.reasons).map(holdpoint_wording::line).unwrap_or_default();
-            ("answer", format!("or it is rolled back in {left}: {why}"))
+            ("answer", format!("or it is rolled back in {left}: {why}"), Action::ShowApprovals)
         }
-        PendingApprovalItem::Approval(prompt) => (verb(prompt), signatures(model, prompt)),
+        WaitingRow::Approval(prompt) => (verb(prompt), signatures(model, prompt), Action::ShowApprovals),
+        WaitingRow::Standing(candidate) => {
+            let status = now.status(candidate);
+            let why = holdpoint_wording::status_cause(&status)
+                .unwrap_or_else(|| holdpoint_wording::status_end(&candidate.version, &status));
+            let (what, action) =
+                waiting_rows::standing(status.condition).unwrap_or(("", Action::ShowApprovals));
+            (what, why, action)
+        }
     };
-    WaitingItem { what, subject, text, action: Action::ShowApprovals }
+    WaitingItem { what, subject, text, action }
 }
 
 const fn verb(prompt: &ApprovalRequestView) -> &'static str {
@@ -128,29 +136,6 @@ fn signatures(model: &ConsoleModel, prompt: &ApprovalRequestView) -> String {
     };
     let about = if prompt.about.is_empty() { String::new() } else { format!("; {}", prompt.about) };
     format!("{count}{by}, {next}; asked {}{about}", time_of_day(prompt.asked.ms()))
-}
-
-/// A version that continues when a person lets it; absent for one that people are already asked about.
-fn kept(now: &Snapshot, candidate: &CandidateView) -> Option<WaitingItem> {
-    let status = now.status(candidate);
-    let (what, action) = match status.condition {
-        VersionCondition::Paused | VersionCondition::PromotionPaused => ("paused", Action::Resume),
-        VersionCondition::Held => ("on hold", Action::Resume),
-        VersionCondition::Demoted => ("demoted", Action::Repeat),
-        VersionCondition::Queued
-        | VersionCondition::Running
-        | VersionCondition::AwaitingApproval
-        | VersionCondition::Provisional
-        | VersionCondition::Restricted
-        | VersionCondition::Confirmed
-        | VersionCondition::Leaving
-        | VersionCondition::Superseded
-        | VersionCondition::Rejected
-        | VersionCondition::RolledBack => return None,
-    };
-    let why = holdpoint_wording::status_cause(&status)
-        .unwrap_or_else(|| holdpoint_wording::status_end(&candidate.version, &status));
-    Some(WaitingItem { what, subject: candidate.version.to_string(), text: why, action })
 }
 
 /// The lines that all of them take with the heading, at most a third of a column and never less than two; 0 without any.

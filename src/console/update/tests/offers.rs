@@ -76,6 +76,27 @@ fn hints_follow_the_state_of_the_version() {
     assert!(possible.why_not(Action::Go).is_some_and(|why| why.contains("not stopped")));
 }
 
+/// The list of what waits named view 6 beside a paused candidate, and that view was empty.
+#[test]
+fn a_paused_candidate_in_view_6_leads_to_its_card_and_is_resumed_there() {
+    let mut console = TestConsole::new(0);
+    with(&mut console, |now| {
+        now.prompts.clear();
+        now.candidates[0].flags = VersionFlags { paused: true, ..VersionFlags::default() };
+    });
+    console.keys("6");
+    let text = screen(&console, 120, 36);
+    assert!(text.contains("u (resume) lets it go on"), "{text}");
+    assert!(hints::actions(&console.model).contains(&Action::Resume));
+    console.press(KeyCode::Enter);
+    assert_eq!(console.model.view_state.view, View::Candidate);
+    assert!(hints::actions(&console.model).contains(&Action::Resume));
+    console.keys("u");
+    let opened = matches!(&console.model.input.overlay, Some(Overlay::Form(form))
+        if form.intent == Intent::Resume(CANDIDATE.parse().unwrap()));
+    assert!(opened, "{:?}", console.model.input.overlay);
+}
+
 #[test]
 fn a_key_or_command_alone_is_answered() {
     let mut console = TestConsole::new(0);
