@@ -68,10 +68,10 @@ fn summary(model: &ConsoleModel, pen: &Pen<'_>, width: usize) -> Row {
                 &format!(" {} ", super::short(&holdpoint_wording::notice(&alarm.text), left)),
             )
         }
-        None => Row::of(
-            ThemeRole::Muted,
-            if model.engine_data.snapshot.is_some() { "no alarm " } else { "no engine " },
-        ),
+        None if model.engine_data.snapshot.is_some() => {
+            Row::of(ThemeRole::Muted, &format!("{} ", status::no_alarm(model)))
+        }
+        None => Row::of(ThemeRole::Muted, "no engine "),
     };
     status::stop_row(model).unwrap_or_default().and(row).and(waits)
 }

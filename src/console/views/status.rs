@@ -41,14 +41,16 @@ pub fn draw(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
     let head = head(model, snapshot, pen.look);
     let room = width.saturating_sub(waits.width() + 1);
     // Words are dropped before the alarm's own text.
-    let text_min = head_text(snapshot).len().min(TEXT_MIN);
+    let head_text = head_text(model, snapshot);
+    let is_quiet = snapshot.foremost_alarm().is_none();
+    let text_min = if is_quiet { head_text.len() } else { head_text.len().min(TEXT_MIN) };
     let fits = |row: &Row| head.width() + text_min + row.width() <= room;
     let styles = [CountStyle::Full, CountStyle::Short, CountStyle::Signs];
     let count_row = |style| counts(&snapshot.alarm_summary, pen.look, style);
     let counts = styles.map(count_row).into_iter().find(fits).unwrap_or_else(|| count_row(CountStyle::Signs));
     let left = room.saturating_sub(head.width() + counts.width());
-    let text = super::short(&head_text(snapshot), left);
-    let role = if snapshot.foremost_alarm().is_some() { ThemeRole::Text } else { ThemeRole::Muted };
+    let text = super::short(&head_text, left);
+    let role = if is_quiet { ThemeRole::Muted } else { ThemeRole::Text };
     let row = head.with(role, &text).and(counts).to_column(room + 1).and(waits);
     pen.row(area, 0, &row);
 }
@@ -114,15 +116,26 @@ fn head(model: &ConsoleModel, snapshot: &Snapshot, look: &Look) -> Row {
         row.push(StateMark::priority(alarm.priority).role, &priority_label(look, alarm.priority));
         row.push(ThemeRole::Text, " ");
     } else {
-        row.push(ThemeRole::Good, look.glyph(Glyph::Good));
+        // Nothing is known to be good while no engine looks.
+        let (role, glyph) = match model.last_seen() {
+            None => (ThemeRole::Good, Glyph::Good),
+            Some(_) => (ThemeRole::Unknown, Glyph::Unknown),
+        };
+        row.push(role, look.glyph(glyph));
         row.push(ThemeRole::Text, " ");
     }
     row
 }
 
-fn head_text(snapshot: &Snapshot) -> String {
+/// That no alarm is open, as of when if the data is old.
+#[must_use]
+pub fn no_alarm(model: &ConsoleModel) -> String {
+    model.last_seen().map_or_else(|| "no alarm".to_owned(), |seen| format!("last seen {seen}: no alarm"))
+}
+
+fn head_text(model: &ConsoleModel, snapshot: &Snapshot) -> String {
     snapshot.foremost_alarm().map_or_else(
-        || "no alarm".to_owned(),
+        || no_alarm(model),
         |alarm| {
             // An ended one stays until it is acknowledged; an acknowledged one until its condition ends.
             let state_note = match alarm.state {

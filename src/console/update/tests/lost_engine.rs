@@ -343,6 +343,33 @@ fn a_terminal_in_line_mode_is_named_and_no_key_is_offered() {
     }
 }
 
+/// "no alarm" stood beside a dead engine as if somebody looked.
+#[test]
+fn no_alarm_of_a_lost_engine_has_its_time() {
+    for ends in [true, false] {
+        let mut console = TestConsole::new(0);
+        let mut now = snapshot(0, 'e');
+        (now.alarms, now.wall_ms) = (Vec::new(), Some(((18 * 60 + 31) * 60 + 56) * 1_000));
+        now.alarm_summary = serde_json::from_value(json!({ "highest_unacknowledged": null,
+            "unacknowledged": [0, 0, 0], "acknowledged": 0, "latched": 0, "shelved": 0, "flood": false }))
+        .unwrap();
+        console.tell(MsgKind::Snapshot(Arc::new(now)));
+        for size in &SIZES[..4] {
+            let screen = screen_text(&console, *size);
+            assert!(screen.contains("no alarm") && !screen.contains("last seen"), "{size:?}: {screen}");
+        }
+        if ends {
+            console.tell(MsgKind::EngineEnded(Err(EngineEndError::of("it has ended"))));
+        } else {
+            later(&mut console, 1_000);
+        }
+        for size in &SIZES[..4] {
+            let screen = screen_text(&console, *size);
+            assert!(screen.contains("last seen 18:31:56: no alarm"), "{size:?}: {screen}");
+        }
+    }
+}
+
 /// The last speed of a silent engine stood on the screen as if it were the present one.
 #[test]
 fn values_of_a_silent_engine_are_dated_and_dimmed_in_every_view() {
