@@ -448,8 +448,25 @@ fn abort_lines(model: &ConsoleModel, what: &Abort) -> Result<Vec<String>, String
     let versions = snapshot.candidates.iter().map(|candidate| &candidate.version);
     let rest = versions.filter(|id| is_under_way(model, id));
     let rest = rest.filter(|id| !matches!(what, Abort::Candidate(of) if of == *id));
-    lines.extend(rest.map(|id| format!("Not touched: {id}")).take(3));
+    lines.extend(rest.map(|id| effect_of_abort(what, id)).take(3));
     Ok(lines)
+}
+
+/// What an abort does to another candidate. Evidence counts for the active version that it was compared with, and for the
+/// versions beside which it was gathered.
+fn effect_of_abort(what: &Abort, id: &CapabilityId) -> String {
+    match what {
+        Abort::Candidate(_) => format!("Not touched: {id}"),
+        Abort::Active(active) if active.family == id.family => {
+            format!("{id} was compared with {active}: its results are void, its sandbox has to run again")
+        }
+        Abort::Last(active) if active.family == id.family => {
+            format!("{id} waits: no version of {} is active that it can be compared with", id.family)
+        }
+        Abort::Active(active) | Abort::Last(active) => {
+            format!("{id}: its sandbox has to run again if it works beside {}", active.family)
+        }
+    }
 }
 
 /// Whether a candidate continues without an operator.

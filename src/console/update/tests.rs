@@ -427,26 +427,6 @@ fn abort_needs_two_keys_in_every_view() {
 }
 
 #[test]
-fn abort_stops_the_most_urgent_thing() {
-    let mut console = TestConsole::new(1);
-    let mut now = snapshot(1, 'e');
-    now.families[0].flags = serde_json::from_value(flags(true, false)).unwrap();
-    console.tell(MsgKind::Snapshot(Arc::new(now)));
-    console.keys("x");
-    let Some(Overlay::Form(form)) = &console.model.input.overlay else { panic!("a form opens") };
-    assert_eq!(form.intent, Intent::Abort(Abort::Active("grasp@1.2.0".parse().unwrap())));
-    assert!(form.consequences.iter().any(|line| line.contains("grasp@1.1.0 takes")), "{form:?}");
-    assert!(form.consequences.iter().any(|line| line.contains("touched: grasp@1.3.0")), "{form:?}");
-    let effects = console.confirm();
-    let Some(Effect::Operate { confirmed, .. }) = effects.first() else { panic!("{effects:?}") };
-    assert!(matches!(confirmed.as_ref().clone().into_command(), Command::Rollback(operation)
-        if operation.version.to_string() == "grasp@1.2.0"));
-    console.keys("x");
-    assert!(console.press(KeyCode::Enter).is_empty());
-    assert!(console.model.input.overlay.is_none());
-}
-
-#[test]
 fn enter_and_cursor_keys_send_no_request_in_any_view() {
     for view in View::ALL {
         for key in REFLEXES.iter().filter(|key| **key != KeyCode::Char(' ')) {

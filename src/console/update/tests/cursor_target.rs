@@ -211,6 +211,33 @@ fn the_palette_runs_its_item_and_no_decision() {
     assert_eq!(console.model.view_state.view, View::Audit);
 }
 
+#[test]
+fn abort_stops_the_most_urgent_thing() {
+    let mut console = TestConsole::new(1);
+    let mut now = snapshot(1, 'e');
+    now.families[0].flags = serde_json::from_value(flags(true, false)).unwrap();
+    now.candidates.push(now.candidates[0].clone());
+    now.candidates[1].version = "place@2.0.0".parse().unwrap();
+    console.tell(MsgKind::Snapshot(Arc::new(now)));
+    console.keys("x");
+    let Some(Overlay::Form(form)) = &console.model.input.overlay else { panic!("a form opens") };
+    assert_eq!(form.intent, Intent::Abort(Abort::Active("grasp@1.2.0".parse().unwrap())));
+    assert!(form.consequences.iter().any(|line| line.contains("grasp@1.1.0 takes")), "{form:?}");
+    for line in [
+        "grasp@1.3.0 was compared with grasp@1.2.0: its results are void, its sandbox has to run again",
+        "place@2.0.0: its sandbox has to run again if it works beside grasp",
+    ] {
+        assert!(form.consequences.iter().any(|consequence| consequence == line), "{form:?}");
+    }
+    let effects = console.confirm();
+    let Some(Effect::Operate { confirmed, .. }) = effects.first() else { panic!("{effects:?}") };
+    assert!(matches!(confirmed.as_ref().clone().into_command(), Command::Rollback(operation)
+        if operation.version.to_string() == "grasp@1.2.0"));
+    console.keys("x");
+    assert!(console.press(KeyCode::Enter).is_empty());
+    assert!(console.model.input.overlay.is_none());
+}
+
 /// On a queued row the key paused that one, and the one that ran went on.
 #[test]
 fn an_abort_on_a_queued_row_means_the_candidate_that_runs() {
