@@ -24,6 +24,7 @@ use holdpoint_wording::explanation::{cached_results, permission_use};
 use holdpoint_wording::explanation_summary::{
     SummaryLines, omitted_reasons, repeated_reasons, summary_lines,
 };
+use holdpoint_wording::measured_and_limit;
 
 /// The most lines of the short form.
 const LINES_MAX: usize = 25;
@@ -178,10 +179,7 @@ fn one(
             (Some(_), false) => "!",
         };
         let code = reason.code.as_ref().map_or_else(String::new, |code| format!("{code}: "));
-        let numbers = match (reason.evidence, reason.limit) {
-            (Some(found), Some(limit)) => format!(" [{found:.3} against {limit:.3}]"),
-            _ => String::new(),
-        };
+        let numbers = measured_and_limit(reason.evidence, reason.limit);
         let text = &reason.text;
         out.paragraph("  ", &format!("{mark} {code}{text}{numbers}"))?;
         if let Some(measured) = &reason.measured {

@@ -570,7 +570,8 @@ mod tests {
         let rows = rows(&rejected, None, None, 9_000, &look, 120, false);
         let text = |row: &Row| row.parts().map(|(text, _)| text).collect::<String>();
         let lines: Vec<String> = rows.iter().map(text).collect();
-        assert!(lines.iter().any(|row| row.contains("[0.375 against 0.050]")), "{lines:?}");
+        let flat = lines.join(" ").split_whitespace().collect::<Vec<_>>().join(" ");
+        assert!(flat.contains("[measured 0.375, limit 0.050]"), "{lines:?}");
         assert!(lines.iter().all(|row| !row.contains("ended after") && !row.contains("9 s")), "{lines:?}");
     }
 
