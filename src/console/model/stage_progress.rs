@@ -20,14 +20,16 @@ pub struct StageProgress {
 }
 
 impl StageProgress {
-    /// Of a stage that is seen for the first time.
+    /// Of a stage that is seen for the first time. A part that is done already has no rate: it may have stood still.
     #[must_use]
     pub fn of(progress: &ProgressView, now_ms: u64) -> Self {
-        let mut marks = VecDeque::from([(0, progress.since_ms)]);
-        if progress.done > 0 {
-            marks.push_back((progress.done, now_ms));
-        }
-        Self { since_ms: progress.since_ms, marks }
+        let began_ms = if progress.done == 0 { progress.since_ms } else { now_ms };
+        Self { since_ms: progress.since_ms, marks: VecDeque::from([(progress.done, began_ms)]) }
+    }
+
+    /// Forgets the rates: the stage stands still, and is measured from its next move on.
+    pub fn rest(&mut self, progress: &ProgressView, now_ms: u64) {
+        *self = Self { since_ms: progress.since_ms, marks: VecDeque::from([(progress.done, now_ms)]) };
     }
 
     /// Takes in the progress; a restarted stage is measured from its restart.
@@ -97,6 +99,21 @@ mod tests {
         // A job twice as long as the longest has no measured rate.
         assert!(progress.remaining_ms(&at(3, 1_000), 55_000).is_some());
         assert_eq!(progress.remaining_ms(&at(3, 1_000), 55_001), None);
+        // A standstill of 100 s is in no rate: three moves of 10 s each are measured after it.
+        let mut resumed = progress.clone();
+        resumed.see(&at(4, 1_000), 41_000);
+        resumed.rest(&at(4, 1_000), 141_000);
+        assert_eq!(resumed.remaining_ms(&at(4, 1_000), 141_000), None);
+        for (done, seen_ms) in [(5, 151_000), (6, 161_000), (7, 171_000)] {
+            resumed.see(&at(done, 1_000), seen_ms);
+        }
+        assert_eq!(resumed.remaining_ms(&at(7, 1_000), 171_000), Some((130_000, 130_000)));
+        // Nor is the part that was done before the console looked.
+        let mut joined = StageProgress::of(&at(4, 1_000), 141_000);
+        for (done, seen_ms) in [(5, 151_000), (6, 161_000), (7, 171_000)] {
+            joined.see(&at(done, 1_000), seen_ms);
+        }
+        assert_eq!(joined.remaining_ms(&at(7, 1_000), 171_000), Some((130_000, 130_000)));
         // A stage that began again is measured from there.
         progress.see(&at(1, 80_000), 90_000);
         assert_eq!(progress.remaining_ms(&at(1, 80_000), 90_000), None);

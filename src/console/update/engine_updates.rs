@@ -4,6 +4,7 @@ use std::sync::Arc;
 
 use super::{cell_restart, engine_requests, operations, overlays, show_message, undo, why};
 use crate::effect::{Effect, EngineQuery};
+use crate::formatters::pipeline_idle_reason;
 use crate::model::{
     ConsoleModel, EngineLink, EngineState, EventLogLine, LOG_MAX, Overlay, RequestSubject, StageProgress,
     View,
@@ -209,9 +210,11 @@ fn headway(model: &mut ConsoleModel, now: &Snapshot) {
         now.candidates.iter().any(|candidate| candidate.version == *id && candidate.progress.is_some())
     };
     model.engine_data.stage_progress.retain(|id, _| is_running(id));
+    let all_stand = pipeline_idle_reason(now).is_some();
     for candidate in &now.candidates {
         let Some(progress) = &candidate.progress else { continue };
         match model.engine_data.stage_progress.get_mut(&candidate.version) {
+            Some(known) if all_stand || candidate.flags.paused => known.rest(progress, now.at_ms),
             Some(known) => known.see(progress, now.at_ms),
             None => {
                 model

@@ -245,3 +245,31 @@ fn the_form_that_confirms_the_time_stays_as_it_was_read() {
     console.tell(MsgKind::Snapshot(Arc::new(now)));
     assert!(form(&console).2, "nothing waits to be confirmed any more");
 }
+
+/// A minute at standstill counted as the slowest episode, and hours were forecast.
+#[test]
+fn a_stop_leaves_no_rate_for_a_forecast() {
+    let mut console = TestConsole::new(0);
+    let show = |console: &mut TestConsole, done: u64, at_ms: u64, is_stopped: bool| {
+        let mut now = snapshot(0, 'e');
+        now.at_ms = at_ms;
+        let progress = json!({ "stage": "sandbox", "what": "paired episodes", "done": done, "budget": 100,
+            "since_ms": 0, "early": "" });
+        now.candidates[0].progress = Some(serde_json::from_value(progress).unwrap());
+        now.stopped = is_stopped
+            .then(|| StoppedView::first("bo".to_owned(), Caller::Script, String::new(), at_ms));
+        console.tell(MsgKind::Snapshot(Arc::new(now.clone())));
+        let candidate = &now.candidates[0];
+        let known = console.model.engine_data.stage_progress.get(&candidate.version).unwrap();
+        known.remaining_ms(candidate.progress.as_ref().unwrap(), at_ms)
+    };
+    for (done, at_ms) in [(0, 0), (1, 1_000), (2, 2_000)] {
+        assert_eq!(show(&mut console, done, at_ms, false), None);
+    }
+    assert_eq!(show(&mut console, 3, 3_000, false), Some((97_000, 97_000)));
+    assert_eq!(show(&mut console, 3, 63_000, true), None);
+    for (done, at_ms) in [(4, 64_000), (5, 65_000)] {
+        assert_eq!(show(&mut console, done, at_ms, false), None);
+    }
+    assert_eq!(show(&mut console, 6, 66_000, false), Some((94_000, 94_000)));
+}
