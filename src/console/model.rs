@@ -232,6 +232,28 @@ impl ConsoleModel {
         })
     }
 
+    /// What a lost engine means, and what starts the next one; absent while one runs here or elsewhere, and before the first
+    /// data.
+    #[must_use]
+    pub fn next_engine(&self) -> Option<String> {
+        if self.engine_data.snapshot.is_none() || self.absence() != Some(EngineAbsence::Ended) {
+            return None;
+        }
+        let (shell, quit) = (self.in_shell(""), self.keymap.key(Action::Quit));
+        let how = match &self.engine_data.reconnect {
+            Some(search) if search.tries < search.tries_max => {
+                format!("{shell} in another shell starts one, and this console attaches to it")
+            }
+            Some(_) | None => format!("{quit} ends this console, and {shell} in the shell starts an engine"),
+        };
+        let then = if self.engine_data.engine.ended_orderly() {
+            String::new()
+        } else {
+            format!("; look at the cell, then {} starts it", self.keymap.key(Action::Go))
+        };
+        Some(format!("NO ENGINE RUNS, and nothing watches the arm: {how}{then}"))
+    }
+
     /// Whether the engine ends when this console does. A read-only console ends none.
     #[must_use]
     pub fn ends_engine(&self) -> bool {

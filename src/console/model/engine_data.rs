@@ -43,6 +43,16 @@ impl EngineState {
             Self::Ended(_) => Some(EngineAbsence::Ended),
         }
     }
+
+    /// Whether the engine ended because somebody ended it.
+    #[must_use]
+    pub const fn ended_orderly(&self) -> bool {
+        match self {
+            Self::Starting | Self::Running => false,
+            Self::Ended(Ok(())) => true,
+            Self::Ended(Err(why)) => why.orderly,
+        }
+    }
 }
 
 /// Why no engine is running here.
@@ -62,7 +72,9 @@ impl EngineAbsence {
             Self::HeldElsewhere => {
                 "another one holds the store: `holdpoint status` shows it, stop stops its arm, quit ends this console"
             }
-            Self::Ended => "`holdpoint status` shows what the store holds; quit ends this console",
+            Self::Ended => {
+                "`holdpoint` in a shell starts one; `holdpoint status` shows what the store holds, quit ends this console"
+            }
         })
     }
 }

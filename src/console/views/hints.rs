@@ -11,7 +11,7 @@ use crate::approval_screen::{ApprovalFocus, ApprovalScreen, DecisionObstacle};
 use crate::look::{Glyph, ThemeRole};
 use crate::model::{ConsoleModel, ConsoleNotice, EngineLink, HISTORY_PANE, Overlay, Typing, View};
 use crate::update::availability::ActionAvailability;
-use crate::widgets::pen::{Pen, below};
+use crate::widgets::pen::{Fit, Pen, below};
 use crate::widgets::row::{Row, wrap};
 use holdpoint_governance::approval::ApprovalDecision;
 
@@ -33,14 +33,17 @@ pub fn height(model: &ConsoleModel, screen: Rect) -> u16 {
         u16::try_from(lines.len()).unwrap_or(rows_max).max(1)
     });
     // Warnings come before all other messages here.
-    let overdue = u16::try_from(warnings(model, screen.width).len()).unwrap_or(rows_max);
+    let fit = Fit::of(screen.width, screen.height);
+    let overdue = u16::try_from(warnings(model, screen.width, fit).len()).unwrap_or(rows_max);
     if overdue == 0 { rows } else { (rows + overdue).min((screen.height / 2).max(1)) }
 }
 
-/// The unconfirmed stop and the keys that do not arrive, in lines; and whether each begins a message.
-fn warnings(model: &ConsoleModel, width: u16) -> Vec<(bool, String)> {
+/// The unconfirmed stop, the keys that do not arrive and the lost engine, in lines; and whether each begins a message.
+fn warnings(model: &ConsoleModel, width: u16, fit: Fit) -> Vec<(bool, String)> {
     let room = usize::from(width).saturating_sub(2);
-    let texts = [model.stop_overdue(), model.dead_keys()];
+    // A tiny window has no room beside the keys, and no key is promised that does not arrive.
+    let next_engine = model.next_engine().filter(|_| fit > Fit::Tiny && !model.line_mode);
+    let texts = [model.stop_overdue(), model.dead_keys(), next_engine];
     let lines =
         texts.iter().flatten().flat_map(|text| wrap(text, room, OVERDUE_ROWS).into_iter().enumerate());
     lines.map(|(at, line)| (at == 0, line)).collect()
@@ -61,7 +64,7 @@ fn notice_lines(model: &ConsoleModel, notice: &ConsoleNotice, width: usize, rows
 
 pub fn draw(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
     let lead = |is_first: bool| if is_first { pen.look.glyph(Glyph::Warning) } else { " " };
-    let rows: Vec<Row> = warnings(model, area.width)
+    let rows: Vec<Row> = warnings(model, area.width, pen.fit)
         .iter()
         .map(|(is_first, line)| Row::of(ThemeRole::Problem, &format!("{} {line}", lead(*is_first))))
         .collect();

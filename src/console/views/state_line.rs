@@ -105,12 +105,7 @@ fn text(model: &ConsoleModel, now: &Snapshot, state: OverridingState) -> String 
             )
         }
         OverridingState::Absent(EngineAbsence::Ended) => {
-            let is_orderly = match &model.engine_data.engine {
-                EngineState::Ended(Ok(())) => true,
-                EngineState::Ended(Err(why)) => why.orderly,
-                EngineState::Starting | EngineState::Running => false,
-            };
-            if is_orderly {
+            if model.engine_data.engine.ended_orderly() {
                 format!(
                     "ENGINE ENDED, last seen {seen}: no version drives the arm, and nothing here stops it"
                 )

@@ -343,6 +343,35 @@ fn a_terminal_in_line_mode_is_named_and_no_key_is_offered() {
     }
 }
 
+/// The screen said that the engine is gone, and nothing of what brings one back.
+#[test]
+fn a_lost_engine_names_what_starts_the_next_one() {
+    let look = |tries| ReconnectStatus { tries, tries_max: 64, result: "no engine runs".to_owned() };
+    for (why, is_sudden) in
+        [(EngineEndError::of("it has ended"), true), (EngineEndError::orderly("bert ended it"), false)]
+    {
+        let mut console = attached();
+        console.model.data = Some("/srv/cell-2".to_owned());
+        assert!(!screen_text(&console, SIZES[0]).contains("NO ENGINE RUNS"));
+        console.tell(MsgKind::EngineEnded(Err(why)));
+        for (tries, expected) in [
+            (3, "`holdpoint --data /srv/cell-2` in another shell starts one, and this console attaches"),
+            (64, "q ends this console, and `holdpoint --data /srv/cell-2` in the shell starts an engine"),
+        ] {
+            console.tell(MsgKind::ReconnectFailed(look(tries)));
+            // However long it takes to read.
+            later(&mut console, 600_000);
+            for size in &SIZES[..3] {
+                let screen = screen_text(&console, *size);
+                assert!(screen.contains("NO ENGINE RUNS, and nothing watches the arm"), "{size:?}: {screen}");
+                assert!(screen.contains(expected), "{size:?}: {screen}");
+                assert_eq!(screen.contains("then W starts it"), is_sudden, "{size:?}: {screen}");
+                assert!(screen.contains("X stop"), "{size:?}: {screen}");
+            }
+        }
+    }
+}
+
 /// "no alarm" stood beside a dead engine as if somebody looked.
 #[test]
 fn no_alarm_of_a_lost_engine_has_its_time() {
