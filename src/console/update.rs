@@ -289,7 +289,9 @@ fn carry_out(model: &mut ConsoleModel, action: Action) -> Vec<Effect> {
             let actions = Action::ALL.iter().copied().filter(|action| {
                 means_something(model.view_state.view, *action) && (!bare || works_without_engine(*action))
             });
-            model.input.overlay = Some(Overlay::Palette(Palette::new(actions.collect())));
+            let mut actions: Vec<Action> = actions.collect();
+            actions.sort_by_key(|action| help_rank(*action));
+            model.input.overlay = Some(Overlay::Palette(Palette::new(actions)));
             Vec::new()
         }
         Action::CommandLine => text_entry::begin_command(model),
@@ -410,6 +412,19 @@ pub fn means_something(view: View, action: Action) -> bool {
         Scope::Alarms => view == View::Alarms,
         Scope::Charts => matches!(view, View::Shadow | View::Overview | View::Health),
         Scope::Prompt => false,
+    }
+}
+
+/// The order of the help: the keys of this view come before those of every view. The first row changes nothing, because
+/// Enter runs it.
+const fn help_rank(action: Action) -> u8 {
+    use super::action::Scope;
+    match (action, action.scope()) {
+        (Action::Help, _) => 0,
+        (Action::Stop | Action::Go | Action::Abort, _)
+        | (_, Scope::Version | Scope::Alarms | Scope::Charts | Scope::Prompt) => 1,
+        (_, Scope::Lists) => 2,
+        (_, Scope::Everywhere) => 3,
     }
 }
 

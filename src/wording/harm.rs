@@ -15,7 +15,12 @@ pub(crate) const fn more(measure: HarmKind) -> &'static str {
 pub(crate) fn harm_past(past: &HarmPast) -> String {
     let HarmPast { measure, value, limit, .. } = past;
     let side = if measure.is_worse_when_lower() { "below" } else { "above" };
-    format!("{} {}, {side} its harm limit {}", measure.label(), measure.format(*value), measure.format(*limit))
+    format!(
+        "{} {}, {side} its harm limit {}",
+        measure.label(),
+        measure.format(*value),
+        measure.format(*limit)
+    )
 }
 
 /// Both means with their unit and the tolerance.

@@ -158,7 +158,8 @@ fn after_a_sudden_end_the_cell_stays_stopped_under_every_profile() {
         let alarms: Vec<Value> = records(&store, RecordKind::AlarmChanged);
         assert!(alarms.iter().any(|alarm| alarm.to_string().contains("came-up-stopped")), "{alarms:?}");
         if profile != "sim" {
-            let unknown = holdpoint(&store, &["go", "--as", "ana", "--stops", "1", "--reason", "it is empty"]);
+            let unknown =
+                holdpoint(&store, &["go", "--as", "ana", "--stops", "1", "--reason", "it is empty"]);
             assert!(!unknown.status.success(), "{}", output_text(&unknown));
         }
         // It ends cleanly, stopped; the kill is not counted twice.

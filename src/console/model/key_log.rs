@@ -72,9 +72,12 @@ impl KeyLog {
         }
     }
 
-    /// The key sent a request.
-    pub fn note_request(&mut self, id: &str) {
+    /// The key sent a request for this, which is what it did unless more is shown about it.
+    pub fn note_request(&mut self, id: &str, what: &str) {
         if let Some((entry, _)) = &mut self.current {
+            if entry.text.is_empty() {
+                what.clone_into(&mut entry.text);
+            }
             entry.waits_for.push(id.to_owned());
         }
     }
@@ -88,7 +91,7 @@ impl KeyLog {
     /// The key is handled. One that did nothing is left out.
     pub fn finish(&mut self) {
         let Some((entry, _)) = self.current.take() else { return };
-        if entry.text.is_empty() && !entry.is_waiting() {
+        if entry.text.is_empty() {
             return;
         }
         if self.entries.len() >= KEY_LOG_MAX {
@@ -149,8 +152,8 @@ mod tests {
         let mut log = KeyLog::default();
         log.begin("08:00:00".to_owned(), "F".to_owned());
         log.note_text("asked", false);
-        log.note_request("console-1");
-        log.note_request("console-2");
+        log.note_request("console-1", "reject grasp@1.1.0");
+        log.note_request("console-2", "reject grasp@1.2.0");
         log.finish();
         pressed(&mut log, "y", "copied");
         log.answered("console-2", "done", false);
@@ -160,5 +163,10 @@ mod tests {
         assert!(!log.entries[0].is_waiting() && log.entries[0].answer_refused);
         assert_eq!(log.entries[0].answer, "done; too late");
         assert!(log.entries[1].answer.is_empty());
+        // A request alone is what the key did.
+        log.begin("08:00:02".to_owned(), ":pace 5".to_owned());
+        log.note_request("console-3", "change the pace");
+        log.finish();
+        assert_eq!((log.entries[2].text.as_str(), log.entries[2].is_waiting()), ("change the pace", true));
     }
 }

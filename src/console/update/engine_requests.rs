@@ -38,7 +38,7 @@ fn add_pending(model: &mut ConsoleModel, about: RequestSubject, what: String) ->
     let id = format!("console-{}", model.requests.next_request);
     model.requests.next_request += 1;
     if !what.is_empty() {
-        model.key_log.note_request(&id);
+        model.key_log.note_request(&id, &what);
     }
     model.requests.pending.insert(id.clone(), PendingRequest { about, what, undo: None });
     id

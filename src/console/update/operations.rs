@@ -183,6 +183,10 @@ pub(super) fn intent(
             };
             (Intent::Pause(of), what.to_owned())
         }
+        Action::Pause if flags.paused => {
+            let key = model.keymap.key(Action::Resume);
+            return wrong(&format!("it is paused already, {key} resumes it"));
+        }
         Action::Pause => {
             return wrong("only a candidate or a provisional version that is not paused can be paused");
         }

@@ -46,10 +46,13 @@ pub fn draw(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
         at += 1;
     }
     if rows.is_empty() {
-        let text = match (model.engine_data.audit.rows.is_empty(), model.filter().is_empty()) {
-            (true, _) => "No record has been read yet",
-            (false, true) => "No record of this kind among those that were read",
-            (false, false) => "No record fits the filter",
+        let page = &model.engine_data.audit;
+        let text = match (page.head, page.rows.is_empty(), model.filter().is_empty()) {
+            // Every store has a first record.
+            (0, ..) => "No record has been read yet",
+            (_, true, true) => "There is no record of this kind",
+            (_, false, true) => "No record of this kind among those that were read",
+            (_, _, false) => "No record fits the filter",
         };
         pen.text(below(inside, at), 0, ThemeRole::Muted, text);
         return;

@@ -28,7 +28,8 @@ pub fn draw(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
     let clock = if model.last_seen().is_some() || model.absence().is_some() {
         Row::new()
     } else {
-        Row::of(ThemeRole::Muted, &format!(" {}", seconds(model.engine_ms())))
+        // Beside a time of day, the time of the engine reads as another one.
+        Row::of(ThemeRole::Muted, &format!(" engine {}", seconds(model.engine_ms())))
     };
     let clocks = clocks(model);
     for piece in identity {
@@ -150,7 +151,8 @@ fn clocks(model: &ConsoleModel) -> Vec<Row> {
     let pace = snapshot.live.pace.map_or_else(|| "max".to_owned(), |times| format!("{times}x"));
     let time = time_of_day(wall_ms);
     let day = calendar::day(wall_ms);
-    [format!("  {day} {time} UTC  pace {pace}  engine"), format!("  {time} UTC  pace {pace} ")]
+    let shorter = format!("  {time} UTC  pace {pace} ");
+    [format!("  {day} {time} UTC  pace {pace} "), shorter, format!("  {time} UTC ")]
         .map(|text| Row::of(ThemeRole::Muted, &text))
         .into()
 }

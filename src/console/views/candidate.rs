@@ -13,6 +13,7 @@ use unicode_width::UnicodeWidthStr as _;
 
 use super::candidate_rows::item;
 use super::status::priority_label;
+use super::watched::below_limit;
 use super::{pipeline, tabs};
 use crate::action::Action;
 use crate::formatters::{origin, seconds};
@@ -24,9 +25,11 @@ use crate::widgets::pen::{Fit, Hit, Pen, below, cut};
 use crate::widgets::row::{Row, wrap};
 use holdpoint_governance::alarms::AlarmKey;
 use holdpoint_governance::lifecycle::State;
+use holdpoint_governance::record::{AuditRecord, RecordKind};
 use holdpoint_protocol::detail::Detail;
 use holdpoint_protocol::snapshot::CandidateView;
 use holdpoint_wording::{alarm as wording, counted_try, notice, version_status};
+use serde::Deserialize;
 
 const DIFFERENCE: usize = 1;
 
@@ -129,6 +132,7 @@ fn heading(model: &ConsoleModel, detail: &Detail, look: &Look, width: usize, fit
             ),
         ));
     }
+    rows.extend(waived_line(model, detail).map(|line| Row::of(ThemeRole::Warning, &short(&line, width))));
     rows.extend(candidate.and_then(CandidateView::stale_line).map(|line| Row::of(ThemeRole::Warning, &line)));
     let counted = candidate.and_then(|candidate| candidate.counted.as_ref());
     let counted = counted.map(|counted| counted_try(&detail.version.family, counted));
@@ -137,6 +141,46 @@ fn heading(model: &ConsoleModel, detail: &Detail, look: &Look, width: usize, fit
         rows.push(Row::of(ThemeRole::Text, &format!("deployment {deployment}")));
     }
     rows
+}
+
+/// The limits that an active version was admitted below, and whose approvals its activation used; absent without both.
+fn waived_line(model: &ConsoleModel, detail: &Detail) -> Option<String> {
+    let (State::Active, _) = model.version_state(&detail.version)? else { return None };
+    let below = below_limit(&detail.dimensions);
+    let people = used_approvals(&detail.audit);
+    (!below.is_empty() && !people.is_empty())
+        .then(|| format!("admitted below its limit: {}; waived by {}", below.join(", "), people.join(", ")))
+}
+
+/// The people whose approvals the newest activation used, by the version's records, newest first.
+fn used_approvals(records: &[AuditRecord]) -> Vec<String> {
+    let changes = |kind: RecordKind| {
+        let of_kind = records.iter().filter(move |record| record.kind.known() == Some(&kind));
+        of_kind.filter_map(|record| serde_json::from_str::<ApprovalRecordBody>(&record.body).ok())
+    };
+    let used: Vec<String> = changes(RecordKind::ApprovalConsumed).map(|record| record.change.nonce).collect();
+    let approvals = changes(RecordKind::ApprovalPut).map(|record| record.change);
+    let approvals: Vec<RecordedVote> = approvals.filter(|approval| used.contains(&approval.nonce)).collect();
+    // Those of an earlier activation were for other evidence.
+    let newest = approvals.first().map(|approval| approval.evidence_digest.clone());
+    let is_newest = |approval: &RecordedVote| Some(&approval.evidence_digest) == newest.as_ref();
+    approvals.into_iter().filter(is_newest).map(|approval| approval.who).collect()
+}
+
+/// The body of a record of an approval.
+#[derive(Deserialize)]
+struct ApprovalRecordBody {
+    change: RecordedVote,
+}
+
+#[derive(Deserialize)]
+struct RecordedVote {
+    nonce: String,
+    #[serde(default)]
+    evidence_digest: String,
+    /// Empty where an approval is used.
+    #[serde(default)]
+    who: String,
 }
 
 /// What stands in a pane without rows: why it has none and, of a commissioned version, its open alarms. `enter` on an alarm

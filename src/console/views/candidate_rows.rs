@@ -6,6 +6,7 @@ use crate::rows::CandidateItem;
 use crate::theme::state_mark::{of_dimension, of_ruling};
 use crate::widgets::bar::against_limit;
 use crate::widgets::row::{Row, wrap};
+use holdpoint_governance::outcome::DimensionOutcome;
 use holdpoint_protocol::detail::{DrillView, FieldDiff, MeasuredValue};
 use holdpoint_protocol::event::DimensionResult;
 use holdpoint_protocol::explanation::DecisionExplanation;
@@ -60,8 +61,16 @@ fn text(role: ThemeRole, text: &str, width: usize) -> Vec<Row> {
 }
 
 fn dimension(result: &DimensionResult, look: &Look, width: usize) -> Row {
-    let (glyph, role) = of_dimension(result.outcome);
-    let value = result.kappa.map_or_else(|| "  ?  ".to_owned(), |kappa| format!("{kappa:.3}"));
+    // The outcome of declarations alone is no result of a measurement.
+    let is_declared =
+        result.kappa.is_none() && !result.measured && result.outcome == DimensionOutcome::Compatible;
+    let (glyph, role) =
+        if is_declared { (Glyph::Unknown, ThemeRole::Unknown) } else { of_dimension(result.outcome) };
+    let value = match result.kappa {
+        Some(kappa) => format!("{kappa:.3}"),
+        None if is_declared => "  -  ".to_owned(),
+        None => "  ?  ".to_owned(),
+    };
     let mut row = Row::of(role, &format!("{} ", look.glyph(glyph)))
         .cell(ThemeRole::Text, result.dimension.name(), 10)
         .with(ThemeRole::Value, &format!("{value} "));
@@ -71,8 +80,13 @@ fn dimension(result: &DimensionResult, look: &Look, width: usize) -> Row {
         .with(ThemeRole::Limit, &format!(" limit {:.2} ", result.threshold))
         .cell(role, result.outcome.name(), 13);
     let bar = width.saturating_sub(row.width() + tail.width()).min(24);
-    row = row.and(against_limit(look, result.kappa, result.threshold, bar)).and(tail);
-    if !result.measured && row.width() + 10 <= width {
+    row = if is_declared {
+        row.cell(ThemeRole::Muted, "not measured yet", bar)
+    } else {
+        row.and(against_limit(look, result.kappa, result.threshold, bar))
+    };
+    row = row.and(tail);
+    if !result.measured && !is_declared && row.width() + 10 <= width {
         row.push(ThemeRole::Muted, " estimated");
     }
     row
@@ -205,8 +219,28 @@ fn decision_rows(decision: &DecisionExplanation, look: &Look, width: usize) -> V
 }
 
 #[cfg(test)]
+#[allow(clippy::unwrap_used, reason = "a test says what it expects by failing")]
 mod tests {
+    use holdpoint_governance::decision::Dimension;
+
     use super::*;
+    use crate::look::{ColorDepth, Glyphs, Theme};
+
+    /// The card said `✔ recovery ? compatible` before any drill had run.
+    #[test]
+    fn a_declared_outcome_is_no_measured_one() {
+        let look = Look::new(Theme::builtin("mono").unwrap(), ColorDepth::Mono, Glyphs::Unicode);
+        let text = |kappa: Option<f64>, measured: bool, outcome: DimensionOutcome| {
+            let (of, interval, threshold) = (Dimension::Recovery, None, 0.85);
+            let result = DimensionResult { dimension: of, outcome, kappa, interval, threshold, measured };
+            dimension(&result, &look, 100).parts().map(|(text, _)| text).collect::<String>()
+        };
+        let declared = text(None, false, DimensionOutcome::Compatible);
+        assert!(declared.starts_with("? recovery    -   not measured yet"), "{declared}");
+        assert!(text(None, false, DimensionOutcome::Incompatible).starts_with("✖ recovery    ?  "));
+        assert!(text(Some(0.9), true, DimensionOutcome::Compatible).starts_with("✔ recovery  0.900 "));
+        assert!(text(None, false, DimensionOutcome::NoData).starts_with("? recovery    ?  "));
+    }
 
     /// An improvement of success was "worse by -0.357..-0.201".
     #[test]

@@ -11,6 +11,7 @@
 use crate::look::{Glyph, Look, ThemeRole};
 use crate::widgets::bar::progress;
 use crate::widgets::row::{Row, wrap};
+use holdpoint_protocol::event::DimensionResult;
 use holdpoint_protocol::snapshot::{CandidateView, MonitorView, Snapshot};
 
 /// The most lines of the conditions, and of the limits.
@@ -50,12 +51,7 @@ pub fn rows(now: &Snapshot, candidate: &CandidateView, look: &Look, width: usize
             rows.extend(wrapped(role, &format!("of their limits: {}; {then}", near.join(", "))));
         }
     }
-    let below: Vec<String> = candidate
-        .dimensions
-        .iter()
-        .filter_map(|one| Some((one, one.kappa.filter(|kappa| *kappa < one.threshold)?)))
-        .map(|(one, kappa)| format!("{} {kappa:.2} of {:.2}", one.dimension.name(), one.threshold))
-        .collect();
+    let below = below_limit(&candidate.dimensions);
     if !below.is_empty() {
         let glyph = look.glyph(Glyph::Warning);
         let text = format!("{glyph} admitted below its limit: {}", below.join(", "));
@@ -66,6 +62,16 @@ pub fn rows(now: &Snapshot, candidate: &CandidateView, look: &Look, width: usize
         rows.extend(wrapped(ThemeRole::Muted, &format!("under: {}", conditions.join("; "))));
     }
     rows
+}
+
+/// The checks below their limits, with value and limit.
+#[must_use]
+pub fn below_limit(dimensions: &[DimensionResult]) -> Vec<String> {
+    dimensions
+        .iter()
+        .filter_map(|one| Some((one, one.kappa.filter(|kappa| *kappa < one.threshold)?)))
+        .map(|(one, kappa)| format!("{} {kappa:.2} of {:.2}", one.dimension.name(), one.threshold))
+        .collect()
 }
 
 /// Each rate of a monitor as a share of its nearest limit, the nearest first.

@@ -119,3 +119,78 @@ fn the_first_line_names_the_site_file() {
     console.tell(MsgKind::Snapshot(Arc::new(Snapshot { site_file, ..snapshot(0, 'e') })));
     assert!(first(&console).contains("  site line-4.toml"), "{}", first(&console));
 }
+
+/// At 80 columns the first line ended with a bare "00:01:00", which read as a time of day.
+#[test]
+fn the_first_line_names_the_clock_of_the_engine() {
+    for wall_ms in [None, Some(((18 * 60 + 31) * 60 + 56) * 1_000)] {
+        let mut console = TestConsole::new(0);
+        console.tell(MsgKind::Snapshot(Arc::new(Snapshot { wall_ms, ..snapshot(0, 'e') })));
+        for (columns, rows) in [(120, 36), (80, 24), (60, 16), (40, 12)] {
+            let screen = screen(&console, columns, rows);
+            let first = screen.lines().next().unwrap_or_default();
+            let is_named = first.contains("engine 00:01:00") || !first.contains("00:01:00");
+            assert!(is_named, "{columns}: {first}");
+        }
+        assert!(screen(&console, 80, 24).lines().next().unwrap().contains("engine 00:01:00"));
+    }
+}
+
+fn approval_record(seq: u64, kind: &str, change: &serde_json::Value) -> serde_json::Value {
+    json!({ "seq": seq, "prev": digest('a'), "hash": digest('b'), "at_ms": seq, "kind": kind,
+        "subject": CANDIDATE, "body": json!({ "change": change, "rows": [] }).to_string(), "wall_ms": 0 })
+}
+
+/// The card named a limit that the version was admitted below, and nobody who waived it.
+#[test]
+fn the_card_names_who_waived_a_limit() {
+    let put = |seq, who: &str, nonce: &str, evidence: char| {
+        let change = json!({ "change": "put-approval", "decision": "approve", "who": who, "nonce": nonce,
+            "evidence_digest": digest(evidence) });
+        approval_record(seq, "approval-put", &change)
+    };
+    let used = |seq, nonce: &str| {
+        let change = json!({ "change": "consume-approval", "nonce": nonce, "evidence_digest": digest('e') });
+        approval_record(seq, "approval-consumed", &change)
+    };
+    let audit = json!([
+        used(9, "3"),
+        used(8, "2"),
+        put(7, "linus", "3", 'e'),
+        put(6, "grace", "2", 'e'),
+        put(5, "mara", "1", 'e'),
+        used(4, "0"),
+        put(3, "bert", "0", 'd')
+    ]);
+    let recovery = |kappa: f64| {
+        json!([{ "dimension": "recovery", "outcome": "suspicious", "kappa": kappa, "interval": null,
+            "threshold": 0.8, "measured": true }])
+    };
+    let card = |state: &str, dimensions: serde_json::Value| {
+        let mut console = TestConsole::new(0);
+        let mut now = snapshot(0, 'e');
+        now.prompts.clear();
+        now.candidates[0].state = serde_json::from_value(json!(state)).unwrap();
+        now.candidates[0].flags = serde_json::from_value(flags(true, false)).unwrap();
+        console.tell(MsgKind::Snapshot(Arc::new(now)));
+        open_detail(&mut console, detail(&json!({ "dimensions": dimensions, "audit": audit })));
+        screen(&console, 120, 36)
+    };
+    let waived = "admitted below its limit: recovery 0.50 of 0.80; waived by linus, grace";
+    let text = card("active", recovery(0.5));
+    // Not mara, whose approval was not used, and not bert, who approved other evidence.
+    assert!(text.lines().any(|line| line.trim_end() == waived), "{text}");
+    assert!(!card("active", recovery(0.9)).contains("waived"), "within its limit");
+    assert!(!card("shadowed", recovery(0.5)).contains("waived"), "not admitted");
+}
+
+/// The pane said that nothing had been read where the log has no such record.
+#[test]
+fn a_kind_without_records_is_not_called_unread() {
+    let mut console = TestConsole::new(0);
+    console.keys("7");
+    assert!(screen(&console, 120, 36).contains("No record has been read yet"));
+    let page = holdpoint_protocol::detail::AuditPage { rows: Vec::new(), head: 9 };
+    console.model.engine_data.audit = Arc::new(page);
+    assert!(screen(&console, 120, 36).contains("There is no record of this kind"));
+}

@@ -223,7 +223,10 @@ fn health_names_units_tolerated_tasks_and_promotions() {
     for (columns, rows) in [(120, 36), (80, 24)] {
         let screen = super::consistency::screen(&console, columns, rows);
         let flat = screen.split_whitespace().collect::<Vec<_>>().join(" ");
-        assert!(flat.contains("100 % ") && flat.contains("1 with a violation, 1 close to a limit"), "{screen}");
+        assert!(
+            flat.contains("100 % ") && flat.contains("1 with a violation, 1 close to a limit"),
+            "{screen}"
+        );
         let line = |label: &str| screen.lines().find(|line| line.trim_start().starts_with(label)).unwrap();
         let column = line("marks").rfind('P').unwrap();
         assert_eq!(line("50 %").as_bytes().get(column), Some(&b'P'), "{screen}");

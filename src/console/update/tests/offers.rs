@@ -76,6 +76,35 @@ fn hints_follow_the_state_of_the_version() {
     assert!(possible.why_not(Action::Go).is_some_and(|why| why.contains("not stopped")));
 }
 
+/// The help began with the keys of every view, and those of this one were below its end.
+#[test]
+fn help_begins_with_the_keys_of_the_view() {
+    for (view, own) in [("5", Action::Acknowledge), ("3", Action::Pause), ("8", Action::ZoomIn)] {
+        let mut console = TestConsole::new(0);
+        console.keys(view);
+        console.keys("?");
+        let Some(Overlay::Palette(palette)) = &console.model.input.overlay else { panic!("help opens") };
+        let rows = palette.rows();
+        let place = |action: Action| rows.iter().position(|row| *row == action).unwrap();
+        assert_eq!(rows[0], Action::Help, "Enter on the first row changes nothing");
+        assert!(
+            place(own) < place(Action::Down) && place(Action::Down) < place(Action::ShowAudit),
+            "{rows:?}"
+        );
+    }
+}
+
+#[test]
+fn a_pause_of_a_paused_candidate_names_the_key_that_resumes_it() {
+    let mut console = TestConsole::new(0);
+    with(&mut console, |now| {
+        now.candidates[0].flags = VersionFlags { paused: true, ..VersionFlags::default() }
+    });
+    console.keys("p");
+    let notice = &console.model.notice.as_ref().unwrap().text;
+    assert!(notice.ends_with("it is paused already, u resumes it"), "{notice}");
+}
+
 /// The list of what waits named view 6 beside a paused candidate, and that view was empty.
 #[test]
 fn a_paused_candidate_in_view_6_leads_to_its_card_and_is_resumed_there() {

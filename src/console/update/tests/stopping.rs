@@ -256,8 +256,8 @@ fn a_stop_leaves_no_rate_for_a_forecast() {
         let progress = json!({ "stage": "sandbox", "what": "paired episodes", "done": done, "budget": 100,
             "since_ms": 0, "early": "" });
         now.candidates[0].progress = Some(serde_json::from_value(progress).unwrap());
-        now.stopped = is_stopped
-            .then(|| StoppedView::first("bo".to_owned(), Caller::Script, String::new(), at_ms));
+        now.stopped =
+            is_stopped.then(|| StoppedView::first("bo".to_owned(), Caller::Script, String::new(), at_ms));
         console.tell(MsgKind::Snapshot(Arc::new(now.clone())));
         let candidate = &now.candidates[0];
         let known = console.model.engine_data.stage_progress.get(&candidate.version).unwrap();
