@@ -30,7 +30,7 @@ mod version_status;
 pub use counted_try::counted_try;
 pub use finding::{finding, hard_stop};
 pub use harm::{harm_comparison, harm_decider, sequence_measure};
-pub use notice::{admission_refusal, came_up_stopped, coded, notice, notice_sentence, operator_act};
+pub use notice::{admission_refusal, coded, notice, notice_sentence, operator_act, stop_after_unclean_end};
 pub use reason::{line, measured_and_limit, reason};
 pub use task_failure::failure_cause;
 pub use version_status::{status_cause, status_end, version_status};

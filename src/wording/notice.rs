@@ -13,6 +13,7 @@ use holdpoint_governance::profile_downgrade::AdmissionContext;
 use holdpoint_governance::rollback::RungFailure;
 use holdpoint_governance::sensor_health::SensorSignal;
 use holdpoint_governance::startup_stop::StartStoppedReason;
+use holdpoint_governance::wall_time::WallTime;
 
 use crate::past_limit::{after_event, measured, past_limit};
 
@@ -309,14 +310,20 @@ pub const fn operator_act(act: OperatorAct) -> &'static str {
 }
 
 /// Why a cell comes up stopped.
-#[must_use]
-pub const fn came_up_stopped(cause: StartStoppedReason) -> &'static str {
+const fn came_up_stopped(cause: StartStoppedReason) -> &'static str {
     match cause {
         StartStoppedReason::UnrecordedStop => "the cell had been stopped, and the stop was not on record",
         StartStoppedReason::UncleanEnd => {
             "the last engine ended suddenly while it worked the cell: look at the cell first"
         }
     }
+}
+
+/// The reason of the stop after a sudden end, with the time of the last engine's last record; a script's has none.
+#[must_use]
+pub fn stop_after_unclean_end(last_record: Option<WallTime>) -> String {
+    let text = came_up_stopped(StartStoppedReason::UncleanEnd);
+    last_record.map_or_else(|| text.to_owned(), |at| format!("{text}; its last record is of {}", at.label()))
 }
 
 /// The sentence of a reason, after its code.

@@ -154,6 +154,7 @@ fn after_a_sudden_end_the_cell_stays_stopped_under_every_profile() {
             (stops[0]["by"].as_str(), stops[0]["code"].as_str()),
             (Some("the engine"), Some("unclean-end"))
         );
+        assert!(stops[0]["reason"].as_str().unwrap().contains("its last record is of "), "{stops:?}");
         assert!(output_text(&holdpoint(&store, &["status"])).contains("as \"the engine\""));
         let alarms: Vec<Value> = records(&store, RecordKind::AlarmChanged);
         assert!(alarms.iter().any(|alarm| alarm.to_string().contains("came-up-stopped")), "{alarms:?}");

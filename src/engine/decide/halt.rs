@@ -163,7 +163,8 @@ pub(crate) fn restore_stop(record: &mut EngineRecorder, world: &mut LiveWorld) -
     }
     if last == LastEngineRun::Began {
         cause = StartStoppedReason::UncleanEnd;
-        let reason = holdpoint_wording::came_up_stopped(cause).to_owned();
+        let last_record = record.version_table().store().opening().newest_record;
+        let reason = holdpoint_wording::stop_after_unclean_end(last_record);
         let (by, caller) = ("the engine".to_owned(), own_caller(record));
         let stop = StopRecord { by, caller, reason, code: None };
         note(record, world, stop.because(StartStoppedReason::UncleanEnd))?;

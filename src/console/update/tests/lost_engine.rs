@@ -351,12 +351,12 @@ fn a_lost_engine_names_what_starts_the_next_one() {
         [(EngineEndError::of("it has ended"), true), (EngineEndError::orderly("bert ended it"), false)]
     {
         let mut console = attached();
-        console.model.data = Some("/srv/cell-2".to_owned());
+        console.model.data = Some("/srv/cell".to_owned());
         assert!(!screen_text(&console, SIZES[0]).contains("NO ENGINE RUNS"));
         console.tell(MsgKind::EngineEnded(Err(why)));
         for (tries, expected) in [
-            (3, "`holdpoint --data /srv/cell-2` in another shell starts one, and this console attaches"),
-            (64, "q ends this console, and `holdpoint --data /srv/cell-2` in the shell starts an engine"),
+            (3, "`holdpoint --data /srv/cell` in another shell starts one, and this console attaches"),
+            (64, "q ends this console, and `holdpoint --data /srv/cell` in the shell starts an engine"),
         ] {
             console.tell(MsgKind::ReconnectFailed(look(tries)));
             // However long it takes to read.
