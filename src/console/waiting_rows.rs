@@ -1,4 +1,4 @@
-//! The rows of view 6: monitors' questions, requests for approval, and versions that stand until a person lets them go on.
+//! The rows of view 6: monitors' questions, requests for approval, and versions that stand until a person resumes them.
 //!
 //! Owns their order. The views draw them, and the reducer opens the one under the cursor.
 
@@ -41,7 +41,7 @@ impl WaitingRow<'_> {
     }
 }
 
-/// The word for a version that stands until a person acts, and the action that lets it go on; absent if it does not stand.
+/// The word for a version that stands until a person acts, and the action that ends that; absent if it does not stand.
 #[must_use]
 pub const fn standing(condition: VersionCondition) -> Option<(&'static str, Action)> {
     match condition {

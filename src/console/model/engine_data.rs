@@ -44,7 +44,7 @@ impl EngineState {
         }
     }
 
-    /// Whether the engine ended because somebody ended it.
+    /// Whether the engine ended because a person or a program ended it.
     #[must_use]
     pub const fn ended_orderly(&self) -> bool {
         match self {

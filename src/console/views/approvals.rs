@@ -76,7 +76,7 @@ fn standing_rows(model: &ConsoleModel, candidate: &CandidateView) -> Vec<(ThemeR
     let status = now.status(candidate);
     let open = model.keymap.key(Action::Open);
     let act = standing(status.condition).map_or_else(String::new, |(_, action)| {
-        format!("; {} ({}) lets it go on, here and there", model.keymap.key(action), action.name())
+        format!("; {}: {}, here and there", model.keymap.key(action), action.name())
     });
     let told = holdpoint_wording::version_status(&candidate.version, &status);
     vec![

@@ -141,7 +141,7 @@ fn approval_record(seq: u64, kind: &str, change: &serde_json::Value) -> serde_js
         "subject": CANDIDATE, "body": json!({ "change": change, "rows": [] }).to_string(), "wall_ms": 0 })
 }
 
-/// The card named a limit that the version was admitted below, and nobody who waived it.
+/// The card named a limit that the version was admitted below, and not the people who waived it.
 #[test]
 fn the_card_names_who_waived_a_limit() {
     let put = |seq, who: &str, nonce: &str, evidence: char| {

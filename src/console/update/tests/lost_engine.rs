@@ -372,7 +372,7 @@ fn a_lost_engine_names_what_starts_the_next_one() {
     }
 }
 
-/// "no alarm" stood beside a dead engine as if somebody looked.
+/// "no alarm" stood beside a dead engine as if it were a live value.
 #[test]
 fn no_alarm_of_a_lost_engine_has_its_time() {
     for ends in [true, false] {

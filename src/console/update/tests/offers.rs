@@ -115,7 +115,7 @@ fn a_paused_candidate_in_view_6_leads_to_its_card_and_is_resumed_there() {
     });
     console.keys("6");
     let text = screen(&console, 120, 36);
-    assert!(text.contains("u (resume) lets it go on"), "{text}");
+    assert!(text.contains("u: resume, here and there"), "{text}");
     assert!(hints::actions(&console.model).contains(&Action::Resume));
     console.press(KeyCode::Enter);
     assert_eq!(console.model.view_state.view, View::Candidate);
