@@ -78,6 +78,10 @@ fn paint(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
             let body = under(model, pen, body);
             views::key_log::draw(model, *row, pen, body);
         }
+        Some(Overlay::Event(screen)) => {
+            let body = under(model, pen, body);
+            views::event_log::draw_in_full(model, screen, pen, body);
+        }
         None => {
             under(model, pen, body);
         }
@@ -115,7 +119,8 @@ pub fn decision_on_screen(model: &ConsoleModel, look: &Look, area: Rect) -> Opti
         | Overlay::Why(_)
         | Overlay::Film(_)
         | Overlay::Replay(_)
-        | Overlay::KeyLog(_) => None,
+        | Overlay::KeyLog(_)
+        | Overlay::Event(_) => None,
     }
 }
 

@@ -21,7 +21,7 @@ pub use engine_data::{
 };
 pub use engine_requests::{EngineRequests, PendingRequest, RequestSubject};
 pub use framing::Framing;
-pub use input_state::{CompletionMenu, FilmScreen, InputState, Overlay, Typing, WhyScreen};
+pub use input_state::{CompletionMenu, EventScreen, FilmScreen, InputState, Overlay, Typing, WhyScreen};
 pub use key_log::{KEY_LOG_MAX, KeyLog, KeyLogEntry};
 pub use order::{SortBy, SortOrder};
 pub use stage_progress::StageProgress;
@@ -150,7 +150,8 @@ impl ConsoleModel {
                 | Overlay::Approval(_)
                 | Overlay::Form(_)
                 | Overlay::Why(_)
-                | Overlay::KeyLog(_),
+                | Overlay::KeyLog(_)
+                | Overlay::Event(_),
             )
             | None => false,
         }

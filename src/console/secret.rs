@@ -74,6 +74,18 @@ pub struct Signing<W> {
     is_stale: bool,
 }
 
+/// The passphrase entry of a decision, whatever the decision is.
+pub trait PassphraseEntry {
+    /// Whether the passphrase is being checked: no key is text meanwhile, and stopping must work.
+    fn is_checked(&self) -> bool;
+
+    /// Whether it waits for the answer to this request.
+    fn waits_for(&self, id: &str) -> bool;
+
+    /// The passphrase opened no key: it can be typed again.
+    fn failed(&mut self, text: String);
+}
+
 /// The meaning of a key while a passphrase is typed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SigningKey {
@@ -133,21 +145,18 @@ impl<W> Signing<W> {
         self.problem = None;
         Passphrase::new(self.secret.take()).ok()
     }
+}
 
-    /// Whether the passphrase is being checked: no key is text meanwhile, and stopping must work.
-    #[must_use]
-    pub const fn is_checked(&self) -> bool {
+impl<W> PassphraseEntry for Signing<W> {
+    fn is_checked(&self) -> bool {
         self.request_id.is_some()
     }
 
-    /// Whether it waits for the answer to this request.
-    #[must_use]
-    pub fn waits_for(&self, id: &str) -> bool {
+    fn waits_for(&self, id: &str) -> bool {
         self.request_id.as_deref() == Some(id)
     }
 
-    /// The passphrase opened no key: it can be typed again.
-    pub fn failed(&mut self, text: String) {
+    fn failed(&mut self, text: String) {
         self.request_id = None;
         self.problem = Some(text);
     }

@@ -7,6 +7,7 @@ pub mod availability;
 mod cell_restart;
 mod engine_requests;
 mod engine_updates;
+mod event_screen;
 mod find_in_view;
 mod health;
 mod identity_offer;
@@ -162,17 +163,8 @@ fn take_in(model: &mut ConsoleModel, msg: Msg) -> Vec<Effect> {
             Vec::new()
         }
         MsgKind::DecisionShown(visible) => {
-            match &mut model.input.overlay {
-                Some(Overlay::Approval(prompt)) => prompt.mark_read(&visible),
-                Some(Overlay::Form(form)) => form.mark_read(&visible),
-                Some(
-                    Overlay::Palette(_)
-                    | Overlay::Why(_)
-                    | Overlay::Film(_)
-                    | Overlay::Replay(_)
-                    | Overlay::KeyLog(_),
-                )
-                | None => {}
+            if let Some(overlay) = &mut model.input.overlay {
+                overlay.mark_read(&visible);
             }
             Vec::new()
         }
@@ -226,6 +218,7 @@ fn on_key(model: &mut ConsoleModel, key: KeyEvent) -> Vec<Effect> {
         Some(Overlay::Film(_)) => why::film_key(model, key, action),
         Some(Overlay::Replay(_)) => recording::key(model, key, action),
         Some(Overlay::KeyLog(_)) => key_log::log_key(model, action),
+        Some(Overlay::Event(_)) => event_screen::key(model, action),
         None => {
             if belongs_to_refused_form(model, key, action) {
                 return Vec::new();

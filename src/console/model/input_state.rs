@@ -1,11 +1,13 @@
 //! The input that has the keys instead of the view: a dialog over it, or a line at the foot of the screen.
 
-use crate::approval_screen::ApprovalScreen;
+use super::engine_data::EventLogLine;
+use crate::approval_screen::{ApprovalScreen, VisibleRows};
 use crate::form::{DismissedForm, Form};
 use crate::line::EditLine;
 use crate::palette::Palette;
 use crate::player::Player;
 use crate::replay::model::ReplayModel;
+use crate::secret::PassphraseEntry;
 use holdpoint_governance::ids::CapabilityId;
 
 /// A dialog over the view, which takes the keys. At most one at a time.
@@ -24,6 +26,61 @@ pub enum Overlay {
     Replay(Box<ReplayModel>),
     /// What each key did, with the row under the cursor.
     KeyLog(usize),
+    /// The whole text of an event.
+    Event(EventScreen),
+}
+
+impl Overlay {
+    /// The passphrase entry of the open request or form; absent while nothing is being signed.
+    pub fn signing_mut(&mut self) -> Option<&mut dyn PassphraseEntry> {
+        match self {
+            Self::Approval(prompt) => Some(prompt.signing.as_mut()?),
+            Self::Form(form) => Some(form.signing.as_mut()?),
+            Self::Palette(_)
+            | Self::Why(_)
+            | Self::Film(_)
+            | Self::Replay(_)
+            | Self::KeyLog(_)
+            | Self::Event(_) => None,
+        }
+    }
+
+    /// How many lines of the open request or form have not been on the screen.
+    #[must_use]
+    pub fn unread(&self) -> usize {
+        match self {
+            Self::Approval(prompt) => prompt.unread(),
+            Self::Form(form) => form.unread(),
+            Self::Palette(_)
+            | Self::Why(_)
+            | Self::Film(_)
+            | Self::Replay(_)
+            | Self::KeyLog(_)
+            | Self::Event(_) => 0,
+        }
+    }
+
+    /// Notes the lines of the open request or form that were on the screen.
+    pub fn mark_read(&mut self, visible: &VisibleRows) {
+        match self {
+            Self::Approval(prompt) => prompt.mark_read(visible),
+            Self::Form(form) => form.mark_read(visible),
+            Self::Palette(_)
+            | Self::Why(_)
+            | Self::Film(_)
+            | Self::Replay(_)
+            | Self::KeyLog(_)
+            | Self::Event(_) => {}
+        }
+    }
+}
+
+/// An event on the screen in full. The line is a copy: the log forgets old lines.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct EventScreen {
+    pub line: EventLogLine,
+    /// Rows that have gone out at the top.
+    pub scroll: usize,
 }
 
 /// The explanation on the screen, and how far it is scrolled.

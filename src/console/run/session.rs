@@ -464,18 +464,7 @@ impl Session {
 
     /// Rows that were really on the screen count as read. The next frame shows how many are left.
     fn decision_shown(&mut self, visible: VisibleRows) {
-        let unread = |model: &ConsoleModel| match &model.input.overlay {
-            Some(Overlay::Approval(prompt)) => prompt.unread(),
-            Some(Overlay::Form(form)) => form.unread(),
-            Some(
-                Overlay::Palette(_)
-                | Overlay::Why(_)
-                | Overlay::Film(_)
-                | Overlay::Replay(_)
-                | Overlay::KeyLog(_),
-            )
-            | None => 0,
-        };
+        let unread = |model: &ConsoleModel| model.input.overlay.as_ref().map_or(0, Overlay::unread);
         let before = unread(&self.model);
         self.fold_one(MsgKind::DecisionShown(visible));
         if unread(&self.model) != before {

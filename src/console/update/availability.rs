@@ -96,6 +96,7 @@ impl<'a> ActionAvailability<'a> {
         }
         let useful = match action {
             A::Open => match model.view_state.view {
+                View::Overview if model.view_state.is_in_event_log() => self.rows > 0,
                 View::Overview => self.here.is_some(),
                 View::Alarms => self.here.is_some() || selection::group_here(model).is_some(),
                 View::Registry | View::Approvals | View::Audit => self.rows > 0,

@@ -1,6 +1,6 @@
 //! Navigation: cursors, panes, branches, and the effect of Enter.
 
-use super::{engine_requests, refuse, selection, show, why};
+use super::{engine_requests, event_screen, refuse, selection, show, why};
 use crate::action::Action;
 use crate::approval_screen::ApprovalScreen;
 use crate::audit;
@@ -228,6 +228,7 @@ fn open(model: &mut ConsoleModel) -> Vec<Effect> {
             }
             choose(model)
         }
+        View::Overview if model.view_state.is_in_event_log() => event_screen::open(model),
         View::Overview => choose(model),
         View::Audit => {
             let seq = model.audit_rows().get(model.row()).map(|row| row.record.seq);

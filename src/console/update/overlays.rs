@@ -9,7 +9,7 @@ use crate::effect::Effect;
 use crate::form::{ConfirmedOperation, FormFocus, FormProblem, Intent};
 use crate::formatters::takeover_time;
 use crate::model::{ConsoleModel, EngineData, Overlay, RequestSubject};
-use crate::secret::{Signing, SigningKey};
+use crate::secret::{PassphraseEntry as _, Signing, SigningKey};
 use holdpoint_approvals::Passphrase;
 use holdpoint_approvals::keyfile::Protection;
 use holdpoint_governance::approval::ApprovalDecision;
@@ -184,70 +184,25 @@ fn signing_key(model: &mut ConsoleModel, key: KeyEvent) -> Vec<Effect> {
 pub(super) fn unsigned(model: &mut ConsoleModel, id: &str, text: String) {
     model.requests.pending.remove(id);
     model.key_log.answered(id, &text, true);
-    match &mut model.input.overlay {
-        Some(Overlay::Approval(prompt)) => {
-            if let Some(signing) = prompt.signing.as_mut().filter(|signing| signing.waits_for(id)) {
-                return signing.failed(text);
-            }
-        }
-        Some(Overlay::Form(form)) => {
-            if let Some(signing) = form.signing.as_mut().filter(|signing| signing.waits_for(id)) {
-                return signing.failed(text);
-            }
-        }
-        Some(
-            Overlay::Palette(_)
-            | Overlay::Why(_)
-            | Overlay::Film(_)
-            | Overlay::Replay(_)
-            | Overlay::KeyLog(_),
-        )
-        | None => {}
+    let signing = model.input.overlay.as_mut().and_then(Overlay::signing_mut);
+    match signing.filter(|signing| signing.waits_for(id)) {
+        Some(signing) => signing.failed(text),
+        None => show_message(model, text, true),
     }
-    show_message(model, text, true);
 }
 
 /// Reports that a request will get no answer: the question or form stays, with the reason.
 pub(super) fn unanswered(model: &mut ConsoleModel, why: &str) {
-    match &mut model.input.overlay {
-        Some(Overlay::Approval(prompt)) => {
-            if let Some(signing) = prompt.signing.as_mut().filter(|signing| signing.is_checked()) {
-                signing.failed(why.to_owned());
-            }
-        }
-        Some(Overlay::Form(form)) => {
-            if let Some(signing) = form.signing.as_mut().filter(|signing| signing.is_checked()) {
-                signing.failed(why.to_owned());
-            }
-        }
-        Some(
-            Overlay::Palette(_)
-            | Overlay::Why(_)
-            | Overlay::Film(_)
-            | Overlay::Replay(_)
-            | Overlay::KeyLog(_),
-        )
-        | None => {}
+    let signing = model.input.overlay.as_mut().and_then(Overlay::signing_mut);
+    if let Some(signing) = signing.filter(|signing| signing.is_checked()) {
+        signing.failed(why.to_owned());
     }
 }
 
 /// The engine answered: closes the prompt or form that waited for it.
 pub(super) fn answered(model: &mut ConsoleModel, id: &str) {
-    let waited = match &model.input.overlay {
-        Some(Overlay::Approval(prompt)) => {
-            prompt.signing.as_ref().is_some_and(|signing| signing.waits_for(id))
-        }
-        Some(Overlay::Form(form)) => form.signing.as_ref().is_some_and(|signing| signing.waits_for(id)),
-        Some(
-            Overlay::Palette(_)
-            | Overlay::Why(_)
-            | Overlay::Film(_)
-            | Overlay::Replay(_)
-            | Overlay::KeyLog(_),
-        )
-        | None => false,
-    };
-    if waited {
+    let signing = model.input.overlay.as_mut().and_then(Overlay::signing_mut);
+    if signing.is_some_and(|signing| signing.waits_for(id)) {
         model.input.overlay = None;
     }
 }

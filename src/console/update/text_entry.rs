@@ -290,7 +290,17 @@ pub(super) fn paste(model: &mut ConsoleModel, text: &str) -> Vec<Effect> {
                 line.paste(text);
             }
         }
-        (None, Some(Overlay::Why(_) | Overlay::Film(_) | Overlay::Replay(_) | Overlay::KeyLog(_)) | None) => {
+        (
+            None,
+            Some(
+                Overlay::Why(_)
+                | Overlay::Film(_)
+                | Overlay::Replay(_)
+                | Overlay::KeyLog(_)
+                | Overlay::Event(_),
+            )
+            | None,
+        ) => {
             show_message(model, "pasted text is ignored here", false);
         }
     }

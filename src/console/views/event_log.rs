@@ -1,4 +1,4 @@
-//! The event log, newest first.
+//! The event log, newest first, and one of its events in full.
 //!
 //! ```text
 //! 18:31:57  6 sequences, 4 done, the last: work     sequence 211: not done, grasp@1.0.0 failed (the object slipped)
@@ -8,10 +8,18 @@
 
 use ratatui::layout::Rect;
 
+use crate::action::Action;
 use crate::look::ThemeRole;
-use crate::model::ConsoleModel;
+use crate::model::{ConsoleModel, EventLogLine, EventScreen};
 use crate::widgets::pen::Pen;
-use crate::widgets::row::Row;
+use crate::widgets::row::{Row, wrap};
+use holdpoint_wording::event::LINE_WIDTH_MAX;
+
+/// The widest window of one event, columns.
+const WIDTH_MAX: u16 = 96;
+
+/// Columns of a window's frame.
+const FRAME: u16 = 4;
 
 /// Draws it; row 0 is the newest line.
 pub fn draw(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect, focused: bool) {
@@ -25,12 +33,40 @@ pub fn draw(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect, focused: bool) 
     let cursor = focused.then(|| model.row());
     pen.list(area, rows.len(), cursor, |index, _| {
         rows.get(index).map_or_else(Row::new, |line| {
-            let mut row = Row::of(ThemeRole::Muted, &format!("{}  ", model.moment(line.at_ms)));
-            if line.sequences > 1 {
-                let count = format!("{} sequences, {} done, the last: ", line.sequences, line.done);
-                row.push(ThemeRole::Title, &count);
-            }
-            row.with(ThemeRole::Text, &line.text)
+            Row::of(ThemeRole::Muted, &format!("{}  ", model.moment(line.at_ms)))
+                .with(ThemeRole::Title, &count(line))
+                .with(ThemeRole::Text, &line.text)
         })
     });
+}
+
+/// What precedes the text of a line that stands for several sequences.
+fn count(line: &EventLogLine) -> String {
+    let EventLogLine { sequences, done, .. } = line;
+    if *sequences > 1 { format!("{sequences} sequences, {done} done, the last: ") } else { String::new() }
+}
+
+/// The whole text of an event, in the lines that a window on a screen of so many columns has.
+#[must_use]
+pub fn lines_in_full(line: &EventLogLine, columns: u16) -> Vec<String> {
+    let width = usize::from(columns.min(WIDTH_MAX).saturating_sub(FRAME));
+    wrap(&format!("{}{}", count(line), line.text), width, LINE_WIDTH_MAX)
+}
+
+/// Draws an event in full over the view.
+pub fn draw_in_full(model: &ConsoleModel, screen: &EventScreen, pen: &mut Pen<'_>, area: Rect) {
+    let lines = lines_in_full(&screen.line, area.width);
+    let height = u16::try_from(lines.len() + 2).unwrap_or(u16::MAX);
+    let title = format!("Event of {}", model.moment(screen.line.at_ms));
+    let room = usize::from(area.height.saturating_sub(2));
+    let hidden = lines.len().saturating_sub(room);
+    let first = screen.scroll.min(hidden);
+    let right = if first < hidden {
+        format!("{} shows more", model.keymap.key(Action::Down))
+    } else {
+        format!("{} closes", model.keymap.key(Action::Back))
+    };
+    let inside = super::window(pen, area, WIDTH_MAX, height, &title, &right);
+    let rows: Vec<Row> = lines.iter().skip(first).map(|line| Row::of(ThemeRole::Text, line)).collect();
+    pen.rows(inside, 0, &rows);
 }

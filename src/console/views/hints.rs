@@ -126,7 +126,7 @@ pub fn stop(model: &ConsoleModel) -> Row {
                 (form.void.is_some() && !form.is_one_key()) || form.types() || form.signing.is_some()
             }
             Some(Overlay::Replay(replay)) => replay.typing.is_some(),
-            Some(Overlay::Why(_) | Overlay::Film(_) | Overlay::KeyLog(_)) | None => false,
+            Some(Overlay::Why(_) | Overlay::Film(_) | Overlay::KeyLog(_) | Overlay::Event(_)) | None => false,
         };
     let keys = model.keymap.keys(Action::Stop);
     let is_text = |key: &&String| key.chars().count() == 1;
@@ -186,9 +186,14 @@ fn own_keys(model: &ConsoleModel) -> Option<Vec<(&'static str, &'static str)>> {
         }
         // The replay names its keys in its own last line.
         Some(Overlay::Replay(_)) => Some(Vec::new()),
-        Some(Overlay::Palette(_) | Overlay::Approval(_) | Overlay::Form(_) | Overlay::KeyLog(_)) | None => {
-            None
-        }
+        Some(
+            Overlay::Palette(_)
+            | Overlay::Approval(_)
+            | Overlay::Form(_)
+            | Overlay::KeyLog(_)
+            | Overlay::Event(_),
+        )
+        | None => None,
     }
 }
 
@@ -206,6 +211,7 @@ pub fn actions(model: &ConsoleModel) -> Vec<Action> {
         (Some(Overlay::Form(_)), _) => &[A::NextPane, A::Open, A::Back],
         (Some(Overlay::Why(_) | Overlay::Film(_) | Overlay::Replay(_)), _) => &[A::Back],
         (Some(Overlay::KeyLog(_)), _) => &[A::Up, A::Down, A::Back],
+        (Some(Overlay::Event(_)), _) => &[A::Up, A::Down, A::Copy, A::Back],
         (None, View::Overview) => &[
             A::Go,
             A::Open,

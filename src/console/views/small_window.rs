@@ -119,6 +119,7 @@ fn body(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
         Some(Overlay::Film(open)) => return super::film::draw(open, pen, area),
         Some(Overlay::Replay(open)) => return crate::replay::frame::draw(open, pen.look, area, pen.buf),
         Some(Overlay::KeyLog(row)) => return super::key_log::draw(model, *row, pen, area),
+        Some(Overlay::Event(open)) => return super::event_log::draw_in_full(model, open, pen, area),
         None => {}
     }
     let rest = attention(model, pen, area);

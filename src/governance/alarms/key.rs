@@ -203,38 +203,13 @@ impl AlarmKey {
     /// The version that it is about; absent for an alarm about a family or the cell.
     #[must_use]
     pub const fn version(&self) -> Option<&CapabilityId> {
-        match self {
-            Self::RolledBack(version)
-            | Self::Escalated(version)
-            | Self::Restricted(version)
-            | Self::Violation(version)
-            | Self::Degraded(version)
-            | Self::Harm(version)
-            | Self::WeakRecovery(version)
-            | Self::Shifted(version)
-            | Self::SharedEvent(version)
-            | Self::OutsideDomain(version)
-            | Self::Rejected(version)
-            | Self::Approval(version)
-            | Self::Unreviewed(version) => Some(version),
-            Self::SafeStopped(_)
-            | Self::NotRecovered(_)
-            | Self::CellDegraded
-            | Self::KeptFalse
-            | Self::TelemetryMissed
-            | Self::CheckpointFailed
-            | Self::NameTaken
-            | Self::CameUpStopped
-            | Self::ProfileUnauthorized
-            | Self::ClockDoubted
-            | Self::EngineFault => None,
+        match self.subject() {
+            AlarmSubject::Version(version) => Some(version),
+            AlarmSubject::Family(_) | AlarmSubject::Cell => None,
         }
     }
-}
 
-impl fmt::Display for AlarmKey {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let kind = self.kind();
+    const fn subject(&self) -> AlarmSubject<'_> {
         match self {
             Self::RolledBack(version)
             | Self::Escalated(version)
@@ -248,8 +223,8 @@ impl fmt::Display for AlarmKey {
             | Self::OutsideDomain(version)
             | Self::Rejected(version)
             | Self::Approval(version)
-            | Self::Unreviewed(version) => write!(f, "{kind}:{version}"),
-            Self::SafeStopped(family) | Self::NotRecovered(family) => write!(f, "{kind}:{family}"),
+            | Self::Unreviewed(version) => AlarmSubject::Version(version),
+            Self::SafeStopped(family) | Self::NotRecovered(family) => AlarmSubject::Family(family),
             Self::CellDegraded
             | Self::KeptFalse
             | Self::TelemetryMissed
@@ -258,9 +233,27 @@ impl fmt::Display for AlarmKey {
             | Self::CameUpStopped
             | Self::ProfileUnauthorized
             | Self::ClockDoubted
-            | Self::EngineFault => {
-                write!(f, "{kind}")
-            }
+            | Self::EngineFault => AlarmSubject::Cell,
+        }
+    }
+}
+
+/// The subject of an alarm.
+#[derive(Clone, Copy)]
+enum AlarmSubject<'a> {
+    Version(&'a CapabilityId),
+    Family(&'a Family),
+    /// The one cell, with its store and its engine.
+    Cell,
+}
+
+impl fmt::Display for AlarmKey {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let kind = self.kind();
+        match self.subject() {
+            AlarmSubject::Version(version) => write!(f, "{kind}:{version}"),
+            AlarmSubject::Family(family) => write!(f, "{kind}:{family}"),
+            AlarmSubject::Cell => write!(f, "{kind}"),
         }
     }
 }

@@ -2,6 +2,7 @@
 
 use super::consistency::screen;
 use super::*;
+use crate::model::EventLogLine;
 use crate::state_filter::StateFilter;
 use holdpoint_governance::lifecycle::{Stage, State, VersionFlags};
 use holdpoint_governance::record::VersionSummary;
@@ -237,4 +238,31 @@ fn the_log_of_keys_has_each_effect_refusal_and_answer() {
     assert_eq!(console.model.input.overlay, Some(Overlay::KeyLog(before - 1)));
     console.press(KeyCode::Esc);
     assert!(console.model.input.overlay.is_none() && entries(&console).len() == before);
+}
+
+/// A row of the event log is cut at the end of its pane.
+#[test]
+fn enter_shows_an_event_in_full() {
+    let mut console = TestConsole::new(0);
+    let text = (0..60).map(|number| format!("word{number:02}")).collect::<Vec<_>>().join(" ");
+    let line = EventLogLine { seq: 1, at_ms: 60_000, text: text.clone(), sequences: 0, done: 0 };
+    console.model.engine_data.events.push_back(line);
+    console.press(KeyCode::Tab);
+    console.press(KeyCode::Tab);
+    assert!(console.model.view_state.is_in_event_log());
+    assert!(!screen(&console, 80, 24).contains("word59"), "the row is cut");
+    console.press(KeyCode::Enter);
+    for (columns, rows) in [(120, 36), (80, 24), (60, 18)] {
+        let shown = screen(&console, columns, rows);
+        assert!(shown.contains("word00") && shown.contains("word59"), "{columns}x{rows}:\n{shown}");
+        assert!(shown.contains("X stop"), "{shown}");
+    }
+    // On a low screen the rest is below.
+    console.model.size = (40, 14);
+    assert!(!screen(&console, 40, 14).contains("word59"));
+    console.keys("G");
+    assert!(screen(&console, 40, 14).contains("word59"));
+    assert!(matches!(&console.keys("y")[..], [Effect::Copy(copied)] if *copied == text));
+    console.press(KeyCode::Esc);
+    assert_eq!(console.model.input.overlay, None);
 }
