@@ -1,11 +1,13 @@
-//! The moments at which a version went wrong: its failures in re-run parts, and the decision against it.
+//! The moments at which a version went wrong: its failures in re-run parts, its violations in the live cell, and the
+//! decision against it.
 //!
 //! Reads events and marks; judges nothing itself.
 
 use super::time_mark::TimeMark;
 use crate::look::ThemeRole;
 use holdpoint_governance::ids::CapabilityId;
-use holdpoint_protocol::event::EventKind;
+use holdpoint_governance::rollback::TriggerKind;
+use holdpoint_protocol::event::{Event, EventKind};
 use holdpoint_recordings::recording::Recording;
 
 /// See the module's head.
@@ -13,7 +15,7 @@ use holdpoint_recordings::recording::Recording;
 pub struct Failures {
     /// Every such moment, virtual ms, in order.
     times_ms: Vec<u64>,
-    /// The decision against the version; absent if the last decision favored it.
+    /// The decision against the version for its own conduct; absent if the last decision favored it.
     decided_ms: Option<u64>,
     /// The decisions about the version: virtual ms, and whether each is against it.
     decisions: Vec<(u64, bool)>,
@@ -24,22 +26,26 @@ impl Failures {
     #[must_use]
     pub fn of(recording: &Recording, marks: &[Option<TimeMark>]) -> Self {
         let version = &recording.about.version;
-        let decisions: Vec<(u64, bool)> = recording
+        let turns: Vec<(&Event, bool)> = recording
             .events
             .iter()
             .zip(marks)
             .filter(|(event, _)| decides(&event.kind, version))
             .filter_map(|(event, mark)| {
                 let mark = mark.filter(|mark| mark.is_turn)?;
-                Some((event.at_ms, mark.role == ThemeRole::Bad))
+                Some((event, mark.role == ThemeRole::Bad))
             })
             .collect();
-        let last_good = decisions.iter().rposition(|(_, is_bad)| !is_bad);
-        let decided_ms = decisions.get(last_good.map_or(0, |place| place + 1)).map(|(at_ms, _)| *at_ms);
+        let last_good = turns.iter().rposition(|(_, is_bad)| !is_bad);
+        let mut against = turns.iter().skip(last_good.map_or(0, |place| place + 1));
+        let decided_ms = against.find(|(event, _)| blames(&event.kind)).map(|(event, _)| event.at_ms);
+        let violations = recording.events.iter().filter(|event| violates(&event.kind, version));
         let failures = recording.films.iter().flat_map(|film| &film.failures);
         let mut times_ms: Vec<u64> = failures.map(|failure| failure.at_ms).chain(decided_ms).collect();
+        times_ms.extend(violations.map(|event| event.at_ms));
         times_ms.sort_unstable();
         times_ms.dedup();
+        let decisions = turns.iter().map(|(event, is_bad)| (event.at_ms, *is_bad)).collect();
         Self { times_ms, decided_ms, decisions }
     }
 
@@ -85,6 +91,29 @@ fn decides(kind: &EventKind, version: &CapabilityId) -> bool {
         | EventKind::Released { version: of, .. } => of == version,
         _ => false,
     }
+}
+
+/// Whether a decision against the version is about its conduct. A rollback by a person, or by an engine that came up, is
+/// no failure of the version.
+fn blames(kind: &EventKind) -> bool {
+    let EventKind::RolledBack { record, .. } = kind else { return true };
+    match record.trigger.kind {
+        TriggerKind::SafetyEvent
+        | TriggerKind::RateTrip
+        | TriggerKind::EscalationUnanswered
+        | TriggerKind::TelemetrySilence
+        | TriggerKind::OpenDoubt => true,
+        TriggerKind::Operator
+        | TriggerKind::Restart
+        | TriggerKind::ProfileNotAdmitted
+        | TriggerKind::Unreviewed => false,
+    }
+}
+
+/// Whether a task of the version violated a limit in the live cell.
+fn violates(kind: &EventKind, version: &CapabilityId) -> bool {
+    let EventKind::Sequence { tasks, .. } = kind else { return false };
+    tasks.iter().any(|task| task.version == *version && task.violation)
 }
 
 #[cfg(test)]

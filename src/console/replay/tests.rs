@@ -15,11 +15,12 @@ use crate::look::{ColorDepth, Glyphs, Look, Theme};
 use super::{ReplayEffect, ReplayMsg, ReplayMsgKind, update};
 use holdpoint_governance::ids::Digest;
 use holdpoint_governance::lifecycle::{Stage, State};
-use holdpoint_governance::notice::Notice;
+use holdpoint_governance::notice::{Notice, NoticeOrText};
 use holdpoint_governance::outcome::StageOutcome;
 use holdpoint_governance::profile::ProfileName;
 use holdpoint_governance::record::UpgradeEnd;
-use holdpoint_protocol::event::{Event, EventKind};
+use holdpoint_governance::rollback::{PostStatus, RollbackRecord, Trigger, TriggerKind};
+use holdpoint_protocol::event::{Event, EventKind, TaskSummary};
 use holdpoint_protocol::video_frame::{ArmView, NO_TURN, Scenery, VideoFrame};
 use holdpoint_protocol::work_unit::WorkUnit;
 use holdpoint_recordings::recording::{FailureMoment, FilmSpan, Recording, RecordingSubject, Series};
@@ -472,5 +473,77 @@ fn charts_have_one_labeled_time_axis_with_the_cursor_and_the_failure() {
         let [axis] = axes[..] else { panic!("one axis: {screen}") };
         let place = |sign: &str| axis.rfind(sign).unwrap();
         assert!(place("x") < place("^") && place("^") < place("30"), "{axis}");
+    }
+}
+
+/// A version that ran, with a violation or without, and was rolled back at the end of the recording.
+fn rolled_back(by: TriggerKind, violation: bool) -> ReplayModel {
+    let recording = recording();
+    let version = recording.about.version.clone();
+    let task = TaskSummary {
+        version: version.clone(),
+        success: true,
+        violation,
+        past: None,
+        anomaly: false,
+        recovery: false,
+        retries: 0,
+        time_secs: 4.0,
+        uncovered: false,
+        failure: None,
+    };
+    let text: NoticeOrText = Notice::StageBegins.into();
+    let record = RollbackRecord {
+        candidate: version.clone(),
+        predecessor: None,
+        trigger: Trigger { kind: by, event: None, text: text.clone(), tick: 12_000, measured: None },
+        in_flight: false,
+        time_to_safe_ticks: None,
+        time_to_safe_ms: None,
+        time_to_restored_ticks: None,
+        time_to_restored_ms: None,
+        unsafe_continuation_ms: 0,
+        rungs: Vec::new(),
+        post_status: PostStatus::RolledBack,
+        recovered: None,
+        resumed_tasks: 0,
+        shared: None,
+        uncompared: None,
+    };
+    let kinds = [
+        (30_000, EventKind::Sequence { index: 0, success: true, tasks: vec![task], refused: None }),
+        (
+            50_000,
+            EventKind::RolledBack {
+                version,
+                restored: None,
+                trigger: text,
+                time_to_safe_ms: None,
+                time_to_rollback_ms: None,
+                recovered: true,
+                record: Box::new(record),
+            },
+        ),
+    ];
+    let events = (1..).zip(kinds).map(|(seq, (at_ms, kind))| Event { seq, at_ms, kind }).collect();
+    let outcome = Some(UpgradeEnd::RolledBack.into());
+    ReplayModel::new(Timeline::new(Recording { outcome, events, ..recording }), Speed::default())
+}
+
+#[test]
+fn a_rollback_by_a_person_is_no_failure_and_a_violation_is() {
+    for (by, violation, times_ms, decided_ms) in [
+        (TriggerKind::Operator, false, vec![], None),
+        (TriggerKind::Restart, false, vec![], None),
+        (TriggerKind::Operator, true, vec![30_000], None),
+        (TriggerKind::SafetyEvent, true, vec![30_000, 50_000], Some(50_000)),
+        (TriggerKind::RateTrip, false, vec![50_000], Some(50_000)),
+    ] {
+        let mut model = rolled_back(by, violation);
+        let failures = model.timeline.failures();
+        assert_eq!((failures.times_ms(), failures.decided_ms()), (&times_ms[..], decided_ms), "{by} {violation}");
+        assert_eq!(screen(&model, 120, 36).contains("went wrong at"), decided_ms.is_some(), "{by}");
+        keys(&mut model, "m");
+        assert_eq!(message(&model) == Some(&ReplayMessage::NoFailure), times_ms.is_empty(), "{by}");
     }
 }

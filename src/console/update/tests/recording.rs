@@ -92,14 +92,22 @@ fn a_replay_plays_with_the_consoles_clock() {
 
 #[test]
 fn the_arm_is_stopped_from_a_replay() {
-    let mut console = TestConsole::new(0);
-    console.tell(recording(&[10_000]));
-    let effects = console.keys("X");
-    assert!(
-        effects.iter().any(|effect| matches!(effect, Effect::Ask { question: EngineQuery::Stop { .. }, .. })),
-        "{effects:?}"
-    );
-    assert_eq!(cursor_ms(&console), Some(10_000));
+    // Over the replay, over its help, and while a jump target is typed: there a letter is text.
+    for (opens, key, shown) in
+        [("", KeyCode::Char('X'), "X stop"), ("?", KeyCode::Char('X'), "X stop"), (":1", KeyCode::F(9), "f9 stop")]
+    {
+        let mut console = TestConsole::new(0);
+        console.tell(recording(&[10_000]));
+        console.keys(opens);
+        console.model.notice = None;
+        let screen = super::consistency::screen(&console, 80, 24);
+        assert!(screen.to_lowercase().contains(&shown.to_lowercase()), "{opens:?}:\n{screen}");
+        let effects = console.press(key);
+        let stops =
+            |effect: &Effect| matches!(effect, Effect::Ask { question: EngineQuery::Stop { .. }, .. });
+        assert!(effects.iter().any(stops), "{opens:?}: {effects:?}");
+        assert_eq!(cursor_ms(&console), Some(10_000), "{opens:?}");
+    }
 }
 
 #[test]
