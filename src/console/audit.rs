@@ -8,7 +8,7 @@ use std::collections::BTreeSet;
 use serde::Deserialize;
 use serde_json::Value;
 
-use super::formatters::seconds;
+use super::formatters::{record_moment, seconds};
 use holdpoint_governance::decision::ReasonCode;
 use holdpoint_governance::notice::Notice;
 use holdpoint_governance::record::{AuditRecord, RecordKind};
@@ -452,7 +452,7 @@ fn generic(value: &Value) -> String {
 pub fn raw(record: &AuditRecord) -> Vec<String> {
     let mut lines = vec![
         format!("record   {}", record.seq),
-        format!("time     {} ({} ms)", seconds(record.at_ms), record.at_ms),
+        format!("time     {} ({} ms)", record_moment(record), record.at_ms),
         format!("kind     {}", record.kind),
         format!("subject  {}", if record.subject.is_empty() { "-" } else { &record.subject }),
         format!("hash     {}", record.hash),

@@ -1,7 +1,9 @@
 //! One formatter for each kind of word and number, shared by views, exports and prompts.
 
+use holdpoint_governance::calendar;
 use holdpoint_governance::decision::Reason;
 use holdpoint_governance::lifecycle::{Stage, State, VersionFlags};
+use holdpoint_governance::record::AuditRecord;
 use holdpoint_governance::submission::Provenance;
 use holdpoint_governance::wall_time::WallTime;
 use holdpoint_protocol::clock::clock_time;
@@ -16,6 +18,23 @@ pub use holdpoint_protocol::clock::time_of_day;
 #[must_use]
 pub fn seconds(at_ms: u64) -> String {
     clock_time(at_ms)
+}
+
+/// The time of day of a record; virtual time where the record has no other.
+#[must_use]
+pub fn record_time(record: &AuditRecord) -> String {
+    if record.wall_ms > 0 { time_of_day(record.wall_ms) } else { seconds(record.at_ms) }
+}
+
+/// The day and time of a record with the engine's own time; the latter alone where the record has no other.
+#[must_use]
+pub fn record_moment(record: &AuditRecord) -> String {
+    let engine = format!("engine time {}", seconds(record.at_ms));
+    if record.wall_ms > 0 {
+        format!("{} UTC, {engine}", calendar::day_and_time(record.wall_ms))
+    } else {
+        engine
+    }
 }
 
 /// The operator of an attached console: the chosen name, or the console's number. Names the account if it is not that of

@@ -465,7 +465,7 @@ pub fn audit_rows() -> Vec<AuditRecord> {
         body: body.to_owned(),
         prev: digest(subject),
         hash: digest(body),
-        wall_ms: 0,
+        wall_ms: WALL_MS - i64::try_from(NOW_MS - seq * 1_900).unwrap(),
     };
     let approval = r#"{"by":"grace","decision":"approve","reason":"read the evidence"}"#;
     let stage = r#"{"stage":"shadow","outcome":"started","budget":40}"#;

@@ -108,8 +108,7 @@ fn texts(model: &ConsoleModel) -> Vec<String> {
         View::Audit => {
             let text = |row: &AuditItem<'_>| {
                 let record = row.record;
-                let said = audit::sentence(record);
-                format!("{} {} {} {said}", record.kind, record.subject, record.body)
+                format!("{} {} {}", record.kind, record.subject, audit::sentence(record))
             };
             model.audit_rows().iter().map(text).collect()
         }

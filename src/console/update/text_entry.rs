@@ -22,13 +22,11 @@ pub(super) fn begin_command(model: &mut ConsoleModel) -> Vec<Effect> {
 }
 
 /// Filters narrow long lists. Alarms, waiting requests and decisions are never narrowed: there the cursor moves to
-/// the typed text.
+/// the typed text. The line begins empty; Up brings the last text back.
 pub(super) fn begin_filter(model: &mut ConsoleModel) -> Vec<Effect> {
     model.input.typing = Some(match model.view_state.view {
         View::Audit if model.view_state.opened.is_some() => Typing::Find(EditLine::default()),
-        View::Overview | View::Registry | View::Audit => {
-            Typing::Filter(EditLine::new(model.view_state.filter()))
-        }
+        View::Overview | View::Registry | View::Audit => Typing::Filter(EditLine::default()),
         View::Candidate | View::Shadow | View::Alarms | View::Approvals | View::Health => {
             Typing::Find(EditLine::default())
         }
@@ -241,8 +239,15 @@ fn put(model: &mut ConsoleModel, menu: CompletionMenu) {
     model.input.menu = Some(menu).filter(|menu| menu.lines.len() > 1);
 }
 
-/// An earlier or a later command line.
+/// An earlier or a later command line; earlier than an empty filter or search, the last text of either.
 fn recall(model: &mut ConsoleModel, earlier: bool) {
+    if let Some(Typing::Filter(line) | Typing::Find(line)) = &mut model.input.typing {
+        if earlier && line.text().is_empty() {
+            *line = EditLine::new(&model.view_state.search);
+            find_in_view::look(model);
+        }
+        return;
+    }
     let Some(Typing::Command(line)) = &model.input.typing else { return };
     let at = model.input.history.iter().position(|known| known == line.text());
     let place = match (at, earlier) {

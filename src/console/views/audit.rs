@@ -4,8 +4,8 @@
 //! ```text
 //! [Events] People Alarms  Store  All                                   1 of 4
 //! ✔ chain holds, 391 records checked
-//!   number time      kind          about        what it says
-//! ▸ 391    00:12:22  approval-put  align@2.0.0  grace says approve: read the evidence
+//!   number time      engine    kind          about        what it says
+//! ▸ 391    08:12:22  00:12:22  approval-put  align@2.0.0  grace says approve: read the evidence
 //! ── Record 391 ─────────────────────────────── enter shows it raw ─
 //! ```
 
@@ -14,7 +14,7 @@ use ratatui::layout::Rect;
 use super::tabs;
 use crate::action::Action;
 use crate::audit::{self, AuditItem, sentence};
-use crate::formatters::seconds;
+use crate::formatters::{record_moment, record_time, seconds};
 use crate::look::{Glyph, ThemeRole};
 use crate::model::ConsoleModel;
 use crate::widgets::list::{GUTTER, place};
@@ -75,6 +75,8 @@ pub fn draw(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
 struct AuditColumns {
     number: usize,
     time: usize,
+    /// The engine's own time.
+    engine: usize,
     kind: usize,
     subject: usize,
 }
@@ -82,10 +84,10 @@ struct AuditColumns {
 impl AuditColumns {
     const fn of(fit: Fit) -> Self {
         match fit {
-            Fit::Full => Self { number: 7, time: 10, kind: 23, subject: 22 },
-            Fit::Two => Self { number: 7, time: 10, kind: 0, subject: 14 },
-            Fit::One => Self { number: 7, time: 10, kind: 0, subject: 13 },
-            Fit::Tiny => Self { number: 0, time: 9, kind: 0, subject: 12 },
+            Fit::Full => Self { number: 7, time: 10, engine: 10, kind: 23, subject: 22 },
+            Fit::Two => Self { number: 7, time: 10, engine: 0, kind: 0, subject: 14 },
+            Fit::One => Self { number: 7, time: 10, engine: 0, kind: 0, subject: 13 },
+            Fit::Tiny => Self { number: 0, time: 9, engine: 0, kind: 0, subject: 12 },
         }
     }
 
@@ -94,6 +96,7 @@ impl AuditColumns {
             .to_column(usize::from(GUTTER))
             .cell(ThemeRole::Muted, "number", self.number)
             .cell(ThemeRole::Muted, "time", self.time)
+            .cell(ThemeRole::Muted, "engine", self.engine)
             .cell(ThemeRole::Muted, "kind", self.kind)
             .cell(ThemeRole::Muted, "about", self.subject)
             .with(ThemeRole::Muted, "what it says")
@@ -106,7 +109,8 @@ fn line(row: &AuditItem<'_>, columns: &AuditColumns) -> Row {
     let subject = if record.subject.is_empty() { "-" } else { &record.subject };
     Row::new()
         .cell(ThemeRole::Muted, &apart(&record.seq.to_string(), columns.number), columns.number)
-        .cell(ThemeRole::Muted, &apart(&seconds(record.at_ms), columns.time), columns.time)
+        .cell(ThemeRole::Muted, &apart(&record_time(record), columns.time), columns.time)
+        .cell(ThemeRole::Muted, &apart(&seconds(record.at_ms), columns.engine), columns.engine)
         .cell(ThemeRole::Text, &apart(&record.kind.to_string(), columns.kind), columns.kind)
         .cell(ThemeRole::Text, &apart(subject, columns.subject), columns.subject)
         .with(ThemeRole::Text, &summary(row))
@@ -209,7 +213,7 @@ fn record(model: &ConsoleModel, row: &AuditItem<'_>, pen: &mut Pen<'_>, area: Re
     let key = model.keymap.key(Action::Open);
     let right = format!("hash {}, {key} shows it raw", of.hash.short());
     let inside = pen.pane(area, &format!("Record {}", of.seq), false, &right);
-    let head = format!("{} {} {}", seconds(of.at_ms), of.kind, of.subject);
+    let head = format!("{}, {} {}", record_moment(of), of.kind, of.subject);
     let at = pen.text(inside, 0, ThemeRole::Title, &head);
     pen.text(inside, at, ThemeRole::Text, &summary(row));
 }

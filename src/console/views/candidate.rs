@@ -16,7 +16,7 @@ use super::status::priority_label;
 use super::watched::below_limit;
 use super::{pipeline, tabs};
 use crate::action::Action;
-use crate::formatters::{origin, seconds};
+use crate::formatters::origin;
 use crate::look::{Glyph, Look, ThemeRole};
 use crate::model::{ConsoleModel, View};
 use crate::rows::CandidateItem;
@@ -75,12 +75,12 @@ pub fn draw(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
     let area = below(area, 1);
     if pane == 0 && area.width >= BESIDE_WIDTH {
         let (left, right) = pen.split(area, area.width * 3 / 5);
-        items(&rows, cursor, &without_rows(model, detail, pane, pen.look), pen, left);
+        items(model, &rows, cursor, &without_rows(model, detail, pane, pen.look), pen, left);
         let inside = pen.pane(right, "Timeline", false, "");
         let decisions = model.candidate_rows(TIMELINE);
-        timeline(&decisions, pen, inside);
+        timeline(model, &decisions, pen, inside);
     } else {
-        items(&rows, cursor, &without_rows(model, detail, pane, pen.look), pen, area);
+        items(model, &rows, cursor, &without_rows(model, detail, pane, pen.look), pen, area);
     }
 }
 
@@ -128,7 +128,7 @@ fn heading(model: &ConsoleModel, detail: &Detail, look: &Look, width: usize, fit
                 detail.digest.short(),
                 detail.evidence.map_or_else(|| "none yet".to_owned(), |digest| digest.short()),
                 short(&parent, 24),
-                seconds(detail.registered_ms)
+                model.moment(detail.registered_ms)
             ),
         ));
     }
@@ -242,7 +242,14 @@ fn nothing(model: &ConsoleModel, detail: &Detail, pane: usize) -> String {
 }
 
 /// Rows of differing height, scrolled so that the one under the cursor is in sight.
-fn items(rows: &[CandidateItem<'_>], cursor: usize, nothing: &[String], pen: &mut Pen<'_>, area: Rect) {
+fn items(
+    model: &ConsoleModel,
+    rows: &[CandidateItem<'_>],
+    cursor: usize,
+    nothing: &[String],
+    pen: &mut Pen<'_>,
+    area: Rect,
+) {
     if rows.is_empty() {
         let mut at = 0_u16;
         for line in nothing {
@@ -258,7 +265,7 @@ fn items(rows: &[CandidateItem<'_>], cursor: usize, nothing: &[String], pen: &mu
     let mut first = cursor;
     let mut above = 0;
     while let Some(row) = first.checked_sub(1).and_then(|before| rows.get(before)) {
-        above += item(row, look, width).len();
+        above += item(model, row, look, width).len();
         if above > height / 2 {
             break;
         }
@@ -269,7 +276,7 @@ fn items(rows: &[CandidateItem<'_>], cursor: usize, nothing: &[String], pen: &mu
         if at >= area.height {
             break;
         }
-        let taken = pen.rows(inner, at, &item(row, look, width));
+        let taken = pen.rows(inner, at, &item(model, row, look, width));
         let place = Rect { y: area.y + at, height: taken.min(area.height - at), ..area };
         pen.hit(place, Hit::Row { pane: None, row: index });
         if index == cursor {
@@ -280,12 +287,12 @@ fn items(rows: &[CandidateItem<'_>], cursor: usize, nothing: &[String], pen: &mu
     }
 }
 
-fn timeline(rows: &[CandidateItem<'_>], pen: &mut Pen<'_>, area: Rect) {
+fn timeline(model: &ConsoleModel, rows: &[CandidateItem<'_>], pen: &mut Pen<'_>, area: Rect) {
     let look = pen.look;
     let width = usize::from(area.width);
     let mut rest = area;
     for row in rows {
-        let lines = item(row, look, width);
+        let lines = item(model, row, look, width);
         let taken = pen.rows(rest, 0, &lines);
         (_, rest) = cut(rest, taken);
         if rest.is_empty() {

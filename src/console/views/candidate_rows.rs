@@ -1,7 +1,8 @@
 //! The rows of the candidate view: each kind of fact in one to a few lines.
 
-use crate::formatters::{reason_line, seconds};
+use crate::formatters::{reason_line, record_time};
 use crate::look::{Glyph, Look, ThemeRole};
+use crate::model::ConsoleModel;
 use crate::rows::CandidateItem;
 use crate::theme::state_mark::{of_dimension, of_ruling};
 use crate::widgets::bar::against_limit;
@@ -18,7 +19,7 @@ const LINES_MAX: usize = 6;
 
 /// The lines of a row, at most `width` columns wide.
 #[must_use]
-pub fn item(item: &CandidateItem<'_>, look: &Look, width: usize) -> Vec<Row> {
+pub fn item(model: &ConsoleModel, item: &CandidateItem<'_>, look: &Look, width: usize) -> Vec<Row> {
     match item {
         CandidateItem::Dimension(result) => vec![dimension(result, look, width)],
         CandidateItem::Worsening(measure) => vec![worsened(measure, look, width)],
@@ -41,11 +42,11 @@ pub fn item(item: &CandidateItem<'_>, look: &Look, width: usize) -> Vec<Row> {
             vec![Row::of(ThemeRole::Title, &format!("mode {}", super::short(mode, width)))]
         }
         CandidateItem::Drill(drill) => vec![drilled(drill, look, width)],
-        CandidateItem::Decision(decision) => decision_rows(decision, look, width),
+        CandidateItem::Decision(decision) => decision_rows(model, decision, look, width),
         CandidateItem::Record(record) => vec![
             Row::new()
                 .cell(ThemeRole::Muted, &record.seq.to_string(), 7)
-                .cell(ThemeRole::Muted, &seconds(record.at_ms), 10)
+                .cell(ThemeRole::Muted, &record_time(record), 10)
                 .cell(ThemeRole::Text, &record.kind.to_string(), 15)
                 .with(ThemeRole::Muted, " ")
                 .with(ThemeRole::Text, &super::short(&record.body, 400)),
@@ -188,10 +189,15 @@ fn drilled(drill: &DrillView, look: &Look, width: usize) -> Row {
 }
 
 /// A decision with its reasons, what would change it, and its result.
-fn decision_rows(decision: &DecisionExplanation, look: &Look, width: usize) -> Vec<Row> {
+fn decision_rows(
+    model: &ConsoleModel,
+    decision: &DecisionExplanation,
+    look: &Look,
+    width: usize,
+) -> Vec<Row> {
     let (glyph, role) = of_ruling(&decision.ruling);
     let mut rows = vec![
-        Row::of(ThemeRole::Muted, &format!("{} ", seconds(decision.at_ms)))
+        Row::of(ThemeRole::Muted, &format!("{} ", model.moment(decision.at_ms)))
             .with(ThemeRole::Title, &format!("{} ", decision.ruling.stage()))
             .with(role, &format!("{} {}", look.glyph(glyph), super::short(&decision.ruling.outcome(), 40))),
     ];

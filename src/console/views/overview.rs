@@ -133,7 +133,7 @@ fn checks_under_cursor(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
     let rows: Vec<Row> = dimensions
         .chain(reasons)
         .chain(conditions)
-        .flat_map(|row| super::candidate_rows::item(&row, look, width))
+        .flat_map(|row| super::candidate_rows::item(model, &row, look, width))
         .collect();
     if rows.is_empty() {
         pen.text(inside, 0, ThemeRole::Muted, "Nothing of it has been checked yet");

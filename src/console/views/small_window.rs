@@ -246,7 +246,7 @@ fn rows(model: &ConsoleModel, pen: &Pen<'_>, width: usize) -> Vec<Row> {
         }
         View::Candidate => {
             let rows = model.candidate_rows(model.view_state.pane());
-            let first = |row| super::candidate_rows::item(row, look, width).into_iter().next();
+            let first = |row| super::candidate_rows::item(model, row, look, width).into_iter().next();
             rows.iter().map(|row| first(row).unwrap_or_default()).collect()
         }
         View::Alarms => model.alarm_rows().iter().map(|item| alarm(*item, pen)).collect(),

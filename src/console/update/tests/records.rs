@@ -61,6 +61,40 @@ fn the_log_shows_sentences_and_enter_a_raw_record() {
     assert_eq!(console.model.row_count(), 1);
 }
 
+/// The filter took rows for words in their raw content, which the view does not show.
+#[test]
+fn the_filter_of_the_log_takes_what_is_shown_and_begins_empty() {
+    let mut console = logged();
+    assert_eq!(console.model.row_count(), 2);
+    console.keys("/from");
+    assert_eq!(console.model.row_count(), 0, "a field of the content");
+    console.press(KeyCode::Esc);
+    console.keys("/fine");
+    console.press(KeyCode::Enter);
+    assert_eq!(console.model.row_count(), 1);
+    console.keys("/");
+    assert_eq!((console.model.filter(), console.model.row_count()), ("", 2));
+    console.press(KeyCode::Up);
+    assert_eq!((console.model.filter(), console.model.row_count()), ("fine", 1));
+}
+
+/// Other views have the time of day; the log had the engine's own.
+#[test]
+fn the_log_has_the_time_of_day_beside_the_engines_own() {
+    let mut console = logged();
+    let mut page = (*console.model.engine_data.audit).clone();
+    for row in &mut page.rows {
+        // 08:12:41 on 2026-11-17.
+        row.wall_ms = 1_794_903_161_000;
+    }
+    console.model.engine_data.audit = Arc::new(page);
+    let text = screen(&console, 120, 36);
+    assert!(text.contains("7      08:12:41  00:00:07"), "{text}");
+    assert!(text.contains("Tue 17 Nov 08:12:41 UTC, engine time 00:00:07"), "{text}");
+    let narrow = screen(&console, 80, 24);
+    assert!(narrow.contains("7      08:12:41  grasp"), "{narrow}");
+}
+
 fn console_with_events() -> TestConsole {
     let mut console = TestConsole::new(0);
     console.model.engine_data.events.clear();
@@ -357,6 +391,8 @@ fn each_pane_of_the_log_is_read_separately() {
         let leave_out = AuditGroup::ALL.map(|group| group.leaves_out().contains(&kind));
         assert_eq!(leave_out, [true, true, true, true, false]);
     }
-    assert!(!first_group.leaves_out().contains(&RecordKind::ShiftNote));
+    for kind in [RecordKind::ShiftNote, RecordKind::EngineBegan, RecordKind::EngineEnded] {
+        assert!(!first_group.leaves_out().contains(&kind), "{kind}");
+    }
     assert_eq!(group_of(&console.press(KeyCode::Tab)), AuditGroup::People);
 }
