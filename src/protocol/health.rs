@@ -18,7 +18,7 @@ use holdpoint_governance::stats::{difference, wilson};
 
 pub use self::alarm_history::{AlarmEpisode, AlarmStep, duration_label};
 pub use self::chart_content::{HealthPanel, MarkContent, MarkedAct};
-pub use self::verdict::{HealthVerdict, Trend, VerdictSide};
+pub use self::verdict::{HealthVerdict, SIDE_TASKS_MIN, Trend, VerdictSide};
 
 /// The most buckets of one answer.
 pub const BUCKETS_MAX: u16 = 480;
@@ -483,6 +483,21 @@ mod tests {
         let confounded = verdict.confounding().unwrap();
         let (before, since) = (confounded.find("grasp@1.0.0 (81)"), confounded.find("grasp@1.1.0 (34)"));
         assert!(before.is_some() && before < since, "{confounded}");
+        // 0 of 2 against 76 of 81 lies beyond the interval, and says nothing.
+        for (tasks, trend) in
+            [(1, Trend::TooFew), (2, Trend::TooFew), (SIDE_TASKS_MIN - 1, Trend::TooFew), (SIDE_TASKS_MIN, Trend::Worse)]
+        {
+            for (before, since, expected) in
+                [((81, 76), (tasks, 0), trend), ((tasks, tasks), (81, 0), trend)]
+            {
+                let points =
+                    vec![point("grasp@1.0.0", 3, before.0, before.1), point("grasp@1.0.0", 8, since.0, since.1)];
+                let verdict = series(points).verdict(&grasp, 8);
+                assert_eq!(verdict.trend(), expected, "{tasks}");
+                let says = verdict.sentence().ends_with("too few to compare, 20 on each side are needed");
+                assert_eq!(says, expected == Trend::TooFew, "{}", verdict.sentence());
+            }
+        }
         let none = series(vec![point("grasp@1.0.0", 3, 81, 76)]).verdict(&grasp, 8);
         assert_eq!(none.trend(), Trend::NoData);
         assert!(none.sentence().ends_with("before 93.8 % of 81"), "{}", none.sentence());

@@ -464,7 +464,7 @@ fn under(model: &ConsoleModel, series: &HealthSeries, width: usize, height: usiz
         let role = match verdict.trend() {
             Trend::Worse => ThemeRole::Warning,
             Trend::Better => ThemeRole::Good,
-            Trend::NotShown | Trend::NoData => ThemeRole::Text,
+            Trend::NotShown | Trend::TooFew | Trend::NoData => ThemeRole::Text,
         };
         say(role, &verdict.sentence(), 2);
         if let Some(text) = verdict.confounding() {
