@@ -440,10 +440,13 @@ fn show(model: &mut ConsoleModel, view: View) -> Vec<Effect> {
     engine_requests::refresh_now(model)
 }
 
-/// A view of one version: of the one under the cursor, if there is one.
+/// A view of one version: of the one under the cursor, if there is one. The row of a family stands for its active
+/// version; without one, the view would be about a version elsewhere.
 fn show_about(model: &mut ConsoleModel, view: View) -> Vec<Effect> {
     if let Some(version) = model.version_here() {
         model.view_state.chosen = Some(version);
+    } else if let Some(family) = navigation::family_here(model) {
+        return refuse(model, &format!("{family} has no active version: choose one of its versions"));
     }
     show(model, view)
 }

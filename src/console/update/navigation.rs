@@ -184,6 +184,17 @@ fn sideways(model: &mut ConsoleModel, right: bool) -> Vec<Effect> {
     Vec::new()
 }
 
+/// The family under the registry's cursor, if the row is that of a family.
+pub(super) fn family_here(model: &ConsoleModel) -> Option<Family> {
+    if model.view_state.view != View::Registry {
+        return None;
+    }
+    match model.registry_rows().get(model.row()) {
+        Some(RegistryItem::Family { family, .. }) => Some((*family).clone()),
+        Some(RegistryItem::Version(_)) | None => None,
+    }
+}
+
 fn set_branch(model: &mut ConsoleModel, family: Family, open: bool) {
     if open {
         model.engine_data.registry.closed.remove(&family);

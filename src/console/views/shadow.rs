@@ -146,7 +146,14 @@ pub(super) fn absent_series(model: &ConsoleModel) -> String {
     let subject = model.subject();
     let candidates = model.charted().map_or(&[][..], |snapshot| &snapshot.candidates);
     let ours = candidates.iter().find(|candidate| Some(&candidate.version) == subject.as_ref());
-    let done = ours.map_or(0, |one| stages_done(one.state, one.left, one.ran, &one.flags));
+    let Some(ours) = ours else {
+        let state = subject.and_then(|version| model.version_state(&version));
+        return match state {
+            Some((State::Active, _)) => "It is active, and no twin runs beside it".to_owned(),
+            Some(_) | None => "No shadow of it is in memory".to_owned(),
+        };
+    };
+    let done = stages_done(ours.state, ours.left, ours.ran, &ours.flags);
     if done > stage_place(Stage::Shadow) {
         let key = model.keymap.key(Action::OpenRecording);
         return format!("Its shadow is over, not in memory: {key} opens the recording");

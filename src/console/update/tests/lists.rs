@@ -266,3 +266,18 @@ fn enter_shows_an_event_in_full() {
     console.press(KeyCode::Esc);
     assert_eq!(console.model.input.overlay, None);
 }
+
+/// Without an active version of the family, the view was about the version that an earlier key had chosen.
+#[test]
+fn the_row_of_a_family_stands_for_its_active_version() {
+    let mut console = console_with(&versions());
+    console.keys("2g4");
+    assert_eq!(console.model.view_state.view, View::Registry);
+    let notice = console.model.notice.as_ref().map_or("", |notice| notice.text.as_str());
+    assert!(notice.contains("align has no active version"), "{notice}");
+    console.keys("jjj4");
+    assert_eq!(console.model.view_state.view, View::Shadow);
+    assert_eq!(console.model.subject().unwrap().to_string(), "grasp@1.2.0");
+    let text = screen(&console, 120, 36);
+    assert!(text.contains("It is active, and no twin runs beside it"), "{text}");
+}
