@@ -454,7 +454,10 @@ fn check(
         out.line(&format!("bundle     {}", report.bundle))?;
         out.line(&format!("submitted  by {} ({})", report.author, report.provenance))?;
         let estimate = report.estimated_risk;
-        out.line(&format!("risk       {}; its author estimates {estimate}", report.risk.label()))?;
+        let class = report.risk.label();
+        out.line(&format!(
+            "risk       {class} for an author without a history; its author estimates {estimate}"
+        ))?;
         if !report.summary.is_blank() {
             out.line(&format!("summary    {}", report.summary.line()))?;
         }

@@ -250,7 +250,7 @@ fn sentence_of_kind(kind: RecordKind, fields: &RecordFields<'_>) -> Option<Strin
             "submitted by {}{}{}{}",
             fields.text("author")?,
             fields.with(", ", "provenance"),
-            fields.with(", risk ", "risk"),
+            fields.with(", estimated risk ", "risk"),
             fields.with(", made from ", "parent")
         ),
         RecordKind::StateSet => {

@@ -102,10 +102,10 @@ fn heading(model: &ConsoleModel, detail: &Detail, look: &Look, width: usize, fit
     }
     first = first.and(state);
     let short = super::short;
-    first.push(
-        ThemeRole::Muted,
-        &format!("  {}, {}, risk {}", short(&detail.author, 20), origin(detail.provenance), detail.risk),
-    );
+    // Before the assessment, the engine has only the author's estimate.
+    let basis = if detail.risk_causes.is_empty() { "estimated risk" } else { "risk" };
+    let (author, origin) = (short(&detail.author, 20), origin(detail.provenance));
+    first.push(ThemeRole::Muted, &format!("  {author}, {origin}, {basis} {}", detail.risk));
     let mut rows = vec![first];
     let now = model.engine_data.snapshot.as_deref();
     if let Some(status) = now.and_then(|now| Some(now.status(candidate?))) {

@@ -147,7 +147,7 @@ fn header(columns: &RegistryColumns, has_age: bool, sort: SortOrder, look: &Look
 
 /// The author, and the deciding reason, for a wide screen.
 fn extra_columns(model: &ConsoleModel, row: &VersionSummary, columns: &RegistryColumns) -> Row {
-    let by = format!("{}, {}, {}", super::short(&row.author, 14), origin(row.provenance), row.risk);
+    let by = format!("{}, {}", super::short(&row.author, 14), origin(row.provenance));
     let room = columns.by.saturating_sub(1);
     let cause = holdpoint_wording::status_cause(&status(model, row)).unwrap_or_default();
     Row::new().cell(ThemeRole::Muted, &super::short(&by, room), columns.by).with(ThemeRole::Text, &cause)
@@ -247,7 +247,7 @@ fn detail(model: &ConsoleModel, item: Option<&RegistryItem<'_>>, pen: &mut Pen<'
     let mut sentence = Row::of(
         ThemeRole::Text,
         &format!(
-            "{} for {}; {}by {}, {}, risk {}",
+            "{} for {}; {}by {}, {}, estimated risk {}",
             state_label(row.state, &row.flags),
             duration(model.engine_ms().saturating_sub(row.changed_ms)),
             if model.engine_data.registry.page.anchors.contains(&row.version) { "anchor, " } else { "" },
