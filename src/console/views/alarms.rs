@@ -27,6 +27,9 @@ use holdpoint_governance::alarms::{AlarmKey, AlarmState, AlarmSummary, FLOOD_STA
 use holdpoint_protocol::snapshot::AlarmView;
 use holdpoint_wording::{alarm as wording, notice};
 
+/// Columns of the priority: number, sign, word, and the mark with a blank on both sides.
+const PRIORITY: usize = 10;
+
 /// Lines for the alarm under the cursor.
 const DETAIL_ROWS: u16 = 9;
 
@@ -48,7 +51,7 @@ pub fn draw(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
     let since = since.unwrap_or_default() + 2;
     let header = Row::new()
         .to_column(2)
-        .cell(ThemeRole::Muted, "priority", 9)
+        .cell(ThemeRole::Muted, "priority", PRIORITY)
         .cell(ThemeRole::Muted, "state", 17)
         .cell(ThemeRole::Muted, "since", since)
         .cell(ThemeRole::Muted, "times", 7)
@@ -107,11 +110,11 @@ fn row(item: AlarmItem<'_>, marked: bool, since: usize, model: &ConsoleModel, lo
         text = format!("{glyph} {count} alarms, the first: {text}");
     }
     // Beside the priority: all marked alarms are acknowledged together.
-    let mark = if marked { look.glyph(Glyph::Marked) } else { "" };
+    let mark = if marked { format!(" {}", look.glyph(Glyph::Marked)) } else { String::new() };
     Row::new()
         .with(role, &priority_label(look, alarm.priority))
-        .with(ThemeRole::Focus, mark)
-        .to_column(9)
+        .with(ThemeRole::Focus, &mark)
+        .to_column(PRIORITY)
         .cell(state.role, &look.mark_label(state), 16)
         .with(ThemeRole::Text, " ")
         .cell(ThemeRole::Muted, &model.moment(alarm.since_ms), since)

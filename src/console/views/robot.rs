@@ -22,6 +22,8 @@ use holdpoint_governance::lifecycle::{State, VersionFlags};
 use holdpoint_protocol::video_frame::{ArmView, Region, Scenery, VideoFrame, WorldPoint};
 
 const SCENERY: Ink = Ink { role: ThemeRole::Scenery, ascii: ".", dashed: false };
+/// What stands on the table; in ASCII its outline must differ from the table's.
+const FIXTURE: Ink = Ink { role: ThemeRole::Scenery, ascii: "=", dashed: false };
 const WORKSPACE: Ink = Ink { role: ThemeRole::Scenery, ascii: ":", dashed: true };
 const KEEP_OUT: Ink = Ink { role: ThemeRole::KeepOut, ascii: "X", dashed: true };
 const ROBOT: Ink = Ink { role: ThemeRole::Robot, ascii: "#", dashed: false };
@@ -220,7 +222,8 @@ fn view(scene: &RobotScene<'_>, pen: &mut Pen<'_>, area: Rect, plane: Projection
         outline(&mut dots, region, KEEP_OUT, false);
     }
     for region in &scenery.fixtures {
-        outline(&mut dots, region, SCENERY, false);
+        let ink = if region.name == Region::TABLE { SCENERY } else { FIXTURE };
+        outline(&mut dots, region, ink, false);
     }
     dots.draw(pen, area);
     names(scenery, &scale, pen, area);
@@ -256,6 +259,7 @@ fn arm(dots: &mut Dots, scale: &DrawingScale, body: &ArmView, ink: Ink, object: 
 /// name that would cover another one is left out.
 fn names(scenery: &Scenery, scale: &DrawingScale, pen: &mut Pen<'_>, area: Rect) {
     let named = scenery.keep_outs.iter().chain(&scenery.fixtures).chain(&scenery.workspace);
+    let mut taken: Vec<Rect> = Vec::new();
     for region in named {
         let (left, top) = scale.at(region.min);
         let (right, other) = scale.at(region.max);
@@ -272,12 +276,75 @@ fn names(scenery: &Scenery, scale: &DrawingScale, pen: &mut Pen<'_>, area: Rect)
         let (left, top) = (left.clamp(0, most(area.width, width)), top.clamp(0, most(area.height, 1)));
         let (Ok(left), Ok(top)) = (u16::try_from(left), u16::try_from(top)) else { continue };
         let place = Rect { x: area.x.saturating_add(left), y: area.y.saturating_add(top), width, height: 1 };
-        let named = (place.left()..place.right().saturating_add(1)).any(|x| {
-            let cell = pen.buf.cell((x, place.y));
-            cell.is_some_and(|cell| cell.symbol().chars().any(char::is_alphabetic))
-        });
-        if place.intersection(area) == place && !named {
+        // A blank stays behind it. In ASCII the scenery has letters, too, which are no name.
+        let with_blank = Rect { width: width.saturating_add(1), ..place };
+        if place.intersection(area) == place && !taken.iter().any(|other| other.intersects(with_blank)) {
             pen.row(place, 0, &Row::of(ThemeRole::Muted, name.as_str()));
+            taken.push(place);
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use ratatui::buffer::Buffer;
+
+    use super::*;
+    use crate::frame::plain;
+    use crate::look::{ColorDepth, Glyphs, Look, Theme};
+    use crate::widgets::pen::Fit;
+    use holdpoint_protocol::video_frame::NO_TURN;
+
+    fn frame() -> VideoFrame {
+        let body = ArmView {
+            links: vec![[0.0; 3], [0.2; 3]],
+            pads: [[0.2; 3]; 2],
+            hand: NO_TURN,
+            object: [0.3; 3],
+            object_turn: NO_TURN,
+            object_half_m: 0.02,
+            held: false,
+        };
+        VideoFrame {
+            sequence: 0,
+            at_ms: 0,
+            at_secs: 0.0,
+            task: None,
+            version: None,
+            body,
+            speed_m_s: 0.1,
+            force_n: 1.0,
+            contact_n: 0.0,
+            envelope: None,
+            blocks: Vec::new(),
+            contacts: Vec::new(),
+            unexpected_contact: false,
+            stopped: false,
+            twin: None,
+        }
+    }
+
+    /// The sign of a keep-out is a letter in ASCII, and no name.
+    #[test]
+    fn scenery_has_the_same_names_in_ascii() {
+        let region = |name: &str, min, max| Region { name: name.to_owned(), min, max };
+        let scenery = Scenery {
+            workspace: Some(region("workspace", [0.1, -0.4, 0.0], [0.8, 0.4, 0.7])),
+            keep_outs: vec![region("person", [0.75, 0.1, 0.0], [1.0, 0.4, 0.6])],
+            fixtures: vec![
+                region("table", [0.0, -0.5, -0.05], [1.0, 0.5, 0.0]),
+                region("tray", [0.55, -0.35, 0.0], [0.75, -0.15, 0.04]),
+            ],
+        };
+        let names = |glyphs: Glyphs| {
+            let look = Look::new(Theme::builtin("mono").unwrap(), ColorDepth::Mono, glyphs);
+            let area = Rect::new(0, 0, 66, 22);
+            let mut buf = Buffer::empty(area);
+            draw_frame(&frame(), &scenery, Vec::new(), &mut Pen::new(&look, &mut buf, Fit::Full), area);
+            let drawn = plain(&buf);
+            ["workspace", "person", "table", "tray"].map(|name| drawn.matches(name).count())
+        };
+        assert_eq!(names(Glyphs::Ascii), names(Glyphs::Unicode));
+        assert!(names(Glyphs::Ascii)[3] > 0);
     }
 }

@@ -171,3 +171,18 @@ fn marks_are_shown_copied_and_removed() {
         console.model.notice.as_ref().unwrap().bad && console.model.view_state.marked_versions.is_empty()
     );
 }
+
+/// The mark joined the word of the priority: `LOWM`.
+#[test]
+fn the_mark_of_an_alarm_stands_apart_from_its_priority() {
+    let mut console = TestConsole::new(0);
+    console.keys("5m");
+    for (columns, rows) in [(120, 36), (80, 24)] {
+        let shown = screen(&console, columns, rows);
+        assert!(shown.contains("3o LOW M  ! unack"), "{shown}");
+    }
+    let mut critical = snapshot(0, 'e');
+    critical.alarms[0].priority = holdpoint_governance::alarms::Priority::Critical;
+    console.tell(MsgKind::Snapshot(Arc::new(critical)));
+    assert!(screen(&console, 120, 36).contains("1^ CRIT M ! unack"));
+}
