@@ -484,14 +484,18 @@ mod tests {
         let (before, since) = (confounded.find("grasp@1.0.0 (81)"), confounded.find("grasp@1.1.0 (34)"));
         assert!(before.is_some() && before < since, "{confounded}");
         // 0 of 2 against 76 of 81 lies beyond the interval, and says nothing.
-        for (tasks, trend) in
-            [(1, Trend::TooFew), (2, Trend::TooFew), (SIDE_TASKS_MIN - 1, Trend::TooFew), (SIDE_TASKS_MIN, Trend::Worse)]
-        {
-            for (before, since, expected) in
-                [((81, 76), (tasks, 0), trend), ((tasks, tasks), (81, 0), trend)]
+        for (tasks, trend) in [
+            (1, Trend::TooFew),
+            (2, Trend::TooFew),
+            (SIDE_TASKS_MIN - 1, Trend::TooFew),
+            (SIDE_TASKS_MIN, Trend::Worse),
+        ] {
+            for (before, since, expected) in [((81, 76), (tasks, 0), trend), ((tasks, tasks), (81, 0), trend)]
             {
-                let points =
-                    vec![point("grasp@1.0.0", 3, before.0, before.1), point("grasp@1.0.0", 8, since.0, since.1)];
+                let points = vec![
+                    point("grasp@1.0.0", 3, before.0, before.1),
+                    point("grasp@1.0.0", 8, since.0, since.1),
+                ];
                 let verdict = series(points).verdict(&grasp, 8);
                 assert_eq!(verdict.trend(), expected, "{tasks}");
                 let says = verdict.sentence().ends_with("too few to compare, 20 on each side are needed");

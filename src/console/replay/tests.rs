@@ -541,7 +541,11 @@ fn a_rollback_by_a_person_is_no_failure_and_a_violation_is() {
     ] {
         let mut model = rolled_back(by, violation);
         let failures = model.timeline.failures();
-        assert_eq!((failures.times_ms(), failures.decided_ms()), (&times_ms[..], decided_ms), "{by} {violation}");
+        assert_eq!(
+            (failures.times_ms(), failures.decided_ms()),
+            (&times_ms[..], decided_ms),
+            "{by} {violation}"
+        );
         assert_eq!(screen(&model, 120, 36).contains("went wrong at"), decided_ms.is_some(), "{by}");
         keys(&mut model, "m");
         assert_eq!(message(&model) == Some(&ReplayMessage::NoFailure), times_ms.is_empty(), "{by}");

@@ -46,7 +46,7 @@ fn count(line: &EventLogLine) -> String {
     if *sequences > 1 { format!("{sequences} sequences, {done} done, the last: ") } else { String::new() }
 }
 
-/// The whole text of an event, in the lines that a window on a screen of so many columns has.
+/// The whole text of an event, wrapped for its window on a screen of this width.
 #[must_use]
 pub fn lines_in_full(line: &EventLogLine, columns: u16) -> Vec<String> {
     let width = usize::from(columns.min(WIDTH_MAX).saturating_sub(FRAME));

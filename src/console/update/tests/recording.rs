@@ -93,9 +93,11 @@ fn a_replay_plays_with_the_consoles_clock() {
 #[test]
 fn the_arm_is_stopped_from_a_replay() {
     // Over the replay, over its help, and while a jump target is typed: there a letter is text.
-    for (opens, key, shown) in
-        [("", KeyCode::Char('X'), "X stop"), ("?", KeyCode::Char('X'), "X stop"), (":1", KeyCode::F(9), "f9 stop")]
-    {
+    for (opens, key, shown) in [
+        ("", KeyCode::Char('X'), "X stop"),
+        ("?", KeyCode::Char('X'), "X stop"),
+        (":1", KeyCode::F(9), "f9 stop"),
+    ] {
         let mut console = TestConsole::new(0);
         console.tell(recording(&[10_000]));
         console.keys(opens);

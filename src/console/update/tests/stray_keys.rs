@@ -37,7 +37,9 @@ impl TestConsole {
                 Some(Overlay::Form(form)) => form.line_mut().is_some() || form.signing.is_some(),
                 Some(Overlay::Approval(prompt)) => prompt.line_mut().is_some() || prompt.signing.is_some(),
                 Some(Overlay::Replay(replay)) => replay.typing.is_some(),
-                Some(Overlay::Why(_) | Overlay::Film(_) | Overlay::KeyLog(_) | Overlay::Event(_)) | None => false,
+                Some(Overlay::Why(_) | Overlay::Film(_) | Overlay::KeyLog(_) | Overlay::Event(_)) | None => {
+                    false
+                }
             }
     }
 }
