@@ -296,7 +296,7 @@ fn click_opens_its_target_and_decides_nothing() {
     click(&mut console, "5 Alarms");
     assert_eq!(console.model.view_state.view, View::Alarms);
     click(&mut console, "3o LOW");
-    click(&mut console, "1^ CRIT  # latched");
+    click(&mut console, "1^ CRIT   # latched");
     assert_eq!(console.model.row(), 3, "the alarm that was pointed at");
     click(&mut console, "2 Registry");
     listed(&mut console);
