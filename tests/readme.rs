@@ -86,14 +86,14 @@ enum Language {
 
 /// A fenced block that is run.
 #[derive(Debug, PartialEq, Eq)]
-struct Block {
+struct CodeBlock {
     language: Language,
     /// The first line of its numbered step; empty outside steps.
     step: String,
     lines: Vec<String>,
 }
 
-impl Block {
+impl CodeBlock {
     /// A block after this fence; `None` if its language is not run.
     fn after_fence(language: &str, step: &str) -> Option<Self> {
         let language = match language.trim() {
@@ -134,12 +134,12 @@ impl BlockLine {
 }
 
 /// The blocks of the section that are run, in their order.
-fn blocks(readme: &str) -> Vec<Block> {
+fn blocks(readme: &str) -> Vec<CodeBlock> {
     let begins = |line: &&str| HEADINGS.iter().any(|heading| line.starts_with(heading));
     let section = readme.lines().skip_while(|line| !begins(line)).skip(1);
     let (mut blocks, mut step) = (Vec::new(), String::new());
     // The open fence: its indentation, and its block if that is run.
-    let mut open: Option<(usize, Option<Block>)> = None;
+    let mut open: Option<(usize, Option<CodeBlock>)> = None;
     for line in section.take_while(|line| !line.starts_with("## ")) {
         let text = line.trim_start();
         let indent = line.len() - text.len();
@@ -154,7 +154,7 @@ fn blocks(readme: &str) -> Vec<Block> {
                 }
                 Some((margin, block))
             }
-            (None, Some(language)) => Some((indent, Block::after_fence(language, &step))),
+            (None, Some(language)) => Some((indent, CodeBlock::after_fence(language, &step))),
             (None, None) => {
                 let is_code =
                     indent >= 4 && ["holdpoint ", "cargo "].iter().any(|name| text.starts_with(name));
@@ -230,13 +230,13 @@ fn prompt_count(printed: &[u8]) -> usize {
 }
 
 /// A reader who follows the steps at a terminal.
-struct Reader {
+struct ReadmeReader {
     home: Home,
     until: Instant,
     console: Option<Console>,
 }
 
-impl Reader {
+impl ReadmeReader {
     /// The time that is left for all steps.
     fn left(&self) -> Duration {
         let left = self.until.saturating_duration_since(Instant::now());
@@ -362,7 +362,7 @@ fn first_quarter_of_an_hour_runs_as_written() {
     for name in LINKED {
         symlink(root.join(name), home.path().join(name)).unwrap();
     }
-    let mut reader = Reader { home, until: Instant::now() + ALL_STEPS_MAX, console: None };
+    let mut reader = ReadmeReader { home, until: Instant::now() + ALL_STEPS_MAX, console: None };
     for (at, block) in blocks.iter().enumerate() {
         println!("{}", block.step);
         let lines = parsed(&block.lines);

@@ -12,10 +12,10 @@ use std::time::{Duration, Instant};
 use holdpoint_body::{Command, GuardVerdict, JointVec, TICK_SECS, TaskKind};
 use holdpoint_cell::EpisodeSetup;
 
-use crate::client::{CallError, Connect, Peer};
+use crate::client::{CellCallError, Connect, Peer};
 use crate::framing::{WireError, decode, encode};
-use crate::messages::{Call, Description, Hello, PROTOCOL, Reply, Role, Seen, Welcome};
-use crate::refusal::Refusal;
+use crate::messages::{Call, CellReply, CellState, FactoryDescription, Hello, PROTOCOL, Role, Welcome};
+use crate::refusal::CellRefusal;
 
 /// How long an answer is waited for.
 const WITHIN: Duration = Duration::from_secs(10);
@@ -62,7 +62,7 @@ type Found = Result<(), String>;
 /// The checks of one cell.
 struct Check {
     connect: Connect,
-    described: Result<Description, String>,
+    described: Result<FactoryDescription, String>,
     verdicts: Vec<Verdict>,
 }
 
@@ -113,22 +113,22 @@ fn hello(role: Role) -> Hello {
     }
 }
 
-fn told(error: CallError) -> String {
+fn told(error: CellCallError) -> String {
     match error {
-        CallError::Refused(refusal) => refusal.into_body_error().to_string(),
-        CallError::Lost(error) => error.to_string(),
+        CellCallError::Refused(refusal) => refusal.into_body_error().to_string(),
+        CellCallError::Lost(error) => error.to_string(),
     }
 }
 
-fn ask(peer: &mut Peer, call: Call) -> Result<Reply, CallError> {
+fn ask(peer: &mut Peer, call: Call) -> Result<CellReply, CellCallError> {
     peer.ask(None, Vec::new(), call, None, WITHIN)
 }
 
 /// A call that is answered by the state.
-fn seen(peer: &mut Peer, call: Call) -> Result<Seen, String> {
+fn seen(peer: &mut Peer, call: Call) -> Result<CellState, String> {
     let name = call.name();
     match ask(peer, call) {
-        Ok(Reply::Seen(seen)) => Ok(*seen),
+        Ok(CellReply::Seen(seen)) => Ok(*seen),
         Ok(_) => Err(format!("{name} is not answered by the state")),
         Err(error) => Err(format!("{name}: {}", told(error))),
     }
@@ -139,13 +139,17 @@ fn holds(is_so: bool, otherwise: impl FnOnce() -> String) -> Found {
 }
 
 /// Whether a call was refused as it must be.
-fn refused<T>(answer: Result<T, CallError>, due: &str, is_due: impl FnOnce(&Refusal) -> bool) -> Found {
+fn refused<T>(
+    answer: Result<T, CellCallError>,
+    due: &str,
+    is_due: impl FnOnce(&CellRefusal) -> bool,
+) -> Found {
     match answer {
-        Err(CallError::Refused(refusal)) if is_due(&refusal) => Ok(()),
-        Err(CallError::Refused(refusal)) => {
+        Err(CellCallError::Refused(refusal)) if is_due(&refusal) => Ok(()),
+        Err(CellCallError::Refused(refusal)) => {
             Err(format!("it refuses for another reason than {due}: {}", refusal.into_body_error()))
         }
-        Err(CallError::Lost(error)) => Err(format!("{due} is due, and the connection ends: {error}")),
+        Err(CellCallError::Lost(error)) => Err(format!("{due} is due, and the connection ends: {error}")),
         Ok(_) => Err(format!("{due} is due, and it is taken")),
     }
 }
@@ -162,12 +166,12 @@ impl Check {
         self.verdicts.push(Verdict { name, problem });
     }
 
-    fn greet(&self, hello: &Hello) -> Result<(Peer, Welcome), CallError> {
+    fn greet(&self, hello: &Hello) -> Result<(Peer, Welcome), CellCallError> {
         let begun = Instant::now();
         loop {
             match Peer::greet(&self.connect, hello) {
                 // The connection before may not be closed yet.
-                Err(CallError::Refused(Refusal::Taken)) if begun.elapsed() < TAKEN_WITHIN => {
+                Err(CellCallError::Refused(CellRefusal::Taken)) if begun.elapsed() < TAKEN_WITHIN => {
                     thread::sleep(Duration::from_millis(20));
                 }
                 greeted => return greeted,
@@ -179,12 +183,12 @@ impl Check {
         self.greet(&hello(role)).map(|(peer, _)| peer).map_err(told)
     }
 
-    fn read_description(&self) -> Result<Description, String> {
+    fn read_description(&self) -> Result<FactoryDescription, String> {
         let bytes = self.open(Role::Control)?.ask_block(Call::Describe, WITHIN).map_err(told)?;
         decode(&bytes).map_err(|error| error.to_string())
     }
 
-    fn description(&self) -> Result<&Description, String> {
+    fn description(&self) -> Result<&FactoryDescription, String> {
         self.described.as_ref().map_err(|error| format!("no description: {error}"))
     }
 
@@ -201,7 +205,7 @@ impl Check {
         Ok(peer)
     }
 
-    fn reset(&self, peer: &mut Peer, seed: u64) -> Result<Seen, String> {
+    fn reset(&self, peer: &mut Peer, seed: u64) -> Result<CellState, String> {
         seen(peer, Call::Reset { setup: self.setup(seed)? })
     }
 
@@ -221,7 +225,7 @@ impl Check {
 
 /// Everything that a run after a command tells, bit for bit.
 fn run_from(peer: &mut Peer, first: Command) -> Result<Vec<u8>, String> {
-    let written = |seen: &Seen| encode(seen).map_err(|error| error.to_string());
+    let written = |seen: &CellState| encode(seen).map_err(|error| error.to_string());
     let mut all = written(&seen(peer, Call::Observe { guard: GuardVerdict::Allowed })?)?;
     let commands = std::iter::once(first).chain(std::iter::repeat(Command::Hold)).take(RUN_TICKS);
     for command in commands {

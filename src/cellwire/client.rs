@@ -17,11 +17,11 @@ use holdpoint_cell::{CellError, CellFactory, CellSpec, Distribution, LiveCell, T
 
 use crate::endpoint::Endpoint;
 use crate::framing::{WireError, WireStream, decode};
-use crate::messages::{Call, Description, Hello, PROTOCOL, RELEASED_MAX, Reply, Role, Welcome};
-use crate::refusal::Refusal;
+use crate::messages::{Call, CellReply, FactoryDescription, Hello, PROTOCOL, RELEASED_MAX, Role, Welcome};
+use crate::refusal::CellRefusal;
 
 pub use cell::WireCell;
-pub use peer::{CallError, Peer};
+pub use peer::{CellCallError, Peer};
 
 /// How long an answer is waited for. In lockstep and in trials no time counts, and a tick is a call like others.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -78,7 +78,7 @@ struct Shared {
     options: ClientOptions,
     /// SHA-256 of the description, in hexadecimal digits.
     digest: String,
-    description: Description,
+    description: FactoryDescription,
     spec: Arc<CellSpec>,
     session: AtomicU64,
     /// The connection that keeps the session.
@@ -115,11 +115,11 @@ impl WireFactory {
     /// # Errors
     /// As [`Self::connect`].
     pub fn over(name: String, connect: Connect, options: ClientOptions) -> Result<Self, CellError> {
-        let refused = |error: CallError| match error {
-            CallError::Refused(refusal) => {
+        let refused = |error: CellCallError| match error {
+            CellCallError::Refused(refusal) => {
                 CellError::file(&name, "cell", refusal.into_cell_error().to_string())
             }
-            CallError::Lost(error) => CellError::file(&name, "cell", error.to_string()),
+            CellCallError::Lost(error) => CellError::file(&name, "cell", error.to_string()),
         };
         let (mut control, welcome) =
             Peer::greet(&connect, &hello(Role::Control, None, None)).map_err(refused)?;
@@ -128,7 +128,7 @@ impl WireFactory {
         if crate::messages::sha256_hex(&bytes) != welcome.description {
             return Err(CellError::file(&name, "description", "it does not have the digest of the hello"));
         }
-        let described: Description = decode(&bytes).map_err(|error| refused(error.into()))?;
+        let described: FactoryDescription = decode(&bytes).map_err(|error| refused(error.into()))?;
         described.spec.check(&name)?;
         for distribution in &described.distributions {
             distribution.check(&name)?;
@@ -163,9 +163,9 @@ fn hello(role: Role, session: Option<u64>, watchdog_ms: Option<u32>) -> Hello {
 
 impl Shared {
     /// A new connection of the session; of a new session if the server was started again.
-    fn join(&self, role: Role) -> Result<Peer, CallError> {
+    fn join(&self, role: Role) -> Result<Peer, CellCallError> {
         match self.join_session(role) {
-            Err(CallError::Refused(Refusal::Hello { field, .. })) if field == "session" => {
+            Err(CellCallError::Refused(CellRefusal::Hello { field, .. })) if field == "session" => {
                 let mut control = lock(&self.control);
                 let (peer, welcome) = Peer::greet(&self.connect, &hello(Role::Control, None, None))?;
                 self.compare(&welcome)?;
@@ -178,7 +178,7 @@ impl Shared {
         }
     }
 
-    fn join_session(&self, role: Role) -> Result<Peer, CallError> {
+    fn join_session(&self, role: Role) -> Result<Peer, CellCallError> {
         let watchdog_ms = self.options.watchdog_ms.filter(|_| role == Role::Live);
         let session = Some(self.session.load(Ordering::Acquire));
         let (peer, welcome) = Peer::greet(&self.connect, &hello(role, session, watchdog_ms))?;
@@ -212,17 +212,17 @@ impl Shared {
     }
 
     /// The error of a call, with the place of the cell.
-    fn body_error(&self, error: CallError) -> BodyError {
+    fn body_error(&self, error: CellCallError) -> BodyError {
         match error {
-            CallError::Refused(refusal) => refusal.into_body_error(),
-            CallError::Lost(error) => BodyError::Lost(format!("the cell at {}: {error}", self.name)),
+            CellCallError::Refused(refusal) => refusal.into_body_error(),
+            CellCallError::Lost(error) => BodyError::Lost(format!("the cell at {}: {error}", self.name)),
         }
     }
 
-    fn cell_error(&self, error: CallError) -> CellError {
+    fn cell_error(&self, error: CellCallError) -> CellError {
         match error {
-            CallError::Refused(refusal) => refusal.into_cell_error(),
-            lost @ CallError::Lost(_) => CellError::Body(self.body_error(lost)),
+            CellCallError::Refused(refusal) => refusal.into_cell_error(),
+            lost @ CellCallError::Lost(_) => CellError::Body(self.body_error(lost)),
         }
     }
 }
@@ -245,7 +245,7 @@ impl CellFactory for WireFactory {
         let shared = &self.shared;
         let reply = lock(&shared.control).ask(None, Vec::new(), call, None, shared.options.deadlines.call);
         match reply.map_err(|error| shared.cell_error(error))? {
-            Reply::Distribution(drifted) => {
+            CellReply::Distribution(drifted) => {
                 drifted.check(&shared.name)?;
                 Ok(*drifted)
             }

@@ -11,7 +11,7 @@ use nalgebra::Isometry3;
 use serde::{Deserialize, Serialize};
 use sha2::{Digest as _, Sha256};
 
-use crate::refusal::Refusal;
+use crate::refusal::CellRefusal;
 
 /// Raised when a message changes; both sides must have the same.
 pub const PROTOCOL: u32 = 1;
@@ -76,7 +76,7 @@ pub struct Hello {
 
 /// The bounds of a server.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Bounds {
+pub struct ServerLimits {
     /// The largest message, bytes.
     pub message_bytes: u64,
     /// The largest block, bytes.
@@ -92,7 +92,7 @@ pub struct Welcome {
     pub protocol: u32,
     /// The session: its forks end with its last connection.
     pub session: u64,
-    /// SHA-256 of the [`Description`] as it is sent, in hexadecimal digits.
+    /// SHA-256 of the [`FactoryDescription`] as it is sent, in hexadecimal digits.
     pub description: String,
     /// Digest of what computes the cells.
     pub build: String,
@@ -101,7 +101,7 @@ pub struct Welcome {
     /// The watchdog as it is set.
     pub watchdog_ms: Option<u32>,
     /// The bounds of the server.
-    pub bounds: Bounds,
+    pub bounds: ServerLimits,
 }
 
 /// The answer to a [`Hello`].
@@ -111,12 +111,12 @@ pub enum Greeting {
     /// The connection is open.
     Welcome(Welcome),
     /// It is closed now.
-    Refused(Refusal),
+    Refused(CellRefusal),
 }
 
 /// What the cells of a server are; the block that answers [`Call::Describe`].
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Description {
+pub struct FactoryDescription {
     /// What a cell is and can do.
     pub spec: CellSpec,
     /// Digest of what computes the cells.
@@ -128,7 +128,7 @@ pub struct Description {
 /// A request. The answer has the same number.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Request {
+pub struct CellRequest {
     /// Counts the requests of a connection from 1, without gaps.
     pub sequence: u64,
     /// What the guard did with the command before, where it differs from what was last told.
@@ -141,13 +141,13 @@ pub struct Request {
     pub call: Call,
 }
 
-/// What is asked of a cell. Where no answer is named, it is [`Reply::Seen`].
+/// What is asked of a cell. Where no answer is named, it is [`CellReply::Seen`].
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case", deny_unknown_fields)]
 pub enum Call {
-    /// The description; answered by [`Reply::Block`].
+    /// The description; answered by [`CellReply::Block`].
     Describe,
-    /// A distribution after a drift; answered by [`Reply::Distribution`].
+    /// A distribution after a drift; answered by [`CellReply::Distribution`].
     Drift {
         /// The distribution.
         of: Box<Distribution>,
@@ -176,13 +176,13 @@ pub enum Call {
     },
     /// The task is over.
     EndTask,
-    /// What stands in the cell and what touches; answered by [`Reply::Scenery`].
+    /// What stands in the cell and what touches; answered by [`CellReply::Scenery`].
     Scenery,
-    /// What the sensors tell, for a trial cell to be set to; answered by [`Reply::Observed`].
+    /// What the sensors tell, for a trial cell to be set to; answered by [`CellReply::Observed`].
     Observed,
-    /// Keeps the present state under a handle; answered by [`Reply::Fork`].
+    /// Keeps the present state under a handle; answered by [`CellReply::Fork`].
     Fork,
-    /// The present state as bytes; answered by [`Reply::Block`].
+    /// The present state as bytes; answered by [`CellReply::Block`].
     Export,
     /// Breaks something, from the next tick on.
     Inject {
@@ -218,7 +218,7 @@ pub enum Call {
     },
     /// Of a trial cell: from now on the frames of every episode are kept.
     Film,
-    /// Of a trial cell: the frames of the episode so far; answered by [`Reply::Block`], a list of `EpisodeFrame`.
+    /// Of a trial cell: the frames of the episode so far; answered by [`CellReply::Block`], a list of `EpisodeFrame`.
     TakeFilm,
 }
 
@@ -313,7 +313,7 @@ impl Truth {
 
 /// The present state of a cell.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Seen {
+pub struct CellState {
     /// Ticks since the work was presented.
     pub tick: u64,
     /// What a skill may see; absent until [`Call::Observe`] after a start.
@@ -330,7 +330,7 @@ pub struct Seen {
     pub truth: Option<Truth>,
 }
 
-impl Seen {
+impl CellState {
     /// What is not usable: a number that is not finite, or a list that is not one value per joint.
     ///
     /// # Errors
@@ -388,15 +388,15 @@ pub struct Answer {
     /// The number of the request.
     pub sequence: u64,
     /// What came of it.
-    pub reply: Reply,
+    pub reply: CellReply,
 }
 
 /// What came of a request.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Reply {
+pub enum CellReply {
     /// The state after the call.
-    Seen(Box<Seen>),
+    Seen(Box<CellState>),
     /// A state is kept.
     Fork {
         /// Its handle.
@@ -418,7 +418,7 @@ pub enum Reply {
     /// What the sensors tell; absent for a cell that does not say.
     Observed(Option<Box<Observation>>),
     /// The call had no effect.
-    Refused(Refusal),
+    Refused(CellRefusal),
 }
 
 #[cfg(test)]

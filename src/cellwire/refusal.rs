@@ -15,7 +15,7 @@ const REFUSAL_WIDTH_MAX: usize = 200;
 /// Why a call has no effect.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Refusal {
+pub enum CellRefusal {
     /// The client speaks another version; the connection is closed.
     Version {
         /// That of the server.
@@ -105,7 +105,7 @@ impl WatchdogStop {
 const ABILITIES: [&str; 4] =
     ["export its state", "break on demand", "be set to an observation", "present such a drift"];
 
-impl Refusal {
+impl CellRefusal {
     /// Why a cell refuses.
     #[must_use]
     pub fn of_cell(error: CellError) -> Self {

@@ -15,8 +15,10 @@ use holdpoint_cell::{CellCopy, CellFactory};
 
 use crate::endpoint::EndpointListener;
 use crate::framing::{WireError, WireStream, encode};
-use crate::messages::{BLOCK_BYTES_MAX, Bounds, Description, FORKS_MAX, MESSAGE_BYTES_MAX, Role, sha256_hex};
-use crate::refusal::Refusal;
+use crate::messages::{
+    BLOCK_BYTES_MAX, FORKS_MAX, FactoryDescription, MESSAGE_BYTES_MAX, Role, ServerLimits, sha256_hex,
+};
+use crate::refusal::CellRefusal;
 
 /// Tells the person at the server what happened, one line each.
 pub type NoteSink = Box<dyn Fn(&str) + Send + Sync>;
@@ -50,13 +52,13 @@ pub struct CellServer {
 struct ServerState {
     connections: usize,
     live_is_taken: bool,
-    sessions: HashMap<u64, Session>,
+    sessions: HashMap<u64, CellSession>,
     /// The handle of the newest fork; no handle is used twice.
     newest_fork: u64,
 }
 
 #[derive(Default)]
-struct Session {
+struct CellSession {
     connections: usize,
     forks: HashMap<u64, Arc<CellCopy>>,
 }
@@ -68,7 +70,7 @@ impl CellServer {
     /// If its distributions cannot be read, or its description is no message.
     pub fn new(factory: Arc<dyn CellFactory>, options: ServerOptions) -> Result<Self, WireError> {
         let failed = |error: holdpoint_cell::CellError| WireError::Refused(error.to_string());
-        let description = Description {
+        let description = FactoryDescription {
             spec: (**factory.spec()).clone(),
             build: factory.build_digest().to_owned(),
             distributions: factory.distributions().map_err(failed)?,
@@ -119,8 +121,8 @@ impl CellServer {
         self.lock().sessions.values().map(|session| session.forks.len()).sum()
     }
 
-    fn bounds() -> Bounds {
-        Bounds {
+    fn bounds() -> ServerLimits {
+        ServerLimits {
             message_bytes: MESSAGE_BYTES_MAX as u64,
             block_bytes: BLOCK_BYTES_MAX as u64,
             forks: FORKS_MAX as u64,
@@ -133,23 +135,23 @@ impl CellServer {
     }
 
     /// Gives a connection its place.
-    fn admit(&self, role: Role, session: Option<u64>) -> Result<Place<'_>, Refusal> {
+    fn admit(&self, role: Role, session: Option<u64>) -> Result<ConnectionSlot<'_>, CellRefusal> {
         let mut state = self.lock();
         if state.connections >= self.options.connections_max {
             let most = self.options.connections_max as u64;
-            return Err(Refusal::Full { what: "connections".to_owned(), most });
+            return Err(CellRefusal::Full { what: "connections".to_owned(), most });
         }
         if role == Role::Live && state.live_is_taken {
-            return Err(Refusal::Taken);
+            return Err(CellRefusal::Taken);
         }
         let number = match session {
             Some(number) if state.sessions.contains_key(&number) => number,
             Some(_) => {
                 let allowed = "a session that has an open connection, or none".to_owned();
-                return Err(Refusal::Hello { field: "session".to_owned(), allowed });
+                return Err(CellRefusal::Hello { field: "session".to_owned(), allowed });
             }
             // Not to be guessed, and never that of a server before this one.
-            None => getrandom::u64().map_err(|error| Refusal::Hello {
+            None => getrandom::u64().map_err(|error| CellRefusal::Hello {
                 field: "session".to_owned(),
                 allowed: format!("none can be made: {error}"),
             })?,
@@ -157,36 +159,36 @@ impl CellServer {
         state.connections += 1;
         state.live_is_taken |= role == Role::Live;
         state.sessions.entry(number).or_default().connections += 1;
-        Ok(Place { server: self, role, session: number })
+        Ok(ConnectionSlot { server: self, role, session: number })
     }
 }
 
 /// The place of a connection; it is given back when it is dropped.
-struct Place<'a> {
+struct ConnectionSlot<'a> {
     server: &'a CellServer,
     role: Role,
     session: u64,
 }
 
-impl Place<'_> {
+impl ConnectionSlot<'_> {
     /// Keeps a state under a new handle.
-    fn keep(&self, copy: CellCopy) -> Result<u64, Refusal> {
+    fn keep(&self, copy: CellCopy) -> Result<u64, CellRefusal> {
         let mut state = self.server.lock();
         state.newest_fork += 1;
         let fork = state.newest_fork;
         let session = state.sessions.entry(self.session).or_default();
         if session.forks.len() >= FORKS_MAX {
-            return Err(Refusal::Full { what: "forks".to_owned(), most: FORKS_MAX as u64 });
+            return Err(CellRefusal::Full { what: "forks".to_owned(), most: FORKS_MAX as u64 });
         }
         session.forks.insert(fork, Arc::new(copy));
         Ok(fork)
     }
 
     /// The state of a handle.
-    fn fork(&self, fork: u64) -> Result<Arc<CellCopy>, Refusal> {
+    fn fork(&self, fork: u64) -> Result<Arc<CellCopy>, CellRefusal> {
         let state = self.server.lock();
         let found = state.sessions.get(&self.session).and_then(|session| session.forks.get(&fork));
-        found.cloned().ok_or(Refusal::UnknownFork(fork))
+        found.cloned().ok_or(CellRefusal::UnknownFork(fork))
     }
 
     /// Forgets states. A handle that is not known was forgotten before.
@@ -200,7 +202,7 @@ impl Place<'_> {
     }
 }
 
-impl Drop for Place<'_> {
+impl Drop for ConnectionSlot<'_> {
     fn drop(&mut self) {
         let mut state = self.server.lock();
         state.connections = state.connections.saturating_sub(1);

@@ -12,15 +12,15 @@ use holdpoint_cell::{
     TrialCell, WorkCall,
 };
 
-use crate::client::{CallError, ClientOptions, Connect, Deadlines, Peer, WireFactory};
+use crate::client::{CellCallError, ClientOptions, Connect, Deadlines, Peer, WireFactory};
 use crate::endpoint::{Endpoint, EndpointStream};
 use crate::fake_cell::{FakeFactory, Quirk, connect_to};
 use crate::framing::{Line, WireError, encode};
 use crate::messages::{
-    Answer, Bounds, Call, Greeting, Hello, MESSAGE_BYTES_MAX, PROTOCOL, RELEASED_MAX, Reply, Request, Role,
-    Welcome,
+    Answer, Call, CellReply, CellRequest, Greeting, Hello, MESSAGE_BYTES_MAX, PROTOCOL, RELEASED_MAX, Role,
+    ServerLimits, Welcome,
 };
-use crate::refusal::Refusal;
+use crate::refusal::CellRefusal;
 use crate::server::{CellServer, ServerOptions};
 
 const SHORT: Duration = Duration::from_millis(20);
@@ -47,7 +47,7 @@ pub(crate) fn hello(role: Role) -> Hello {
     Hello { protocol: PROTOCOL, role, session: None, watchdog_ms: None, client: "test".to_owned() }
 }
 
-fn peer(server: &Arc<CellServer>, hello: &Hello) -> Result<Peer, CallError> {
+fn peer(server: &Arc<CellServer>, hello: &Hello) -> Result<Peer, CellCallError> {
     Peer::greet(&connect_to(server), hello).map(|(peer, _)| peer)
 }
 
@@ -200,20 +200,20 @@ fn forks_end_with_their_session() {
     // A handle that was never given.
     let mut peer = peer(&server, &hello(Role::Trial)).unwrap();
     let asked = peer.ask(None, vec![77], Call::GoOnFrom { fork: 77 }, None, LONG);
-    assert_eq!(asked, Err(CallError::Refused(Refusal::UnknownFork(77))));
+    assert_eq!(asked, Err(CellCallError::Refused(CellRefusal::UnknownFork(77))));
     let many = peer.ask(None, vec![0; RELEASED_MAX + 1], Call::Scenery, None, LONG);
-    assert!(matches!(many, Err(CallError::Refused(Refusal::Malformed(_)))), "{many:?}");
+    assert!(matches!(many, Err(CellCallError::Refused(CellRefusal::Malformed(_)))), "{many:?}");
 }
 
 #[test]
 fn hello_is_refused_by_field() {
     let server = server(Quirk::Honest);
     let refused = |hello: Hello| match peer(&server, &hello) {
-        Err(CallError::Refused(refusal)) => refusal,
+        Err(CellCallError::Refused(refusal)) => refusal,
         other => panic!("{:?}", other.err()),
     };
     let newer = Hello { protocol: PROTOCOL + 1, ..hello(Role::Trial) };
-    assert_eq!(refused(newer), Refusal::Version { server: PROTOCOL });
+    assert_eq!(refused(newer), CellRefusal::Version { server: PROTOCOL });
     for (wrong, field) in [
         (Hello { session: Some(1), ..hello(Role::Trial) }, "session"),
         (Hello { watchdog_ms: Some(100), ..hello(Role::Trial) }, "watchdog_ms"),
@@ -221,10 +221,10 @@ fn hello_is_refused_by_field() {
         (Hello { client: "x".repeat(65), ..hello(Role::Control) }, "client"),
     ] {
         let refusal = refused(wrong);
-        assert!(matches!(&refusal, Refusal::Hello { field: named, .. } if named == field), "{refusal:?}");
+        assert!(matches!(&refusal, CellRefusal::Hello { field: named, .. } if named == field), "{refusal:?}");
     }
     let live = peer(&server, &hello(Role::Live)).unwrap();
-    assert_eq!(refused(hello(Role::Live)), Refusal::Taken);
+    assert_eq!(refused(hello(Role::Live)), CellRefusal::Taken);
     drop(live);
 }
 
@@ -242,12 +242,15 @@ fn call_of_another_role_is_refused_and_the_connection_stays() {
     ] {
         let peer = if of_live { &mut live } else { &mut control };
         let asked = peer.ask(None, Vec::new(), call, None, LONG);
-        assert_eq!(asked, Err(CallError::Refused(Refusal::Role { needs })));
+        assert_eq!(asked, Err(CellCallError::Refused(CellRefusal::Role { needs })));
         assert!(!peer.is_lost());
     }
     let fault = InjectedFault::JointStuck { joint: 9 };
     let asked = live.ask(None, Vec::new(), Call::Inject { fault }, None, LONG);
-    assert!(matches!(asked, Err(CallError::Refused(Refusal::Body(BodyError::Command(_))))), "{asked:?}");
+    assert!(
+        matches!(asked, Err(CellCallError::Refused(CellRefusal::Body(BodyError::Command(_))))),
+        "{asked:?}"
+    );
 }
 
 #[test]
@@ -255,12 +258,12 @@ fn gap_in_the_sequence_ends_the_connection() {
     let server = server(Quirk::Honest);
     let mut peer = peer(&server, &hello(Role::Trial)).unwrap();
     let line = peer.line();
-    let request = |sequence| Request { sequence, guard: None, release: Vec::new(), call: Call::Scenery };
+    let request = |sequence| CellRequest { sequence, guard: None, release: Vec::new(), call: Call::Scenery };
     line.send(&request(1)).unwrap();
     assert_eq!(line.receive::<Answer>(LONG).unwrap().sequence, 1);
     line.send(&request(3)).unwrap();
     let Answer { reply, .. } = line.receive(LONG).unwrap();
-    assert_eq!(reply, Reply::Refused(Refusal::Sequence { due: 2, came: 3 }));
+    assert_eq!(reply, CellReply::Refused(CellRefusal::Sequence { due: 2, came: 3 }));
     assert_eq!(line.receive::<Answer>(LONG), Err(WireError::Closed));
 }
 
@@ -272,7 +275,7 @@ fn bytes_that_are_no_message_end_the_connection_and_no_other() {
         let mut peer = peer(&server, &hello(Role::Trial)).unwrap();
         peer.line().send_bytes(bytes).unwrap();
         let Answer { reply, .. } = peer.line().receive(LONG).unwrap();
-        assert!(matches!(reply, Reply::Refused(Refusal::Malformed(_))), "{reply:?}");
+        assert!(matches!(reply, CellReply::Refused(CellRefusal::Malformed(_))), "{reply:?}");
         assert_eq!(peer.line().receive::<Answer>(LONG), Err(WireError::Closed));
     }
     factory(&server).trial().unwrap().reset(&setup(1)).unwrap();
@@ -376,7 +379,7 @@ fn frozen_cell_is_given_up_at_the_deadline() {
     let frozen = std::thread::spawn(move || {
         let mut line = Line::new(EndpointStream::Unix(other)).unwrap();
         line.receive_bytes(LONG).unwrap();
-        let bounds = Bounds { message_bytes: 1, block_bytes: 1, forks: 1 };
+        let bounds = ServerLimits { message_bytes: 1, block_bytes: 1, forks: 1 };
         let (description, build) = (String::new(), String::new());
         let welcome = Welcome {
             protocol: PROTOCOL,
@@ -392,12 +395,12 @@ fn frozen_cell_is_given_up_at_the_deadline() {
     });
     let (mut peer, _) = Peer::greet(&connect, &hello(Role::Trial)).unwrap();
     let mut line = frozen.join().unwrap();
-    let lost = CallError::Lost(WireError::Deadline { within_ms: 20 });
+    let lost = CellCallError::Lost(WireError::Deadline { within_ms: 20 });
     assert_eq!(peer.ask(None, Vec::new(), Call::Scenery, None, SHORT), Err(lost.clone()));
     // It is not asked again, and sees that it is given up.
     assert_eq!(peer.ask(None, Vec::new(), Call::Scenery, None, LONG), Err(lost));
-    assert_eq!(line.receive::<Request>(LONG).unwrap().sequence, 1);
-    assert_eq!(line.receive::<Request>(LONG), Err(WireError::Closed));
+    assert_eq!(line.receive::<CellRequest>(LONG).unwrap().sequence, 1);
+    assert_eq!(line.receive::<CellRequest>(LONG), Err(WireError::Closed));
 }
 
 #[test]

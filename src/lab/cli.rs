@@ -34,18 +34,18 @@ Examples:
   holdpoint-lab experiment drift --runs 2 --out results/drift
   holdpoint-lab bench decision"
 )]
-struct Cli {
+struct LabCli {
     /// Prints JSON, one document a line.
     #[arg(long, global = true)]
     json: bool,
     /// The verb with its arguments.
     #[command(subcommand)]
-    verb: Verb,
+    verb: LabVerb,
 }
 
 /// The verbs.
 #[derive(Clone, Debug, Subcommand)]
-enum Verb {
+enum LabVerb {
     /// Sample pools of candidates for experiments.
     Pool(pool::PoolArgs),
     /// Derive a candidate from a baseline: optimize its parameters for success alone.
@@ -53,13 +53,13 @@ enum Verb {
     /// Run an experiment and write its report.
     Experiment(experiment::ExperimentArgs),
     /// Measure the rules, whole decisions and other physics engines.
-    Bench(bench::BenchArgs),
+    Bench(bench::LabBenchArgs),
 }
 
 /// The program's definition.
 #[must_use]
 pub fn program() -> clap::Command {
-    <Cli as clap::CommandFactory>::command()
+    <LabCli as clap::CommandFactory>::command()
 }
 
 /// Runs the program: parses `arguments`, runs the verb, prints, and returns the exit code.
@@ -67,7 +67,7 @@ pub fn program() -> clap::Command {
 pub fn entry(arguments: impl IntoIterator<Item = OsString>) -> Exit {
     let arguments: Vec<OsString> = arguments.into_iter().collect();
     let json = wants_json(&arguments);
-    match Cli::try_parse_from(arguments) {
+    match LabCli::try_parse_from(arguments) {
         Ok(cli) => {
             let mut out = CommandOutput::stdout(cli.json);
             let ended = run(&cli.verb, &mut out);
@@ -77,12 +77,12 @@ pub fn entry(arguments: impl IntoIterator<Item = OsString>) -> Exit {
     }
 }
 
-fn run(verb: &Verb, out: &mut CommandOutput<'_>) -> Result<Exit, CliError> {
+fn run(verb: &LabVerb, out: &mut CommandOutput<'_>) -> Result<Exit, CliError> {
     match verb {
-        Verb::Pool(args) => pool::run(args, out),
-        Verb::Refine(args) => refine::run(args, out),
-        Verb::Experiment(args) => experiment::run(args, out),
-        Verb::Bench(args) => bench::run(args, out),
+        LabVerb::Pool(args) => pool::run(args, out),
+        LabVerb::Refine(args) => refine::run(args, out),
+        LabVerb::Experiment(args) => experiment::run(args, out),
+        LabVerb::Bench(args) => bench::run(args, out),
     }
 }
 
@@ -104,7 +104,7 @@ mod tests {
                 help.lines().filter(|line| line.starts_with("  holdpoint-lab ")).collect();
             assert!(!examples.is_empty(), "{name}: no example");
             for example in examples {
-                let parsed = Cli::try_parse_from(example.split_whitespace());
+                let parsed = LabCli::try_parse_from(example.split_whitespace());
                 assert!(parsed.is_ok(), "{name}: {example}: {:?}", parsed.err());
                 *seen += 1;
             }

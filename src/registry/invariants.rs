@@ -84,8 +84,8 @@ fn of_fault(fault: ChainFault) -> Violation {
 
 /// I1 and I6 of one family.
 pub(crate) fn check_family(connection: &Connection, family: &str) -> rusqlite::Result<Vec<Violation>> {
-    type FamilyRow = (Option<String>, Option<String>, bool, bool);
-    let row: Option<FamilyRow> = connection
+    type FamilyColumns = (Option<String>, Option<String>, bool, bool);
+    let row: Option<FamilyColumns> = connection
         .prepare_cached("SELECT active, pinned, bootstrapped, safe_stopped FROM family WHERE name = ?1")?
         .query_row([family], |row| Ok((row.get(0)?, row.get(1)?, row.get(2)?, row.get(3)?)))
         .optional()?;

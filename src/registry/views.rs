@@ -414,11 +414,11 @@ impl Views {
     /// If the store cannot be read, or the program does not write such a record.
     pub fn version_history(&self, id: &CapabilityId) -> Result<VersionHistory, StoreError> {
         #[derive(serde::Deserialize)]
-        struct StateSetBody {
-            change: StateSetChange,
+        struct DepartureBody {
+            change: DepartureChange,
         }
         #[derive(serde::Deserialize)]
-        struct StateSetChange {
+        struct DepartureChange {
             from: State,
         }
         #[derive(serde::Deserialize)]
@@ -466,7 +466,7 @@ impl Views {
                 flags.first().map(|record| serde_json::from_str::<FlagsSetBody>(&record.body)).transpose();
             ran = flags.map_err(unread)?.and_then(|body| body.change.flags.running);
         }
-        let left = last.map(|record| serde_json::from_str::<StateSetBody>(&record.body)).transpose();
+        let left = last.map(|record| serde_json::from_str::<DepartureBody>(&record.body)).transpose();
         let mut confirmed = false;
         for record in records(RecordKind::AuditClosed, CLOSINGS_MAX, None)? {
             let closed: AuditClosedFields = serde_json::from_str(&record.body).map_err(unread)?;

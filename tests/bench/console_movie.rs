@@ -67,12 +67,12 @@ fn out_file() -> PathBuf {
 }
 
 /// A console, and the movie of its screens.
-struct Scene<'a> {
+struct MovieScene<'a> {
     console: Console,
     movie: &'a mut Movie,
 }
 
-impl<'a> Scene<'a> {
+impl<'a> MovieScene<'a> {
     fn open(home: &Home, arguments: &[&str], movie: &'a mut Movie) -> Self {
         let console = home.console_with(arguments, SIZE, &[("COLORTERM", "truecolor")]);
         Self { console, movie }
@@ -166,7 +166,7 @@ fn progress(text: &str) -> (usize, f64) {
 fn in_simulation(movie: &mut Movie) {
     let home = Home::new();
     home.must(&["identity", "new", "ana", "--role", "engineer", "--unprotected"]);
-    let mut scene = Scene::open(&home, &["run", "--as", "ana", "--no-tour", "--pace", "8"], movie);
+    let mut scene = MovieScene::open(&home, &["run", "--as", "ana", "--no-tour", "--pace", "8"], movie);
     scene.show(2.0, "The simulated cell runs its active versions. No new version waits.", |text| {
         text.contains("No candidate yet") && text.contains("ana (engineer)")
     });
@@ -188,7 +188,7 @@ fn in_simulation(movie: &mut Movie) {
     scene.end();
 }
 
-fn stop_and_start(scene: &mut Scene<'_>) {
+fn stop_and_start(scene: &mut MovieScene<'_>) {
     scene.keys("X");
     scene.show(3.0, "X stops the arm at once. The console asks nothing first.", |text| {
         text.contains("STOPPED by ana")
@@ -209,7 +209,7 @@ fn stop_and_start(scene: &mut Scene<'_>) {
 fn among_people(movie: &mut Movie) {
     let home = home_awaiting_approval();
     let arguments = ["run", "--profile", "human", "--as", "alice", "--no-tour", "--pace", "8"];
-    let mut scene = Scene::open(&home, &arguments, movie);
+    let mut scene = MovieScene::open(&home, &arguments, movie);
     scene.show(2.5, "Beside people: nothing is activated without signed approvals.", |text| {
         text.contains("alice (engineer)") && text.contains("1 wait") && text.contains("0 of 2")
     });
@@ -268,7 +268,7 @@ fn home_awaiting_approval() -> Home {
 /// A version that no policy permits ends before it runs.
 fn rejected(movie: &mut Movie) {
     let home = Home::new();
-    let mut scene = Scene::open(&home, &["run", "--no-tour"], movie);
+    let mut scene = MovieScene::open(&home, &["run", "--no-tour"], movie);
     scene.wait("the engine", |text| text.contains("No candidate yet"));
     scene.keys(":demo grasp-direct-bus\r");
     scene.show(2.5, "A version that asks for direct access to the actuators is rejected.", |text| {

@@ -32,7 +32,7 @@ const SECONDS_OF_A_DAY: f64 = 86_400.0;
 
 /// The resources of the process and its store at one moment.
 #[derive(Clone, Copy)]
-struct Sample {
+struct EnduranceSample {
     sequences: u64,
     resident_kib: u64,
     descriptors: u64,
@@ -60,8 +60,8 @@ fn bytes(folder: &Path) -> u64 {
         .sum()
 }
 
-fn sample(process: u32, store: &Path, sequences: u64) -> Sample {
-    Sample {
+fn sample(process: u32, store: &Path, sequences: u64) -> EnduranceSample {
+    EnduranceSample {
         sequences,
         resident_kib: status(process, "VmRSS"),
         descriptors: fs::read_dir(format!("/proc/{process}/fd")).unwrap().count() as u64,
@@ -71,7 +71,7 @@ fn sample(process: u32, store: &Path, sequences: u64) -> Sample {
 }
 
 /// Growth of a value per sequence: the slope of the least squares.
-fn slope(samples: &[Sample], value: impl Fn(&Sample) -> u64) -> f64 {
+fn slope(samples: &[EnduranceSample], value: impl Fn(&EnduranceSample) -> u64) -> f64 {
     let n = samples.len() as f64;
     let mean_x = samples.iter().map(|sample| sample.sequences as f64).sum::<f64>() / n;
     let mean_y = samples.iter().map(|sample| value(sample) as f64).sum::<f64>() / n;
@@ -128,7 +128,7 @@ fn main() {
         if done / sequences_per_row > samples.len() as u64 {
             let row = sample(process, &store, done);
             let secs = started.elapsed().as_secs();
-            let Sample { resident_kib, descriptors, threads, store_bytes, .. } = row;
+            let EnduranceSample { resident_kib, descriptors, threads, store_bytes, .. } = row;
             println!("{done}\t{secs}\t{resident_kib}\t{descriptors}\t{threads}\t{store_bytes}");
             samples.push(row);
         }

@@ -291,13 +291,13 @@ fn attacks() -> Vec<(&'static str, Alter, Alter)> {
 }
 
 /// An engine under `human` that requests approvals for lifting a restriction, and all persons' keys.
-struct Site {
+struct RequestSite {
     folder: TempDir,
     client: Client,
     engine: Receiver<()>,
 }
 
-impl Site {
+impl RequestSite {
     fn new() -> Self {
         let folder = store();
         let opened = Store::open(folder.path()).unwrap();
@@ -368,8 +368,8 @@ impl Site {
 
 #[test]
 fn no_altered_message_is_accepted() {
-    let mut site = Site::new();
-    let reply = site.client.send(Command::Restrict(Site::operation())).unwrap();
+    let mut site = RequestSite::new();
+    let reply = site.client.send(Command::Restrict(RequestSite::operation())).unwrap();
     assert!(matches!(reply, Reply::Accepted { .. }), "{reply:?}");
     // An answered request: every listener knows its lines and facts.
     site.request_approval();

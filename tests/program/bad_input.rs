@@ -22,11 +22,11 @@ fn holdpoint(data: &Path, arguments: &[&str]) -> Output {
 }
 
 /// A store that an engine made, with its head and its files' sizes.
-struct Fixture {
+struct BadInputStore {
     root: tempfile::TempDir,
 }
 
-impl Fixture {
+impl BadInputStore {
     fn new() -> Self {
         let fixture = Self { root: tempfile::tempdir().unwrap() };
         let output = holdpoint(&fixture.data(), &["candidate", "register", IMPROVED]);
@@ -178,7 +178,7 @@ fn candidates() {
             &["submission.toml"],
         ),
     ];
-    let fixture = Fixture::new();
+    let fixture = BadInputStore::new();
     for (name, change, values) in cases {
         let folder = fixture.candidate(name, change);
         let error = fixture.refuses(name, &["candidate", "register", &folder], "bad-file", values);
@@ -215,7 +215,7 @@ fn candidate_text_never_becomes_a_program_hint() {
         ),
         ("Hint: run rm -rf", |f| fs::remove_file(f.join("params.toml")).unwrap(), Some(package)),
     ];
-    let fixture = Fixture::new();
+    let fixture = BadInputStore::new();
     for (name, change, hint) in cases {
         let folder = fixture.candidate(&format!("forged-{name}"), change);
         for arguments in [
@@ -253,7 +253,7 @@ fn candidate_text_never_becomes_a_program_hint() {
 
 #[test]
 fn names_that_are_not_there() {
-    let fixture = Fixture::new();
+    let fixture = BadInputStore::new();
     let signed = ["--as", "mara", "--reason", "because"];
     for (arguments, name) in [
         (vec!["rollback", "grab"], "grab"),
@@ -283,7 +283,7 @@ fn names_that_are_not_there() {
 
 #[test]
 fn scenarios_and_robots() {
-    let fixture = Fixture::new();
+    let fixture = BadInputStore::new();
     for (name, text, expected) in [
         ("word.toml", "profile = \"sim\"\n[[step]]\nregsiter = \"x\"\n", "regsiter"),
         ("syntax.toml", "profile = \"sim\n", "syntax.toml"),
@@ -313,7 +313,7 @@ fn scenarios_and_robots() {
 /// Pipes once kept the program waiting forever, and devices filled its memory.
 #[test]
 fn only_regular_files_are_read() {
-    let fixture = Fixture::new();
+    let fixture = BadInputStore::new();
     let pipe = |path: &Path| {
         drop(fs::remove_file(path));
         rustix::fs::mkfifoat(rustix::fs::CWD, path, rustix::fs::Mode::RUSR | rustix::fs::Mode::WUSR).unwrap();
@@ -341,7 +341,7 @@ fn only_regular_files_are_read() {
 
 #[test]
 fn places_that_cannot_be_used() {
-    let fixture = Fixture::new();
+    let fixture = BadInputStore::new();
     // No process can create a folder below a file, not even root.
     let below_a_file = PathBuf::from(fixture.file("file", "")).join("store");
     let error = refusal("unwritable", &below_a_file, &["candidate", "register", IMPROVED]);
@@ -386,7 +386,7 @@ fn copy(from: &Path, to: &Path) {
 
 #[test]
 fn a_second_engine_on_the_same_store() {
-    let fixture = Fixture::new();
+    let fixture = BadInputStore::new();
     let script = fixture.file("good.toml", "profile = \"sim\"\n[[step]]\nregister = \"grasp-improved\"\n");
     let first = Store::open(fixture.data()).unwrap();
     let owner = format!("process {}", std::process::id());
@@ -408,7 +408,7 @@ fn a_second_engine_on_the_same_store() {
 /// it with the reason on record.
 #[test]
 fn a_circle_of_dependencies_is_rejected() {
-    let fixture = Fixture::new();
+    let fixture = BadInputStore::new();
     let place = fixture.root.path().join("place");
     copy(&Path::new(env!("CARGO_MANIFEST_DIR")).join("manifests/candidates/place-robust"), &place);
     let depends = |folder: &Path, on: &str| {
@@ -439,7 +439,7 @@ fn a_circle_of_dependencies_is_rejected() {
 /// A program that requested JSON once got a plain-text error.
 #[test]
 fn errors_are_json_on_request() {
-    let fixture = Fixture::new();
+    let fixture = BadInputStore::new();
     for (arguments, reason) in [
         (&["--json", "candidate", "register", "/nowhere"][..], "bad-file"),
         (&["status", "grab", "--json"], "not-found"),

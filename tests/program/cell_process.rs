@@ -25,12 +25,12 @@ fn holdpoint(arguments: &[&str]) -> Output {
 }
 
 /// A served cell; it ends with the test.
-struct Served {
+struct CellProcess {
     process: Child,
     endpoint: String,
 }
 
-impl Served {
+impl CellProcess {
     fn in_folder(folder: &Path) -> Self {
         let endpoint = format!("unix:{}", folder.join("cell.sock").display());
         let mut process = Command::new(env!("CARGO_BIN_EXE_holdpoint"))
@@ -46,7 +46,7 @@ impl Served {
     }
 }
 
-impl Drop for Served {
+impl Drop for CellProcess {
     fn drop(&mut self) {
         let _ = self.process.kill();
         let _ = self.process.wait();
@@ -65,7 +65,7 @@ fn site_at(folder: &Path, endpoint: &str) -> String {
 #[test]
 fn served_cell_keeps_every_promise() {
     let root = tempfile::tempdir().unwrap();
-    let served = Served::in_folder(root.path());
+    let served = CellProcess::in_folder(root.path());
     let checked = holdpoint(&["cell", "check", &served.endpoint, "--json"]);
     let document: Value = serde_json::from_slice(&checked.stdout).unwrap();
     let promises = document["promises"].as_array().unwrap();
@@ -77,7 +77,7 @@ fn served_cell_keeps_every_promise() {
 #[test]
 fn site_file_names_a_served_cell() {
     let root = tempfile::tempdir().unwrap();
-    let served = Served::in_folder(root.path());
+    let served = CellProcess::in_folder(root.path());
     let site = site_at(root.path(), &served.endpoint);
     let checked = holdpoint(&["site", "check", &site]);
     let text = String::from_utf8(checked.stdout).unwrap();

@@ -52,13 +52,13 @@ fn until(what: &str, mut holds: impl FnMut() -> bool) {
 }
 
 /// An engine in another process, and its output.
-struct EngineProcess {
+struct GenuineEngine {
     child: Child,
     events: Receiver<(Instant, Value)>,
     data: PathBuf,
 }
 
-impl EngineProcess {
+impl GenuineEngine {
     fn start(data: &Path) -> Self {
         let mut serve = Process::new(env!("CARGO_BIN_EXE_holdpoint"));
         serve.args(["serve", "--json", "--pace", "1", "--no-recording", "--data"]).arg(data);
@@ -147,7 +147,7 @@ impl EngineProcess {
     }
 }
 
-impl Drop for EngineProcess {
+impl Drop for GenuineEngine {
     fn drop(&mut self) {
         // An ended process has been waited for, and this then does nothing.
         drop(self.child.kill());
@@ -257,7 +257,7 @@ fn a_stop_stops_the_arm_while_an_impostor_has_the_name() {
     let stops = count("HOLDPOINT_IMPOSTOR_STOPS", 3);
     let measured = std::env::var_os("HOLDPOINT_IMPOSTOR_STOPS").is_some();
     let folder = tempfile::tempdir().unwrap();
-    let engine = EngineProcess::start(folder.path());
+    let engine = GenuineEngine::start(folder.path());
     let impostor = Impostor::start(&engine.layout());
     let mut worst = Duration::ZERO;
     for nth in 1..=stops {
@@ -269,7 +269,7 @@ fn a_stop_stops_the_arm_while_an_impostor_has_the_name() {
         let standstill = engine.await_event("arm-stands") - begun;
         worst = worst.max(standstill);
         assert!(!measured || standstill < Duration::from_secs(1), "{nth}: {standstill:?}");
-        EngineProcess::start_cell(&impostor.real);
+        GenuineEngine::start_cell(&impostor.real);
         engine.await_event("cell-released");
     }
     println!("impostor: {stops} of {stops} stops confirmed, verb to standing arm at worst {worst:?}");
@@ -281,7 +281,7 @@ fn a_stop_stops_the_arm_while_an_impostor_has_the_name() {
 #[test]
 fn no_answer_of_an_impostor_counts_as_the_engines() {
     let folder = tempfile::tempdir().unwrap();
-    let engine = EngineProcess::start(folder.path());
+    let engine = GenuineEngine::start(folder.path());
     let impostor = Impostor::start(&engine.layout());
     let engine_pid = i32::try_from(engine.child.id()).unwrap();
     assert_eq!(lock_holder(folder.path()), LockHolder::Process(engine_pid));
@@ -311,7 +311,7 @@ fn no_answer_of_an_impostor_counts_as_the_engines() {
 #[test]
 fn a_stop_stops_the_arm_while_its_mark_is_removed_as_fast_as_it_is_made() {
     let folder = tempfile::tempdir().unwrap();
-    let engine = EngineProcess::start(folder.path());
+    let engine = GenuineEngine::start(folder.path());
     let impostor = Impostor::start(&engine.layout());
     let (over, removals) = (Arc::<AtomicBool>::default(), Arc::<AtomicUsize>::default());
     let (thread_over, thread_removals, mark) =
@@ -337,7 +337,7 @@ fn a_stop_stops_the_arm_while_its_mark_is_removed_as_fast_as_it_is_made() {
             }
             code => assert_eq!(code, Some(6), "{}", output_text(&output)),
         }
-        EngineProcess::start_cell(&impostor.real);
+        GenuineEngine::start_cell(&impostor.real);
         engine.await_event("cell-released");
     }
     over.store(true, Ordering::Release);
@@ -350,7 +350,7 @@ fn a_stop_stops_the_arm_while_its_mark_is_removed_as_fast_as_it_is_made() {
 #[test]
 fn unconfirmed_stop_is_reported_and_carried_out_later() {
     let folder = tempfile::tempdir().unwrap();
-    let engine = EngineProcess::start(folder.path());
+    let engine = GenuineEngine::start(folder.path());
     let impostor = Impostor::start(&engine.layout());
     engine.signal("-STOP");
     for json in [&[][..], &["--json"]] {
@@ -377,7 +377,7 @@ fn unconfirmed_stop_is_reported_and_carried_out_later() {
 fn every_stop_is_confirmed_and_counts_once() {
     let stops = count("HOLDPOINT_CONFIRMED_STOPS", 20);
     let folder = tempfile::tempdir().unwrap();
-    let engine = EngineProcess::start(folder.path());
+    let engine = GenuineEngine::start(folder.path());
     let mut times = Vec::new();
     for nth in 0..stops {
         let call = StopCall::new("ana".to_owned(), format!("the {nth}th")).unwrap();
@@ -389,7 +389,7 @@ fn every_stop_is_confirmed_and_counts_once() {
             "{nth}: {outcome:?}"
         );
         if nth % 10 == 9 {
-            EngineProcess::start_cell(&socket_path(&engine.layout()));
+            GenuineEngine::start_cell(&socket_path(&engine.layout()));
         }
     }
     times.sort_unstable();
@@ -405,7 +405,7 @@ fn every_stop_is_confirmed_and_counts_once() {
 fn a_verified_answer_is_quick() {
     let reads = count("HOLDPOINT_VERIFIED_ANSWERS", 50);
     let folder = tempfile::tempdir().unwrap();
-    let engine = EngineProcess::start(folder.path());
+    let engine = GenuineEngine::start(folder.path());
     let mut times: Vec<Duration> = (0..reads)
         .map(|_| {
             let begun = Instant::now();
@@ -437,9 +437,9 @@ fn a_verified_answer_is_quick() {
 #[test]
 fn taken_socket_name_raises_one_alarm() {
     let folder = tempfile::tempdir().unwrap();
-    let engine = EngineProcess::start(folder.path());
+    let engine = GenuineEngine::start(folder.path());
     let impostor = Impostor::start(&engine.layout());
-    let await_alarm = |engine: &EngineProcess| {
+    let await_alarm = |engine: &GenuineEngine| {
         loop {
             let (_, event) = engine.events.recv_timeout(PATIENCE).expect("an alarm");
             if event["alarm"] == "name-taken" && event["state"] == "unacknowledged" {
@@ -476,7 +476,7 @@ fn taken_socket_name_raises_one_alarm() {
 #[test]
 fn any_object_in_place_of_the_mark_is_a_stop() {
     let folder = tempfile::tempdir().unwrap();
-    let engine = EngineProcess::start(folder.path());
+    let engine = GenuineEngine::start(folder.path());
     let mark = engine.layout().stop_request();
     let socket = socket_path(&engine.layout());
     let link = || symlink("/dev/zero", &mark).unwrap();
@@ -490,7 +490,7 @@ fn any_object_in_place_of_the_mark_is_a_stop() {
         plant();
         engine.await_event("cell-stopped");
         until(&format!("{what} stays"), || fs::symlink_metadata(&mark).is_err());
-        EngineProcess::start_cell(&socket);
+        GenuineEngine::start_cell(&socket);
         engine.await_event("cell-released");
     }
     // An object that cannot be removed keeps the cell stopped.
@@ -507,7 +507,7 @@ fn any_object_in_place_of_the_mark_is_a_stop() {
     );
     assert!(reply["reply"]["text"].as_str().unwrap().contains("stop.asked"), "{reply}");
     fs::remove_dir_all(&mark).unwrap();
-    EngineProcess::start_cell(&socket);
+    GenuineEngine::start_cell(&socket);
     engine.end();
 }
 
@@ -515,10 +515,10 @@ fn any_object_in_place_of_the_mark_is_a_stop() {
 #[test]
 fn a_mark_that_was_left_stops_the_next_engine() {
     let folder = tempfile::tempdir().unwrap();
-    EngineProcess::start(folder.path()).end();
+    GenuineEngine::start(folder.path()).end();
     let layout = Layout::new(folder.path());
     fs::write(layout.stop_request(), r#"{"id":"left","by":"ana","reason":"a hand is in the cell"}"#).unwrap();
-    let engine = EngineProcess::start(folder.path());
+    let engine = GenuineEngine::start(folder.path());
     let answer = send_request(&socket_path(&layout), &json!({ "command": "snapshot" }));
     let stopped = &answer["reply"]["snapshot"]["stopped"];
     assert_eq!((&stopped["by"], &stopped["stops"]), (&json!("ana"), &json!(1)), "{stopped}");
@@ -557,7 +557,7 @@ fn console_of_another_account_stops_the_cell_and_a_stranger_does_not() {
         std::os::unix::fs::chown(&console_folder, None, Some(group)).unwrap();
         fs::set_permissions(folder.path(), Permissions::from_mode(0o755)).unwrap();
     }
-    let engine = EngineProcess::of(serve(), &data);
+    let engine = GenuineEngine::of(serve(), &data);
     let socket = socket_path(&Layout::new(&console_folder)).metadata().unwrap();
     assert_eq!((socket.mode() & 0o777, socket.gid()), (0o660, fs::metadata(&console_folder).unwrap().gid()));
     let arguments = ["stop", "--as", "night", "--data"];

@@ -25,7 +25,7 @@ const SIZES: [(u16, u16, usize, usize); 3] = [(120, 36, 72, 72), (100, 30, 62, 6
 
 /// A place of the overview.
 #[derive(Clone, Copy, Debug)]
-enum Place {
+enum ScreenPlace {
     /// The first line.
     Banner,
     /// The line below the views.
@@ -38,9 +38,9 @@ enum Place {
 
 /// What answers a question.
 #[derive(Clone, Copy, Debug)]
-enum Answer {
+enum ExpectedAnswer {
     /// The place shows each of these.
-    In(Place, &'static [&'static str]),
+    In(ScreenPlace, &'static [&'static str]),
     /// A line of what waits: what, about which version, who and why or until when, and the key.
     Waits(&'static str, &'static str, &'static str, &'static str),
     /// Nothing waits: the list is not drawn.
@@ -49,11 +49,11 @@ enum Answer {
     Nowhere(&'static [&'static str]),
 }
 
-struct Situation {
+struct ScreenSituation {
     name: &'static str,
     model: fn() -> ConsoleModel,
     /// In the order of [`QUESTIONS`].
-    answers: [Answer; 5],
+    answers: [ExpectedAnswer; 5],
 }
 
 const QUESTIONS: [&str; 5] = [
@@ -64,143 +64,151 @@ const QUESTIONS: [&str; 5] = [
     "What is the worst open alarm?",
 ];
 
-const RUNS: Answer = Answer::In(Place::StateLine, &["RUNNING grasp@1.0.0, active; goal"]);
-const NO_ONE: Answer = Answer::Nowhere(&["STOPPED", "paused", "ENGINE"]);
-const NO_CANDIDATE: Answer = Answer::In(Place::Pane("Pipeline"), &["No candidate yet"]);
-const NO_ALARM: Answer = Answer::In(Place::AlarmLine, &["✔ no alarm"]);
-const IN_SANDBOX: Answer = Answer::In(Place::Pane("Pipeline"), &["grasp@1.1.0", "137 of 480"]);
+const RUNS: ExpectedAnswer =
+    ExpectedAnswer::In(ScreenPlace::StateLine, &["RUNNING grasp@1.0.0, active; goal"]);
+const NO_ONE: ExpectedAnswer = ExpectedAnswer::Nowhere(&["STOPPED", "paused", "ENGINE"]);
+const NO_CANDIDATE: ExpectedAnswer = ExpectedAnswer::In(ScreenPlace::Pane("Pipeline"), &["No candidate yet"]);
+const NO_ALARM: ExpectedAnswer = ExpectedAnswer::In(ScreenPlace::AlarmLine, &["✔ no alarm"]);
+const IN_SANDBOX: ExpectedAnswer =
+    ExpectedAnswer::In(ScreenPlace::Pane("Pipeline"), &["grasp@1.1.0", "137 of 480"]);
 
-const SITUATIONS: [Situation; 12] = [
-    Situation {
+const SITUATIONS: [ScreenSituation; 12] = [
+    ScreenSituation {
         name: "all quiet",
         model: quiet,
-        answers: [RUNS, NO_ONE, Answer::NothingWaits, NO_CANDIDATE, NO_ALARM],
+        answers: [RUNS, NO_ONE, ExpectedAnswer::NothingWaits, NO_CANDIDATE, NO_ALARM],
     },
-    Situation {
+    ScreenSituation {
         name: "one in the sandbox, 200 queued",
         model: queued,
         answers: [
             RUNS,
             NO_ONE,
-            Answer::NothingWaits,
-            Answer::In(
-                Place::Pane("Pipeline"),
+            ExpectedAnswer::NothingWaits,
+            ExpectedAnswer::In(
+                ScreenPlace::Pane("Pipeline"),
                 &["grasp@1.1.0", "137 of 480", "QUEUE 200: next align@9.0.0"],
             ),
             NO_ALARM,
         ],
     },
-    Situation {
+    ScreenSituation {
         name: "provisional with a waived failure",
         model: provisional,
         answers: [
-            Answer::In(Place::StateLine, &["RUNNING place@1.0.0, active, provisional"]),
+            ExpectedAnswer::In(ScreenPlace::StateLine, &["RUNNING place@1.0.0, active, provisional"]),
             NO_ONE,
-            Answer::NothingWaits,
-            Answer::In(
-                Place::Pane("Pipeline"),
+            ExpectedAnswer::NothingWaits,
+            ExpectedAnswer::In(
+                ScreenPlace::Pane("Pipeline"),
                 &["place@1.0.0", "7 of 40 tasks", "admitted below its limit: recovery 0.50"],
             ),
             NO_ALARM,
         ],
     },
-    Situation {
+    ScreenSituation {
         name: "waiting for the second signature",
         model: half_signed,
         answers: [
             RUNS,
             NO_ONE,
-            Answer::Waits("sign", "align@2.0.0", "1 of 2 (grace), until 08:41:43 UTC", "6"),
-            Answer::In(Place::Pane("Pipeline"), &["align@2.0.0", "awaiting approval", "1 of 2 approved"]),
+            ExpectedAnswer::Waits("sign", "align@2.0.0", "1 of 2 (grace), until 08:41:43 UTC", "6"),
+            ExpectedAnswer::In(
+                ScreenPlace::Pane("Pipeline"),
+                &["align@2.0.0", "awaiting approval", "1 of 2 approved"],
+            ),
             NO_ALARM,
         ],
     },
-    Situation {
+    ScreenSituation {
         name: "a candidate, paused by a person",
         model: candidate_paused,
         answers: [
             RUNS,
-            Answer::Waits("paused", "wipe@3.0.0", "paused by mia: odd noise", "u"),
-            Answer::Waits("paused", "wipe@3.0.0", "paused by mia: odd noise", "u"),
-            Answer::In(Place::Pane("Pipeline"), &["wipe@3.0.0", "‖ paused"]),
+            ExpectedAnswer::Waits("paused", "wipe@3.0.0", "paused by mia: odd noise", "u"),
+            ExpectedAnswer::Waits("paused", "wipe@3.0.0", "paused by mia: odd noise", "u"),
+            ExpectedAnswer::In(ScreenPlace::Pane("Pipeline"), &["wipe@3.0.0", "‖ paused"]),
             NO_ALARM,
         ],
     },
-    Situation {
+    ScreenSituation {
         name: "a promotion, paused by a person with a reason",
         model: promotion_paused,
         answers: [
-            Answer::In(Place::StateLine, &["RUNNING place@1.0.0, active, provisional"]),
-            Answer::Waits("paused", "place@1.0.0", "paused by bert: the lens is cleaned", "u"),
-            Answer::Waits("paused", "place@1.0.0", "paused by bert: the lens is cleaned", "u"),
-            Answer::In(Place::Pane("Pipeline"), &["place@1.0.0", "7 of 40 tasks"]),
+            ExpectedAnswer::In(ScreenPlace::StateLine, &["RUNNING place@1.0.0, active, provisional"]),
+            ExpectedAnswer::Waits("paused", "place@1.0.0", "paused by bert: the lens is cleaned", "u"),
+            ExpectedAnswer::Waits("paused", "place@1.0.0", "paused by bert: the lens is cleaned", "u"),
+            ExpectedAnswer::In(ScreenPlace::Pane("Pipeline"), &["place@1.0.0", "7 of 40 tasks"]),
             NO_ALARM,
         ],
     },
-    Situation {
+    ScreenSituation {
         name: "stopped by a person",
         model: stopped,
         answers: [
-            Answer::In(Place::StateLine, &["STOPPED by bert since 08:11:40"]),
-            Answer::In(Place::StateLine, &["STOPPED by bert", "W starts the cell, \"noise\""]),
-            Answer::NothingWaits,
-            Answer::In(Place::Pane("Pipeline"), &["grasp@1.1.0", "stands still at 137 of 480"]),
+            ExpectedAnswer::In(ScreenPlace::StateLine, &["STOPPED by bert since 08:11:40"]),
+            ExpectedAnswer::In(ScreenPlace::StateLine, &["STOPPED by bert", "W starts the cell, \"noise\""]),
+            ExpectedAnswer::NothingWaits,
+            ExpectedAnswer::In(ScreenPlace::Pane("Pipeline"), &["grasp@1.1.0", "stands still at 137 of 480"]),
             NO_ALARM,
         ],
     },
-    Situation {
+    ScreenSituation {
         name: "the engine silent for 5 s",
         model: silent,
         answers: [
-            Answer::In(Place::StateLine, &["ENGINE SILENT since 08:12:41: the arm may move"]),
-            Answer::In(Place::StateLine, &["press X, or its physical stop"]),
-            Answer::NothingWaits,
+            ExpectedAnswer::In(ScreenPlace::StateLine, &["ENGINE SILENT since 08:12:41: the arm may move"]),
+            ExpectedAnswer::In(ScreenPlace::StateLine, &["press X, or its physical stop"]),
+            ExpectedAnswer::NothingWaits,
             IN_SANDBOX,
-            Answer::In(Place::Banner, &["STALE 5 s last seen 08:12:41"]),
+            ExpectedAnswer::In(ScreenPlace::Banner, &["STALE 5 s last seen 08:12:41"]),
         ],
     },
-    Situation {
+    ScreenSituation {
         name: "the engine gone",
         model: gone,
         answers: [
-            Answer::In(Place::StateLine, &["ENGINE GONE, last seen 08:12:41: the arm may move"]),
-            Answer::In(Place::StateLine, &["use its physical stop"]),
-            Answer::NothingWaits,
+            ExpectedAnswer::In(
+                ScreenPlace::StateLine,
+                &["ENGINE GONE, last seen 08:12:41: the arm may move"],
+            ),
+            ExpectedAnswer::In(ScreenPlace::StateLine, &["use its physical stop"]),
+            ExpectedAnswer::NothingWaits,
             IN_SANDBOX,
-            Answer::In(Place::Banner, &["ENGINE GONE"]),
+            ExpectedAnswer::In(ScreenPlace::Banner, &["ENGINE GONE"]),
         ],
     },
-    Situation {
+    ScreenSituation {
         name: "a critical alarm in a flood of low ones",
         model: flood,
         answers: [
             RUNS,
             NO_ONE,
-            Answer::NothingWaits,
+            ExpectedAnswer::NothingWaits,
             NO_CANDIDATE,
-            Answer::In(Place::AlarmLine, &["1▲ CRIT grasp@1.0.0: the ", "FLOOD"]),
+            ExpectedAnswer::In(ScreenPlace::AlarmLine, &["1▲ CRIT grasp@1.0.0: the ", "FLOOD"]),
         ],
     },
-    Situation {
+    ScreenSituation {
         name: "rolled back, and its family safe-stopped",
         model: safe_stopped,
         answers: [
-            Answer::In(Place::StateLine, &["RUNNING grasp@1.0.0, active; wipe safe-stopped"]),
-            Answer::Waits("stopped", "wipe", "no version works until one is reactivated (A)", "2"),
-            Answer::Waits("stopped", "wipe", "no version works until one is reactivated (A)", "2"),
-            Answer::In(Place::Pane("Pipeline"), &["wipe@3.0.0", "rolled back"]),
-            Answer::In(Place::AlarmLine, &["2◆ HIGH wipe@3.0.0: "]),
+            ExpectedAnswer::In(ScreenPlace::StateLine, &["RUNNING grasp@1.0.0, active; wipe safe-stopped"]),
+            ExpectedAnswer::Waits("stopped", "wipe", "no version works until one is reactivated (A)", "2"),
+            ExpectedAnswer::Waits("stopped", "wipe", "no version works until one is reactivated (A)", "2"),
+            ExpectedAnswer::In(ScreenPlace::Pane("Pipeline"), &["wipe@3.0.0", "rolled back"]),
+            ExpectedAnswer::In(ScreenPlace::AlarmLine, &["2◆ HIGH wipe@3.0.0: "]),
         ],
     },
-    Situation {
+    ScreenSituation {
         name: "active by break-glass, its review due",
         model: break_glass,
         answers: [
-            Answer::In(Place::StateLine, &["RUNNING align@2.0.0, active, provisional"]),
-            Answer::In(Place::Banner, &["UNREVIEWED align@2.0.0"]),
-            Answer::Waits("review", "align@2.0.0", "0 of 2, until 09:12:41 UTC", "6"),
-            Answer::In(Place::Pane("Pipeline"), &["align@2.0.0", "3 of 100 tasks"]),
-            Answer::In(Place::AlarmLine, &["1▲ CRIT align@2.0.0: "]),
+            ExpectedAnswer::In(ScreenPlace::StateLine, &["RUNNING align@2.0.0, active, provisional"]),
+            ExpectedAnswer::In(ScreenPlace::Banner, &["UNREVIEWED align@2.0.0"]),
+            ExpectedAnswer::Waits("review", "align@2.0.0", "0 of 2, until 09:12:41 UTC", "6"),
+            ExpectedAnswer::In(ScreenPlace::Pane("Pipeline"), &["align@2.0.0", "3 of 100 tasks"]),
+            ExpectedAnswer::In(ScreenPlace::AlarmLine, &["1▲ CRIT align@2.0.0: "]),
         ],
     },
 ];
@@ -255,29 +263,31 @@ impl Capture {
         Some(rest.take_while(|line| !line.starts_with("─ ")).collect())
     }
 
-    fn check(&self, answer: Answer) -> Result<(), String> {
+    fn check(&self, answer: ExpectedAnswer) -> Result<(), String> {
         let of_waits = || self.pane("Waits for you", self.waits);
         let last = self.rows.len() - 1;
         match answer {
-            Answer::In(place, texts) => {
+            ExpectedAnswer::In(place, texts) => {
                 let lines = match place {
-                    Place::Banner => self.lines(0..1, usize::MAX),
-                    Place::StateLine => self.lines(2..3, usize::MAX),
-                    Place::AlarmLine => self.lines(last - 1..last, usize::MAX),
-                    Place::Pane(heading) => self.pane(heading, self.left).ok_or("there is no such pane")?,
+                    ScreenPlace::Banner => self.lines(0..1, usize::MAX),
+                    ScreenPlace::StateLine => self.lines(2..3, usize::MAX),
+                    ScreenPlace::AlarmLine => self.lines(last - 1..last, usize::MAX),
+                    ScreenPlace::Pane(heading) => {
+                        self.pane(heading, self.left).ok_or("there is no such pane")?
+                    }
                 };
                 let missing = texts.iter().find(|text| !lines.iter().any(|line| line.contains(**text)));
                 missing.map_or(Ok(()), |text| Err(format!("{text:?} is not in {lines:#?}")))
             }
-            Answer::Waits(what, subject, text, key) => {
+            ExpectedAnswer::Waits(what, subject, text, key) => {
                 let lines = of_waits().ok_or("nothing waits")?;
                 let start = format!("{what:<9}{subject} ");
                 let line = lines.iter().find(|line| line.starts_with(&start)).ok_or("no line is about it")?;
                 let is_whole = line.contains(text) && line.trim_end().ends_with(&format!(" {key}"));
                 if is_whole { Ok(()) } else { Err(format!("{line:?} says otherwise")) }
             }
-            Answer::NothingWaits => of_waits().map_or(Ok(()), |lines| Err(format!("{lines:?} wait"))),
-            Answer::Nowhere(texts) => {
+            ExpectedAnswer::NothingWaits => of_waits().map_or(Ok(()), |lines| Err(format!("{lines:?} wait"))),
+            ExpectedAnswer::Nowhere(texts) => {
                 let whole = self.whole();
                 let found = texts.iter().find(|text| whole.contains(**text));
                 found.map_or(Ok(()), |text| Err(format!("{text:?} is on the screen")))

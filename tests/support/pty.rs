@@ -21,7 +21,7 @@ pub const PATIENCE: Duration = Duration::from_mins(1);
 const FRAME_END: &[u8] = b"\x1b[?2026l";
 
 /// The output so far.
-struct Seen {
+struct ScreenState {
     parser: vt100::Parser,
     raw: Vec<u8>,
     chunks: u64,
@@ -33,7 +33,7 @@ pub struct Console {
     child: Box<dyn Child + Send + Sync>,
     master: Option<Box<dyn MasterPty + Send>>,
     writer: Option<Box<dyn Write + Send>>,
-    seen: Arc<(Mutex<Seen>, Condvar)>,
+    seen: Arc<(Mutex<ScreenState>, Condvar)>,
     let_go: Arc<AtomicBool>,
     reader: Option<JoinHandle<()>>,
 }
@@ -152,7 +152,7 @@ impl Console {
         let mut output = pair.master.try_clone_reader().unwrap();
         let writer = pair.master.take_writer().unwrap();
         let parser = vt100::Parser::new(nonzero(rows), nonzero(columns), 0);
-        let seen = Seen { parser, raw: Vec::new(), chunks: 0, closed: false };
+        let seen = ScreenState { parser, raw: Vec::new(), chunks: 0, closed: false };
         let seen = Arc::new((Mutex::new(seen), Condvar::new()));
         let let_go = Arc::new(AtomicBool::new(false));
         let (reader_seen, stops) = (Arc::clone(&seen), Arc::clone(&let_go));
@@ -197,13 +197,13 @@ impl Console {
         what: &str,
         is: impl Fn(&vt100::Screen) -> bool,
     ) -> vt100::Screen {
-        let is_met = |seen: &Seen| seen.raw.ends_with(FRAME_END) && is(seen.parser.screen());
+        let is_met = |seen: &ScreenState| seen.raw.ends_with(FRAME_END) && is(seen.parser.screen());
         self.seen_when(patience, what, is_met).parser.screen().clone()
     }
 
     /// Waits until the bytes so far meet a condition or the program ends. Returns whether they meet it.
     pub fn met_before_end(&self, patience: Duration, what: &str, is: impl Fn(&[u8]) -> bool) -> bool {
-        let is_over = |seen: &Seen| seen.closed || is(&seen.raw);
+        let is_over = |seen: &ScreenState| seen.closed || is(&seen.raw);
         let seen = self.seen_when(patience, what, is_over);
         is(&seen.raw)
     }
@@ -225,12 +225,17 @@ impl Console {
         });
     }
 
-    fn wait_until(&self, what: &str, is: impl Fn(&Seen) -> bool) {
+    fn wait_until(&self, what: &str, is: impl Fn(&ScreenState) -> bool) {
         drop(self.seen_when(PATIENCE, what, is));
     }
 
     /// The output so far, once it meets a condition.
-    fn seen_when(&self, patience: Duration, what: &str, is: impl Fn(&Seen) -> bool) -> MutexGuard<'_, Seen> {
+    fn seen_when(
+        &self,
+        patience: Duration,
+        what: &str,
+        is: impl Fn(&ScreenState) -> bool,
+    ) -> MutexGuard<'_, ScreenState> {
         let until = Instant::now() + patience;
         let mut seen = self.lock();
         while !is(&seen) {
@@ -256,7 +261,7 @@ impl Console {
         String::from_utf8_lossy(&self.lock().raw).into_owned()
     }
 
-    fn lock(&self) -> MutexGuard<'_, Seen> {
+    fn lock(&self) -> MutexGuard<'_, ScreenState> {
         self.seen.0.lock().unwrap()
     }
 

@@ -3,10 +3,10 @@
 use holdpoint_body::{Command, GuardVerdict, Interrupt, Pose};
 
 use super::{Check, Found, SPEED_RAD_S, WITHIN, ask, hello, holds, refused, run_from, seen, told};
-use crate::client::{CallError, Peer};
+use crate::client::{CellCallError, Peer};
 use crate::framing::decode;
-use crate::messages::{Block, Call, Hello, Reply, Role, Seen};
-use crate::refusal::Refusal;
+use crate::messages::{Block, Call, CellReply, CellState, Hello, Role};
+use crate::refusal::CellRefusal;
 use holdpoint_cell::film::{EpisodeFrame, FRAME_EVERY_TICKS};
 
 /// Sensors of a cell without disturbance are this near to the true state, rad.
@@ -15,7 +15,7 @@ const NEAR_RAD: f64 = 0.05;
 /// The tool is this near to where the joints put it, m.
 const NEAR_M: f64 = 1e-3;
 
-fn observe(peer: &mut Peer) -> Result<Seen, String> {
+fn observe(peer: &mut Peer) -> Result<CellState, String> {
     seen(peer, Call::Observe { guard: GuardVerdict::Allowed })
 }
 
@@ -25,7 +25,7 @@ fn hold(peer: &mut Peer, ticks: usize) -> Found {
 
 fn fork(peer: &mut Peer) -> Result<(u64, u64), String> {
     match ask(peer, Call::Fork) {
-        Ok(Reply::Fork { fork, tick }) => Ok((fork, tick)),
+        Ok(CellReply::Fork { fork, tick }) => Ok((fork, tick)),
         Ok(_) => Err("fork is not answered by a handle".to_owned()),
         Err(error) => Err(format!("fork: {}", told(error))),
     }
@@ -40,7 +40,7 @@ fn export(peer: &mut Peer) -> Result<Vec<u8>, String> {
     peer.ask_block(Call::Export, WITHIN).map_err(|error| format!("export: {}", told(error)))
 }
 
-fn import(peer: &mut Peer, bytes: &[u8], image: Block) -> Result<Reply, CallError> {
+fn import(peer: &mut Peer, bytes: &[u8], image: Block) -> Result<CellReply, CellCallError> {
     peer.ask(None, Vec::new(), Call::Import { image }, Some(bytes), WITHIN)
 }
 
@@ -126,7 +126,7 @@ impl Check {
             observe(&mut peer)?;
             let step = Call::Step { command: Command::Hold };
             let reply = peer.ask(Some(GuardVerdict::Denied), Vec::new(), step, None, WITHIN).map_err(told)?;
-            let Reply::Seen(seen) = reply else {
+            let CellReply::Seen(seen) = reply else {
                 return Err("a step is not answered by the state".to_owned());
             };
             let guard = seen.observation.map(|seen| seen.guard);
@@ -177,7 +177,7 @@ impl Check {
             return Ok(true);
         }
         let mut peer = self.trial(1)?;
-        refused(ask(&mut peer, call), "the ability", |refusal| matches!(refusal, Refusal::Unable(_)))?;
+        refused(ask(&mut peer, call), "the ability", |refusal| matches!(refusal, CellRefusal::Unable(_)))?;
         Ok(false)
     }
 
@@ -249,14 +249,14 @@ impl Check {
             let mut peer = check.moving(6)?;
             let before = export(&mut peer)?;
             let asked = import(&mut peer, &[0xFF; 7], Block::of(&[0xFF; 7]));
-            refused(asked, "the state", |refusal| matches!(refusal, Refusal::Snapshot(_)))?;
+            refused(asked, "the state", |refusal| matches!(refusal, CellRefusal::Snapshot(_)))?;
             holds(export(&mut peer)? == before, || "the state before is lost".to_owned())
         });
         self.state_verdict("states: bytes with another digest are refused", |check| {
             let mut peer = check.moving(6)?;
             let bytes = export(&mut peer)?;
             let asked = import(&mut peer, &bytes, Block { sha256: "0".repeat(64), ..Block::of(&bytes) });
-            refused(asked, "the digest", |refusal| matches!(refusal, Refusal::Malformed(_)))
+            refused(asked, "the digest", |refusal| matches!(refusal, CellRefusal::Malformed(_)))
         });
         self.verdict("films: the frames of an episode are kept, if the cell can film", |check| {
             let mut peer = check.open(Role::Trial)?;
@@ -272,6 +272,6 @@ impl Check {
     }
 }
 
-fn is_unknown(refusal: &Refusal) -> bool {
-    matches!(refusal, Refusal::UnknownFork(_))
+fn is_unknown(refusal: &CellRefusal) -> bool {
+    matches!(refusal, CellRefusal::UnknownFork(_))
 }

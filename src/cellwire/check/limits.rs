@@ -10,9 +10,10 @@ use serde::Serialize;
 use super::{Check, Found, WITHIN, ask, closes, hello, holds, refused, seen, told};
 use crate::client::Peer;
 use crate::messages::{
-    Answer, BLOCK_BYTES_MAX, Block, Call, Hello, MESSAGE_BYTES_MAX, RELEASED_MAX, Reply, Request, Role,
+    Answer, BLOCK_BYTES_MAX, Block, Call, CellReply, CellRequest, Hello, MESSAGE_BYTES_MAX, RELEASED_MAX,
+    Role,
 };
-use crate::refusal::Refusal;
+use crate::refusal::CellRefusal;
 
 /// The watchdog of a check, ms, and a silence that is longer.
 const WATCHDOG: u32 = 250;
@@ -29,23 +30,23 @@ struct UnknownRequest {
 }
 
 /// The answer to bytes that are no request in order.
-fn answered(peer: &mut Peer, due: &str, is_due: impl FnOnce(&Refusal) -> bool) -> Found {
+fn answered(peer: &mut Peer, due: &str, is_due: impl FnOnce(&CellRefusal) -> bool) -> Found {
     let answer: Answer = peer.line().receive(WITHIN).map_err(|error| error.to_string())?;
     match answer.reply {
-        Reply::Refused(refusal) if is_due(&refusal) => closes(peer, WITHIN),
-        Reply::Refused(refusal) => {
+        CellReply::Refused(refusal) if is_due(&refusal) => closes(peer, WITHIN),
+        CellReply::Refused(refusal) => {
             Err(format!("it refuses for another reason than {due}: {}", refusal.into_body_error()))
         }
         _ => Err(format!("{due} is due, and it is taken")),
     }
 }
 
-fn is_malformed(refusal: &Refusal) -> bool {
-    matches!(refusal, Refusal::Malformed(_))
+fn is_malformed(refusal: &CellRefusal) -> bool {
+    matches!(refusal, CellRefusal::Malformed(_))
 }
 
-fn is_command(refusal: &Refusal) -> bool {
-    matches!(refusal, Refusal::Body(BodyError::Command(_)))
+fn is_command(refusal: &CellRefusal) -> bool {
+    matches!(refusal, CellRefusal::Body(BodyError::Command(_)))
 }
 
 impl Check {
@@ -59,14 +60,14 @@ impl Check {
 
     fn sequence(&self, sequences: [u64; 2]) -> Found {
         let mut peer = self.open(Role::Trial)?;
-        let of = |sequence| Request { sequence, guard: None, release: Vec::new(), call: Call::Scenery };
+        let of = |sequence| CellRequest { sequence, guard: None, release: Vec::new(), call: Call::Scenery };
         let line = peer.line();
         let [first, second] = sequences;
         line.send(&of(first)).map_err(|error| error.to_string())?;
         let answer: Answer = line.receive(WITHIN).map_err(|error| error.to_string())?;
         holds(answer.sequence == first, || format!("{first} is answered as {}", answer.sequence))?;
         line.send(&of(second)).map_err(|error| error.to_string())?;
-        answered(&mut peer, "the sequence", |refusal| matches!(refusal, Refusal::Sequence { .. }))
+        answered(&mut peer, "the sequence", |refusal| matches!(refusal, CellRefusal::Sequence { .. }))
     }
 
     fn bytes(&self, bytes: &[u8]) -> Found {
@@ -167,19 +168,19 @@ impl Check {
         self.verdict("live: it is one client's at a time", |check| {
             let _first = check.open(Role::Live)?;
             let second = Peer::greet(&check.connect, &hello(Role::Live));
-            refused(second, "that it is taken", |refusal| matches!(refusal, Refusal::Taken))
+            refused(second, "that it is taken", |refusal| matches!(refusal, CellRefusal::Taken))
         });
         self.verdict("live: it takes no call of a trial cell", |check| {
             let mut peer = check.open(Role::Live)?;
             let reset = Call::Reset { setup: check.setup(1)? };
-            refused(ask(&mut peer, reset), "the role", |refusal| matches!(refusal, Refusal::Role { .. }))
+            refused(ask(&mut peer, reset), "the role", |refusal| matches!(refusal, CellRefusal::Role { .. }))
         });
         self.verdict("live: an arm that moves is stopped when no command comes", |check| {
             let mut peer = check.live_in_motion(Some(WATCHDOG))?;
             thread::sleep(SILENCE);
             let step = ask(&mut peer, Call::Step { command: Command::Hold });
             refused(step, "the stop", |refusal| {
-                matches!(refusal, Refusal::Stopped(stop)
+                matches!(refusal, CellRefusal::Stopped(stop)
                     if stop.silent_ms >= WATCHDOG && stop.standstill_ticks.is_some())
             })
         });
@@ -188,7 +189,7 @@ impl Check {
             thread::sleep(SILENCE);
             for _ in 0..2 {
                 let step = ask(&mut peer, Call::Step { command: Command::Hold });
-                refused(step, "the stop", |refusal| matches!(refusal, Refusal::Stopped(_)))?;
+                refused(step, "the stop", |refusal| matches!(refusal, CellRefusal::Stopped(_)))?;
             }
             seen(&mut peer, Call::Interrupt { interrupt: Interrupt::Release })?;
             seen(&mut peer, Call::Step { command: Command::Hold }).map(drop)

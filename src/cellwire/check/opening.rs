@@ -7,7 +7,7 @@ use crate::messages::{
     BLOCK_BYTES_MAX, CLIENT_BYTES_MAX, Call, FORKS_MAX, Hello, MESSAGE_BYTES_MAX, PROTOCOL, Role,
     WATCHDOG_MS, sha256_hex,
 };
-use crate::refusal::Refusal;
+use crate::refusal::CellRefusal;
 
 /// A hello with a field that no version has.
 #[derive(Serialize)]
@@ -34,7 +34,7 @@ impl Check {
             refused(
                 check.greet(&newer),
                 "the version",
-                |refusal| matches!(refusal, Refusal::Version { server } if *server == PROTOCOL),
+                |refusal| matches!(refusal, CellRefusal::Version { server } if *server == PROTOCOL),
             )
         });
         self.verdict("hello: an unknown field is refused", Self::longer_hello);
@@ -112,7 +112,7 @@ impl Check {
         self.verdict("roles: a connection that only asks has no arm", |check| {
             let mut peer = check.open(Role::Control)?;
             let step = Call::Step { command: holdpoint_body::Command::Hold };
-            refused(ask(&mut peer, step), "the role", |refusal| matches!(refusal, Refusal::Role { .. }))
+            refused(ask(&mut peer, step), "the role", |refusal| matches!(refusal, CellRefusal::Role { .. }))
         });
     }
 
@@ -130,7 +130,7 @@ impl Check {
             .and_then(|stream| crate::framing::Line::new(stream).map_err(|error| error.to_string()))?;
         line.send(&longer).map_err(|error| error.to_string())?;
         match line.receive(WITHIN) {
-            Ok(crate::messages::Greeting::Refused(Refusal::Malformed(_))) => Ok(()),
+            Ok(crate::messages::Greeting::Refused(CellRefusal::Malformed(_))) => Ok(()),
             Ok(crate::messages::Greeting::Refused(_)) => Err("it is refused for another reason".to_owned()),
             Ok(crate::messages::Greeting::Welcome(_)) => Err("it is welcomed".to_owned()),
             Err(error) => Err(error.to_string()),
@@ -138,6 +138,6 @@ impl Check {
     }
 }
 
-fn is_of(refusal: &Refusal, field: &str) -> bool {
-    matches!(refusal, Refusal::Hello { field: named, .. } if named == field)
+fn is_of(refusal: &CellRefusal, field: &str) -> bool {
+    matches!(refusal, CellRefusal::Hello { field: named, .. } if named == field)
 }

@@ -18,10 +18,10 @@ use holdpoint_cell::{
 };
 use nalgebra::Isometry3;
 
-use super::peer::{CallError, Peer, unexpected};
+use super::peer::{CellCallError, Peer, unexpected};
 use super::{Shared, lock};
 use crate::framing::{WireError, decode};
-use crate::messages::{Block, Call, Reply, Role, Seen, Truth};
+use crate::messages::{Block, Call, CellReply, CellState, Role, Truth};
 
 /// A state that the server keeps. It is released when it is dropped.
 struct WireFork {
@@ -41,7 +41,7 @@ pub struct WireCell {
     shared: Arc<Shared>,
     role: Role,
     peer: RefCell<Peer>,
-    seen: Seen,
+    seen: CellState,
     truth: Truth,
     /// What was last told of the guard; none since a start.
     guard: Cell<Option<GuardVerdict>>,
@@ -51,11 +51,11 @@ pub struct WireCell {
 
 impl WireCell {
     pub(super) fn new(shared: Arc<Shared>, role: Role) -> Result<Self, CellError> {
-        let failed = |error: CallError| shared.cell_error(error);
+        let failed = |error: CellCallError| shared.cell_error(error);
         let mut peer = shared.join(role).map_err(failed)?;
         let call = Call::Observe { guard: GuardVerdict::Allowed };
         let reply = peer.ask(None, Vec::new(), call, None, shared.options.deadlines.call).map_err(failed)?;
-        let Reply::Seen(seen) = reply else {
+        let CellReply::Seen(seen) = reply else {
             return Err(failed(unexpected(&reply).into()));
         };
         let truth = Truth {
@@ -68,7 +68,7 @@ impl WireCell {
             shared: Arc::clone(&shared),
             role,
             peer: RefCell::new(peer),
-            seen: Seen::clone(&seen),
+            seen: CellState::clone(&seen),
             truth,
             guard: Cell::new(None),
             is_untold: Cell::new(false),
@@ -79,7 +79,7 @@ impl WireCell {
     }
 
     /// Asks; the guard's verdict and handles to release go along.
-    fn ask(&self, call: Call, block: Option<&[u8]>, within: Duration) -> Result<Reply, CallError> {
+    fn ask(&self, call: Call, block: Option<&[u8]>, within: Duration) -> Result<CellReply, CellCallError> {
         let guard = self.guard.get().filter(|_| self.is_untold.get());
         let release = self.shared.take_released();
         let reply = self.peer.borrow_mut().ask(guard, release, call, block, within)?;
@@ -87,17 +87,17 @@ impl WireCell {
         Ok(reply)
     }
 
-    fn ask_block(&self, call: Call) -> Result<Vec<u8>, CallError> {
+    fn ask_block(&self, call: Call) -> Result<Vec<u8>, CellCallError> {
         let within = self.call_within();
         let reply = self.ask(call, None, within)?;
         self.peer.borrow_mut().follow(&reply, within)
     }
 
     /// A call that changes the cell.
-    fn change(&mut self, call: Call, block: Option<&[u8]>, within: Duration) -> Result<(), CallError> {
+    fn change(&mut self, call: Call, block: Option<&[u8]>, within: Duration) -> Result<(), CellCallError> {
         let reply = self.ask(call, block, within)?;
         let taken = match reply {
-            Reply::Seen(seen) => self.take(*seen),
+            CellReply::Seen(seen) => self.take(*seen),
             other => Err(unexpected(&other)),
         };
         // A cell that lies is not asked again: its arm stops when the connection ends.
@@ -105,7 +105,7 @@ impl WireCell {
     }
 
     /// A call after which there is no observation yet.
-    fn start(&mut self, call: Call, block: Option<&[u8]>, within: Duration) -> Result<(), CallError> {
+    fn start(&mut self, call: Call, block: Option<&[u8]>, within: Duration) -> Result<(), CellCallError> {
         self.change(call, block, within)?;
         self.guard.set(None);
         self.is_untold.set(false);
@@ -125,7 +125,7 @@ impl WireCell {
     }
 
     /// Keeps what an answer tells, if it can be true.
-    fn take(&mut self, mut seen: Seen) -> Result<(), WireError> {
+    fn take(&mut self, mut seen: CellState) -> Result<(), WireError> {
         let joints = self.shared.spec.robot.geometry.joint_count();
         seen.check(joints).map_err(|field| {
             WireError::Lying(format!("{field} is not what a cell of {joints} joints has, or no number"))
@@ -177,7 +177,7 @@ impl WireCell {
 
     fn scenery(&self) -> (Vec<FixtureBox>, Vec<ContactPoint>) {
         match self.ask(Call::Scenery, None, self.call_within()) {
-            Ok(Reply::Scenery { fixtures, contacts }) => (fixtures, contacts),
+            Ok(CellReply::Scenery { fixtures, contacts }) => (fixtures, contacts),
             // A screen shows what there is; the next tick says that the cell is lost.
             Ok(_) | Err(_) => (Vec::new(), Vec::new()),
         }
@@ -263,7 +263,7 @@ impl RobotCell for WireCell {
     fn copy(&self) -> Result<CellCopy, CellError> {
         let reply = self.ask(Call::Fork, None, self.call_within());
         match reply.map_err(|error| self.shared.cell_error(error))? {
-            Reply::Fork { fork, tick } => {
+            CellReply::Fork { fork, tick } => {
                 let session = self.shared.session.load(Ordering::Acquire);
                 let fork = WireFork { shared: Arc::clone(&self.shared), session, fork };
                 Ok(CellCopy::in_memory(tick, fork))
@@ -278,7 +278,7 @@ impl RobotCell for WireCell {
 
     fn observed(&self) -> Option<Observation> {
         match self.ask(Call::Observed, None, self.call_within()) {
-            Ok(Reply::Observed(observed)) => observed.map(|observed| *observed),
+            Ok(CellReply::Observed(observed)) => observed.map(|observed| *observed),
             Ok(_) | Err(_) => None,
         }
     }

@@ -6,22 +6,22 @@ use holdpoint_body::GuardVerdict;
 
 use super::Connect;
 use crate::framing::{Line, WireError, WireStream};
-use crate::messages::{Answer, Call, Greeting, Hello, PROTOCOL, Reply, Request, Welcome};
-use crate::refusal::Refusal;
+use crate::messages::{Answer, Call, CellReply, CellRequest, Greeting, Hello, PROTOCOL, Welcome};
+use crate::refusal::CellRefusal;
 
 /// Within this time a server has to answer a hello.
 const WELCOME_WITHIN: Duration = Duration::from_secs(10);
 
 /// Why a call has no effect.
 #[derive(Clone, Debug, PartialEq)]
-pub enum CallError {
+pub enum CellCallError {
     /// The cell refuses it; the connection stays.
-    Refused(Refusal),
+    Refused(CellRefusal),
     /// The connection is lost.
     Lost(WireError),
 }
 
-impl From<WireError> for CallError {
+impl From<WireError> for CellCallError {
     fn from(error: WireError) -> Self {
         Self::Lost(error)
     }
@@ -36,15 +36,15 @@ pub struct Peer {
 }
 
 /// The error of an answer to another question.
-pub(super) fn unexpected(reply: &Reply) -> WireError {
+pub(super) fn unexpected(reply: &CellReply) -> WireError {
     let name = match reply {
-        Reply::Seen(_) => "seen",
-        Reply::Fork { .. } => "fork",
-        Reply::Block(_) => "block",
-        Reply::Scenery { .. } => "scenery",
-        Reply::Distribution(_) => "distribution",
-        Reply::Observed(_) => "observed",
-        Reply::Refused(_) => "refused",
+        CellReply::Seen(_) => "seen",
+        CellReply::Fork { .. } => "fork",
+        CellReply::Block(_) => "block",
+        CellReply::Scenery { .. } => "scenery",
+        CellReply::Distribution(_) => "distribution",
+        CellReply::Observed(_) => "observed",
+        CellReply::Refused(_) => "refused",
     };
     WireError::Lying(format!("it answers \"{name}\", which was not asked"))
 }
@@ -54,7 +54,7 @@ impl Peer {
     ///
     /// # Errors
     /// If no server answers, or the hello is refused.
-    pub fn greet(connect: &Connect, hello: &Hello) -> Result<(Self, Welcome), CallError> {
+    pub fn greet(connect: &Connect, hello: &Hello) -> Result<(Self, Welcome), CellCallError> {
         let stream = connect().map_err(|error| WireError::System(error.to_string()))?;
         let mut line = Line::new(stream)?;
         line.send(hello)?;
@@ -63,9 +63,9 @@ impl Peer {
                 Ok((Self { line, next: 1, lost: None }, welcome))
             }
             Greeting::Welcome(welcome) => {
-                Err(CallError::Refused(Refusal::Version { server: welcome.protocol }))
+                Err(CellCallError::Refused(CellRefusal::Version { server: welcome.protocol }))
             }
-            Greeting::Refused(refusal) => Err(CallError::Refused(refusal)),
+            Greeting::Refused(refusal) => Err(CellCallError::Refused(refusal)),
         }
     }
 
@@ -84,7 +84,7 @@ impl Peer {
     /// Asks, and waits for the answer; `block` are the bytes that the call announces.
     ///
     /// # Errors
-    /// [`CallError`]; a refusal is never a reply.
+    /// [`CellCallError`]; a refusal is never a reply.
     pub fn ask(
         &mut self,
         guard: Option<GuardVerdict>,
@@ -92,33 +92,33 @@ impl Peer {
         call: Call,
         block: Option<&[u8]>,
         within: Duration,
-    ) -> Result<Reply, CallError> {
+    ) -> Result<CellReply, CellCallError> {
         if let Some(error) = &self.lost {
             return Err(error.clone().into());
         }
-        let request = Request { sequence: self.next, guard, release, call };
+        let request = CellRequest { sequence: self.next, guard, release, call };
         let reply = match self.exchange(&request, block, within) {
             Ok(reply) => reply,
             Err(error) => return Err(self.lose(error).into()),
         };
         self.next += 1;
         match reply {
-            Reply::Refused(refusal) if refusal.closes() => {
+            CellReply::Refused(refusal) if refusal.closes() => {
                 let told = refusal.clone().into_body_error().to_string();
                 self.lose(WireError::Refused(told));
-                Err(CallError::Refused(refusal))
+                Err(CellCallError::Refused(refusal))
             }
-            Reply::Refused(refusal) => Err(CallError::Refused(refusal)),
+            CellReply::Refused(refusal) => Err(CellCallError::Refused(refusal)),
             reply => Ok(reply),
         }
     }
 
     fn exchange(
         &mut self,
-        request: &Request,
+        request: &CellRequest,
         block: Option<&[u8]>,
         within: Duration,
-    ) -> Result<Reply, WireError> {
+    ) -> Result<CellReply, WireError> {
         self.line.send(request)?;
         if let Some(bytes) = block {
             self.line.send_block(bytes)?;
@@ -135,7 +135,7 @@ impl Peer {
     ///
     /// # Errors
     /// As [`Peer::ask`].
-    pub fn ask_block(&mut self, call: Call, within: Duration) -> Result<Vec<u8>, CallError> {
+    pub fn ask_block(&mut self, call: Call, within: Duration) -> Result<Vec<u8>, CellCallError> {
         let reply = self.ask(None, Vec::new(), call, None, within)?;
         self.follow(&reply, within)
     }
@@ -143,10 +143,10 @@ impl Peer {
     /// Reads the bytes that a reply announces.
     ///
     /// # Errors
-    /// [`CallError::Lost`].
-    pub fn follow(&mut self, reply: &Reply, within: Duration) -> Result<Vec<u8>, CallError> {
+    /// [`CellCallError::Lost`].
+    pub fn follow(&mut self, reply: &CellReply, within: Duration) -> Result<Vec<u8>, CellCallError> {
         let read = match reply {
-            Reply::Block(block) => self.line.receive_block(block, within),
+            CellReply::Block(block) => self.line.receive_block(block, within),
             other => Err(unexpected(other)),
         };
         read.map_err(|error| self.lose(error).into())

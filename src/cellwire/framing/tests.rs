@@ -14,10 +14,10 @@ use super::{Line, WireError, decode, encode};
 use crate::endpoint::EndpointStream;
 use crate::fake_cell::{FakeFactory, Quirk};
 use crate::messages::{
-    Answer, BLOCK_BYTES_MAX, Block, Call, Description, Greeting, Hello, MESSAGE_BYTES_MAX, Reply, Request,
-    Role, Seen, Truth,
+    Answer, BLOCK_BYTES_MAX, Block, Call, CellReply, CellRequest, CellState, FactoryDescription, Greeting,
+    Hello, MESSAGE_BYTES_MAX, Role, Truth,
 };
-use crate::refusal::{Refusal, WatchdogStop};
+use crate::refusal::{CellRefusal, WatchdogStop};
 use crate::tests::{LONG, hello, joints, setup};
 
 fn line_pair() -> (Line<EndpointStream>, UnixStream) {
@@ -43,8 +43,10 @@ fn frames_are_bounded_and_whole() {
     assert_eq!(line.receive::<Answer>(LONG), Err(WireError::TooLarge { bytes: u64::from(u32::MAX), most }));
 
     let (mut line, _other) = line_pair();
-    let long =
-        Answer { sequence: 1, reply: Reply::Refused(Refusal::Snapshot("x".repeat(MESSAGE_BYTES_MAX))) };
+    let long = Answer {
+        sequence: 1,
+        reply: CellReply::Refused(CellRefusal::Snapshot("x".repeat(MESSAGE_BYTES_MAX))),
+    };
     assert!(matches!(line.send(&long), Err(WireError::TooLarge { .. })));
 }
 
@@ -115,10 +117,10 @@ fn calls() -> Vec<Call> {
     all
 }
 
-fn replies() -> Vec<Reply> {
+fn replies() -> Vec<CellReply> {
     let mut cell = FakeFactory::new(Quirk::Honest).cell();
     let observation = cell.observe(GuardVerdict::Clamped);
-    let seen = Seen {
+    let seen = CellState {
         tick: 3,
         observation: Some(observation.clone()),
         telemetry: cell.telemetry(),
@@ -130,37 +132,37 @@ fn replies() -> Vec<Reply> {
     let [canonical, ..] = FakeFactory::new(Quirk::Honest).distributions().unwrap();
     let stop = WatchdogStop { silent_ms: 20, standstill_ticks: None };
     let refusals = [
-        Refusal::Version { server: 1 },
-        Refusal::Hello { field: "client".to_owned(), allowed: "a name".to_owned() },
-        Refusal::Malformed("no message".to_owned()),
-        Refusal::Sequence { due: 1, came: 2 },
-        Refusal::Role { needs: Role::Live },
-        Refusal::Taken,
-        Refusal::Full { what: "forks".to_owned(), most: 4 },
-        Refusal::UnknownFork(9),
-        Refusal::Stopped(stop),
-        Refusal::File { file: "f".to_owned(), element: "e".to_owned(), problem: "p".to_owned() },
-        Refusal::InvalidStart { seed: 4, problem: "out of reach".to_owned() },
-        Refusal::Body(BodyError::Diverged { tick: 4, what: "a joint".to_owned() }),
-        Refusal::Snapshot("other robot".to_owned()),
-        Refusal::Unable("export its state".to_owned()),
+        CellRefusal::Version { server: 1 },
+        CellRefusal::Hello { field: "client".to_owned(), allowed: "a name".to_owned() },
+        CellRefusal::Malformed("no message".to_owned()),
+        CellRefusal::Sequence { due: 1, came: 2 },
+        CellRefusal::Role { needs: Role::Live },
+        CellRefusal::Taken,
+        CellRefusal::Full { what: "forks".to_owned(), most: 4 },
+        CellRefusal::UnknownFork(9),
+        CellRefusal::Stopped(stop),
+        CellRefusal::File { file: "f".to_owned(), element: "e".to_owned(), problem: "p".to_owned() },
+        CellRefusal::InvalidStart { seed: 4, problem: "out of reach".to_owned() },
+        CellRefusal::Body(BodyError::Diverged { tick: 4, what: "a joint".to_owned() }),
+        CellRefusal::Snapshot("other robot".to_owned()),
+        CellRefusal::Unable("export its state".to_owned()),
     ];
-    let mut all: Vec<Reply> = refusals.into_iter().map(Reply::Refused).collect();
+    let mut all: Vec<CellReply> = refusals.into_iter().map(CellReply::Refused).collect();
     all.extend([
-        Reply::Seen(Box::new(seen)),
-        Reply::Fork { fork: 1, tick: 2 },
-        Reply::Block(Block::of(b"state")),
-        Reply::Scenery { fixtures: cell.fixtures(), contacts: cell.contact_points() },
-        Reply::Distribution(Box::new(canonical)),
-        Reply::Observed(None),
-        Reply::Observed(Some(Box::new(observation))),
+        CellReply::Seen(Box::new(seen)),
+        CellReply::Fork { fork: 1, tick: 2 },
+        CellReply::Block(Block::of(b"state")),
+        CellReply::Scenery { fixtures: cell.fixtures(), contacts: cell.contact_points() },
+        CellReply::Distribution(Box::new(canonical)),
+        CellReply::Observed(None),
+        CellReply::Observed(Some(Box::new(observation))),
     ]);
     all
 }
 
 #[test]
 fn messages_are_read_as_they_were_written() {
-    let requests = calls().into_iter().enumerate().map(|(index, call)| Request {
+    let requests = calls().into_iter().enumerate().map(|(index, call)| CellRequest {
         sequence: index as u64,
         guard: (index % 2 == 0).then_some(GuardVerdict::Clamped),
         release: if index % 3 == 0 { vec![1, u64::MAX] } else { Vec::new() },
@@ -168,9 +170,9 @@ fn messages_are_read_as_they_were_written() {
     });
     for request in requests {
         let bytes = encode(&request).unwrap();
-        assert_eq!(decode::<Request>(&bytes).as_ref(), Ok(&request));
+        assert_eq!(decode::<CellRequest>(&bytes).as_ref(), Ok(&request));
         // Equal numbers may differ in bits.
-        assert!(encode(&decode::<Request>(&bytes).unwrap()).unwrap() == bytes, "{request:?}");
+        assert!(encode(&decode::<CellRequest>(&bytes).unwrap()).unwrap() == bytes, "{request:?}");
         assert!(bytes.len() < MESSAGE_BYTES_MAX / 16);
     }
     for reply in replies() {
@@ -179,7 +181,7 @@ fn messages_are_read_as_they_were_written() {
         assert_eq!(decode::<Answer>(&bytes).as_ref(), Ok(&answer));
         assert!(encode(&decode::<Answer>(&bytes).unwrap()).unwrap() == bytes, "{answer:?}");
     }
-    let greeting = Greeting::Refused(Refusal::Taken);
+    let greeting = Greeting::Refused(CellRefusal::Taken);
     assert_eq!(decode::<Greeting>(&encode(&greeting).unwrap()), Ok(greeting));
     let nan = f64::from_bits(0x7FF8_0000_0000_0123);
     let command = Command::Joints { q: JointVec::from_iter([nan]), max_speed_rad_s: nan };
@@ -198,7 +200,9 @@ fn what_is_not_known_is_no_message() {
         more: bool,
     }
     let known = encode(&More { sequence: 1, call: "scenery", more: true }).unwrap();
-    assert!(matches!(decode::<Request>(&known), Err(WireError::Malformed(text)) if text.contains("more")));
+    assert!(
+        matches!(decode::<CellRequest>(&known), Err(WireError::Malformed(text)) if text.contains("more"))
+    );
     let mut bytes = encode(&hello(Role::Trial)).unwrap();
     assert_eq!(decode::<Hello>(&bytes), Ok(hello(Role::Trial)));
     bytes.push(0);
@@ -216,9 +220,9 @@ fn refusal_of_a_cell_comes_back_as_its_error() {
         CellError::Snapshot("of another robot".to_owned()),
         CellError::Unable("break on demand"),
     ] {
-        assert_eq!(Refusal::of_cell(error.clone()).into_cell_error(), error);
+        assert_eq!(CellRefusal::of_cell(error.clone()).into_cell_error(), error);
     }
-    let told = Refusal::Snapshot("red\u{1b}[31m".to_owned()).into_cell_error().to_string();
+    let told = CellRefusal::Snapshot("red\u{1b}[31m".to_owned()).into_cell_error().to_string();
     assert!(!told.contains('\u{1b}'), "{told}");
 }
 
@@ -226,10 +230,10 @@ proptest! {
     /// Whatever comes, reading it ends in a message or an error.
     #[test]
     fn decoder_takes_any_bytes(bytes in proptest::collection::vec(any::<u8>(), 0..200)) {
-        let _ = decode::<Request>(&bytes);
+        let _ = decode::<CellRequest>(&bytes);
         let _ = decode::<Answer>(&bytes);
         let _ = decode::<Greeting>(&bytes);
-        let _ = decode::<Description>(&bytes);
+        let _ = decode::<FactoryDescription>(&bytes);
     }
 
     /// A message of which a byte is changed or bytes are missing is another message, or none.
@@ -242,15 +246,15 @@ proptest! {
     ) {
         let calls = calls();
         let call = calls[index % calls.len()].clone();
-        let request = Request { sequence: 1, guard: None, release: Vec::new(), call };
+        let request = CellRequest { sequence: 1, guard: None, release: Vec::new(), call };
         let mut bytes = encode(&request).unwrap();
         let at = at % bytes.len();
         if cut {
             bytes.truncate(at);
-            prop_assert!(decode::<Request>(&bytes).is_err());
+            prop_assert!(decode::<CellRequest>(&bytes).is_err());
         } else {
             bytes[at] = byte;
-            let _ = decode::<Request>(&bytes);
+            let _ = decode::<CellRequest>(&bytes);
         }
     }
 }

@@ -7,7 +7,7 @@ use std::thread;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 
-use super::{Answer, Greeting, Hello, Request};
+use super::{Answer, CellRequest, Greeting, Hello};
 use crate::endpoint::EndpointStream;
 use crate::fake_cell::{FakeFactory, Quirk};
 use crate::framing::{Line, WireError, decode, encode};
@@ -37,7 +37,7 @@ fn golden_bytes_are_those_of_the_messages() {
         let written = match kind {
             "hello" => again::<Hello>(&golden),
             "greeting" => again::<Greeting>(&golden),
-            "request" => again::<Request>(&golden),
+            "request" => again::<CellRequest>(&golden),
             "answer" => again::<Answer>(&golden),
             _ => panic!("{kind}"),
         };
@@ -103,6 +103,6 @@ fn variants<T: DeserializeOwned + std::fmt::Debug>() -> Vec<String> {
 #[test]
 fn page_lists_every_message() {
     assert_eq!(names_below("Requests"), variants::<super::Call>());
-    assert_eq!(names_below("Answers"), variants::<super::Reply>());
-    assert_eq!(names_below("Refusals"), variants::<crate::refusal::Refusal>());
+    assert_eq!(names_below("Answers"), variants::<super::CellReply>());
+    assert_eq!(names_below("Refusals"), variants::<crate::refusal::CellRefusal>());
 }

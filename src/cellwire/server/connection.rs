@@ -7,13 +7,13 @@ use holdpoint_cell::{CellError, InjectedFault, LiveCell, RobotCell, StateImage, 
 use serde::Deserialize;
 
 use super::watchdog::Watchdog;
-use super::{CellServer, Place};
+use super::{CellServer, ConnectionSlot};
 use crate::framing::{FRAME_WITHIN, Line, WireError, WireStream, decode, encode};
 use crate::messages::{
-    Answer, Block, CLIENT_BYTES_MAX, Call, Greeting, Hello, PROTOCOL, RELEASED_MAX, Reply, Request, Role,
-    Seen, Truth, WATCHDOG_MS, Welcome,
+    Answer, Block, CLIENT_BYTES_MAX, Call, CellReply, CellRequest, CellState, Greeting, Hello, PROTOCOL,
+    RELEASED_MAX, Role, Truth, WATCHDOG_MS, Welcome,
 };
-use crate::refusal::{Refusal, WatchdogStop};
+use crate::refusal::{CellRefusal, WatchdogStop};
 
 /// Within this time a connection has to say hello.
 const HELLO_WITHIN: Duration = Duration::from_secs(2);
@@ -25,13 +25,13 @@ struct AnyHello {
 }
 
 /// The cell of a connection.
-enum Served {
+enum ConnectionCell {
     Nothing,
     Live(Box<dyn LiveCell>),
     Trial(Box<dyn TrialCell>),
 }
 
-impl Served {
+impl ConnectionCell {
     fn of(server: &CellServer, role: Role) -> Result<Self, CellError> {
         match role {
             Role::Control => Ok(Self::Nothing),
@@ -60,7 +60,7 @@ impl Served {
 struct Connection<'a, S> {
     server: &'a CellServer,
     line: Line<S>,
-    cell: Served,
+    cell: ConnectionCell,
     watchdog: Watchdog,
     /// A stop of the watchdog that stands.
     stopped: Option<WatchdogStop>,
@@ -69,7 +69,7 @@ struct Connection<'a, S> {
     /// The number of the next request.
     due: u64,
     /// Given back last.
-    place: Place<'a>,
+    place: ConnectionSlot<'a>,
 }
 
 /// Works for a connection until it ends.
@@ -78,7 +78,7 @@ pub(super) fn attend<S: WireStream>(server: &CellServer, stream: S) -> Result<()
     let hello = line.receive_bytes(HELLO_WITHIN)?;
     let opened = read_hello(&hello).and_then(|hello| {
         let place = server.admit(hello.role, hello.session)?;
-        let cell = Served::of(server, hello.role).map_err(Refusal::of_cell)?;
+        let cell = ConnectionCell::of(server, hello.role).map_err(CellRefusal::of_cell)?;
         Ok((hello, place, cell))
     });
     let (hello, place, cell) = match opened {
@@ -105,12 +105,12 @@ pub(super) fn attend<S: WireStream>(server: &CellServer, stream: S) -> Result<()
     ended
 }
 
-fn read_hello(bytes: &[u8]) -> Result<Hello, Refusal> {
-    let malformed = |error: WireError| Refusal::Malformed(error.to_string());
-    let refuse = |field: &str, allowed: String| Err(Refusal::Hello { field: field.to_owned(), allowed });
+fn read_hello(bytes: &[u8]) -> Result<Hello, CellRefusal> {
+    let malformed = |error: WireError| CellRefusal::Malformed(error.to_string());
+    let refuse = |field: &str, allowed: String| Err(CellRefusal::Hello { field: field.to_owned(), allowed });
     let any: AnyHello = decode(bytes).map_err(malformed)?;
     if any.protocol != PROTOCOL {
-        return Err(Refusal::Version { server: PROTOCOL });
+        return Err(CellRefusal::Version { server: PROTOCOL });
     }
     let hello: Hello = decode(bytes).map_err(malformed)?;
     let [least, most] = WATCHDOG_MS;
@@ -133,7 +133,7 @@ impl<S: WireStream> Connection<'_, S> {
     fn run(&mut self) -> Result<(), WireError> {
         loop {
             let wait = self.watchdog.wait();
-            let request = match self.line.receive::<Request>(wait) {
+            let request = match self.line.receive::<CellRequest>(wait) {
                 Ok(request) => request,
                 Err(WireError::Deadline { .. }) => {
                     self.stop_arm(wait);
@@ -143,14 +143,14 @@ impl<S: WireStream> Connection<'_, S> {
                     error @ (WireError::Malformed(_) | WireError::TooLarge { .. } | WireError::Torn { .. }),
                 ) => {
                     // The other side may be gone already.
-                    let _ = self.refuse(self.due, Refusal::Malformed(error.to_string()));
+                    let _ = self.refuse(self.due, CellRefusal::Malformed(error.to_string()));
                     return Err(error);
                 }
                 Err(error) => return Err(error),
             };
             let sequence = request.sequence;
             if sequence != self.due {
-                return self.refuse(sequence, Refusal::Sequence { due: self.due, came: sequence });
+                return self.refuse(sequence, CellRefusal::Sequence { due: self.due, came: sequence });
             }
             self.due += 1;
             match self.carry_out(request) {
@@ -169,13 +169,13 @@ impl<S: WireStream> Connection<'_, S> {
         }
     }
 
-    fn refuse(&mut self, sequence: u64, refusal: Refusal) -> Result<(), WireError> {
-        self.line.send(&Answer { sequence, reply: Reply::Refused(refusal) })
+    fn refuse(&mut self, sequence: u64, refusal: CellRefusal) -> Result<(), WireError> {
+        self.line.send(&Answer { sequence, reply: CellReply::Refused(refusal) })
     }
 
     /// Stops the arm of a live cell that moves, and says so.
     fn stop_arm(&mut self, silent: Duration) {
-        let Served::Live(cell) = &mut self.cell else { return };
+        let ConnectionCell::Live(cell) = &mut self.cell else { return };
         if let Some(stop) = self.watchdog.stop(cell.as_mut(), silent) {
             self.stopped = Some(stop);
             self.server.note(&stop.told());
@@ -183,10 +183,10 @@ impl<S: WireStream> Connection<'_, S> {
     }
 
     /// What a request asks; the bytes are those of an announced block.
-    fn carry_out(&mut self, request: Request) -> Result<(Reply, Vec<u8>), Refusal> {
-        let Request { guard, release, call, .. } = request;
+    fn carry_out(&mut self, request: CellRequest) -> Result<(CellReply, Vec<u8>), CellRefusal> {
+        let CellRequest { guard, release, call, .. } = request;
         if release.len() > RELEASED_MAX {
-            return Err(Refusal::Malformed(format!("{} handles; at most {RELEASED_MAX}", release.len())));
+            return Err(CellRefusal::Malformed(format!("{} handles; at most {RELEASED_MAX}", release.len())));
         }
         if !release.is_empty() {
             self.place.release(&release);
@@ -198,39 +198,39 @@ impl<S: WireStream> Connection<'_, S> {
         match call {
             Call::Describe => return Ok(announced(self.server.description.clone())),
             Call::Drift { of, drift } => {
-                let drifted = self.server.factory.with_drift(&of, &drift).map_err(Refusal::of_cell)?;
-                return Ok((Reply::Distribution(Box::new(drifted)), Vec::new()));
+                let drifted = self.server.factory.with_drift(&of, &drift).map_err(CellRefusal::of_cell)?;
+                return Ok((CellReply::Distribution(Box::new(drifted)), Vec::new()));
             }
             Call::Scenery => {
                 let cell = self.robot()?;
                 let (fixtures, contacts) = (cell.fixtures(), cell.contact_points());
-                return Ok((Reply::Scenery { fixtures, contacts }, Vec::new()));
+                return Ok((CellReply::Scenery { fixtures, contacts }, Vec::new()));
             }
             Call::Observed => {
                 let observed = self.robot()?.observed().map(Box::new);
-                return Ok((Reply::Observed(observed), Vec::new()));
+                return Ok((CellReply::Observed(observed), Vec::new()));
             }
             Call::Fork => {
-                let copy = self.robot()?.copy().map_err(Refusal::of_cell)?;
+                let copy = self.robot()?.copy().map_err(CellRefusal::of_cell)?;
                 let tick = copy.tick();
-                return Ok((Reply::Fork { fork: self.place.keep(copy)?, tick }, Vec::new()));
+                return Ok((CellReply::Fork { fork: self.place.keep(copy)?, tick }, Vec::new()));
             }
             Call::Export => {
-                let image = self.robot()?.export().map_err(Refusal::of_cell)?;
+                let image = self.robot()?.export().map_err(CellRefusal::of_cell)?;
                 return Ok(announced(image.bytes().to_vec()));
             }
             Call::TakeFilm => {
                 let frames = self.trial()?.take_film();
-                let bytes = encode(&frames).map_err(|error| Refusal::Snapshot(error.to_string()))?;
+                let bytes = encode(&frames).map_err(|error| CellRefusal::Snapshot(error.to_string()))?;
                 return Ok(announced(bytes));
             }
             call => self.change(call)?,
         }
-        Ok((Reply::Seen(Box::new(self.seen()?)), Vec::new()))
+        Ok((CellReply::Seen(Box::new(self.seen()?)), Vec::new()))
     }
 
     /// A call that changes the cell, or only looks at it.
-    fn change(&mut self, call: Call) -> Result<(), Refusal> {
+    fn change(&mut self, call: Call) -> Result<(), CellRefusal> {
         match call {
             Call::Observe { guard } => {
                 // The cell learns of it when the state is read.
@@ -239,10 +239,10 @@ impl<S: WireStream> Connection<'_, S> {
             }
             Call::Step { command } => {
                 if let Some(stop) = self.stopped {
-                    return Err(Refusal::Stopped(stop));
+                    return Err(CellRefusal::Stopped(stop));
                 }
-                let cell = self.cell.robot().ok_or(Refusal::Role { needs: Role::Trial })?;
-                cell.step(&command).map_err(Refusal::Body)?;
+                let cell = self.cell.robot().ok_or(CellRefusal::Role { needs: Role::Trial })?;
+                cell.step(&command).map_err(CellRefusal::Body)?;
                 self.watchdog.stepped(cell);
             }
             Call::Interrupt { interrupt } => {
@@ -258,39 +258,39 @@ impl<S: WireStream> Connection<'_, S> {
             }
             Call::EndTask => {
                 match &mut self.cell {
-                    Served::Nothing => return Err(Refusal::Role { needs: Role::Live }),
-                    Served::Live(cell) => cell.end_task(),
-                    Served::Trial(cell) => cell.end_task(),
+                    ConnectionCell::Nothing => return Err(CellRefusal::Role { needs: Role::Live }),
+                    ConnectionCell::Live(cell) => cell.end_task(),
+                    ConnectionCell::Trial(cell) => cell.end_task(),
                 }
                 self.watchdog.rest();
             }
             Call::Inject { fault } => self.inject(fault)?,
             Call::AwaitWork { conditions, seed } => {
-                conditions.check("conditions").map_err(Refusal::of_cell)?;
-                let Served::Live(cell) = &mut self.cell else {
-                    return Err(Refusal::Role { needs: Role::Live });
+                conditions.check("conditions").map_err(CellRefusal::of_cell)?;
+                let ConnectionCell::Live(cell) = &mut self.cell else {
+                    return Err(CellRefusal::Role { needs: Role::Live });
                 };
                 let call = WorkCall { conditions: &conditions, seed };
-                cell.await_work(&call).map_err(Refusal::of_cell)?;
+                cell.await_work(&call).map_err(CellRefusal::of_cell)?;
                 self.stopped = None;
                 self.started();
             }
             Call::Reset { setup } => {
-                self.trial()?.reset(&setup).map_err(Refusal::of_cell)?;
+                self.trial()?.reset(&setup).map_err(CellRefusal::of_cell)?;
                 self.started();
             }
             Call::GoOnFrom { fork } => {
                 let copy = self.place.fork(fork)?;
-                self.trial()?.go_on_from(&copy).map_err(Refusal::of_cell)?;
+                self.trial()?.go_on_from(&copy).map_err(CellRefusal::of_cell)?;
                 self.started();
             }
             Call::Import { image } => {
                 let image = self.receive_image(&image)?;
-                self.trial()?.import(&image).map_err(Refusal::of_cell)?;
+                self.trial()?.import(&image).map_err(CellRefusal::of_cell)?;
                 self.started();
             }
             Call::SetTo { observed } => {
-                self.trial()?.set_to(&observed).map_err(Refusal::of_cell)?;
+                self.trial()?.set_to(&observed).map_err(CellRefusal::of_cell)?;
                 self.started();
             }
             Call::Film => self.trial()?.film(),
@@ -306,18 +306,18 @@ impl<S: WireStream> Connection<'_, S> {
         Ok(())
     }
 
-    fn inject(&mut self, fault: InjectedFault) -> Result<(), Refusal> {
+    fn inject(&mut self, fault: InjectedFault) -> Result<(), CellRefusal> {
         let joints = self.server.factory.spec().robot.geometry.joint_count();
         if let InjectedFault::JointStuck { joint } | InjectedFault::JointRunaway { joint } = fault
             && joint >= joints
         {
             let problem = format!("joint \"{joint}\" is none of the {joints}");
-            return Err(Refusal::Body(BodyError::Command(problem)));
+            return Err(CellRefusal::Body(BodyError::Command(problem)));
         }
         match &mut self.cell {
-            Served::Nothing => Err(Refusal::Role { needs: Role::Live }),
-            Served::Live(cell) => cell.inject(fault).map_err(Refusal::of_cell),
-            Served::Trial(cell) => {
+            ConnectionCell::Nothing => Err(CellRefusal::Role { needs: Role::Live }),
+            ConnectionCell::Live(cell) => cell.inject(fault).map_err(CellRefusal::of_cell),
+            ConnectionCell::Trial(cell) => {
                 cell.inject(fault);
                 Ok(())
             }
@@ -325,10 +325,10 @@ impl<S: WireStream> Connection<'_, S> {
     }
 
     /// The bytes of a state, which follow their announcement whatever comes of it.
-    fn receive_image(&mut self, image: &Block) -> Result<StateImage, Refusal> {
-        let malformed = |error: WireError| Refusal::Malformed(error.to_string());
+    fn receive_image(&mut self, image: &Block) -> Result<StateImage, CellRefusal> {
+        let malformed = |error: WireError| CellRefusal::Malformed(error.to_string());
         let bytes = self.line.receive_block(image, FRAME_WITHIN).map_err(malformed)?;
-        StateImage::new(bytes).map_err(Refusal::of_cell)
+        StateImage::new(bytes).map_err(CellRefusal::of_cell)
     }
 
     /// A task, an episode or work begins: the verdict of the guard is not known.
@@ -337,21 +337,23 @@ impl<S: WireStream> Connection<'_, S> {
         self.watchdog.rest();
     }
 
-    fn robot(&mut self) -> Result<&mut dyn RobotCell, Refusal> {
-        self.cell.robot().ok_or(Refusal::Role { needs: Role::Trial })
+    fn robot(&mut self) -> Result<&mut dyn RobotCell, CellRefusal> {
+        self.cell.robot().ok_or(CellRefusal::Role { needs: Role::Trial })
     }
 
-    fn trial(&mut self) -> Result<&mut dyn TrialCell, Refusal> {
+    fn trial(&mut self) -> Result<&mut dyn TrialCell, CellRefusal> {
         match &mut self.cell {
-            Served::Trial(cell) => Ok(cell.as_mut()),
-            Served::Nothing | Served::Live(_) => Err(Refusal::Role { needs: Role::Trial }),
+            ConnectionCell::Trial(cell) => Ok(cell.as_mut()),
+            ConnectionCell::Nothing | ConnectionCell::Live(_) => {
+                Err(CellRefusal::Role { needs: Role::Trial })
+            }
         }
     }
 
-    fn seen(&mut self) -> Result<Seen, Refusal> {
+    fn seen(&mut self) -> Result<CellState, CellRefusal> {
         let guard = self.guard;
         let cell = self.robot()?;
-        let seen = Seen {
+        let seen = CellState {
             tick: cell.tick(),
             observation: guard.map(|guard| cell.observe(guard)),
             telemetry: cell.telemetry(),
@@ -360,10 +362,10 @@ impl<S: WireStream> Connection<'_, S> {
             object: cell.shown_object(),
             truth: None,
         };
-        Ok(Seen { truth: self.cell.truth(), ..seen })
+        Ok(CellState { truth: self.cell.truth(), ..seen })
     }
 }
 
-fn announced(bytes: Vec<u8>) -> (Reply, Vec<u8>) {
-    (Reply::Block(Block::of(&bytes)), bytes)
+fn announced(bytes: Vec<u8>) -> (CellReply, Vec<u8>) {
+    (CellReply::Block(Block::of(&bytes)), bytes)
 }

@@ -30,7 +30,7 @@ pub(super) struct PersonActRow {
 
 /// The body of such a record.
 #[derive(Deserialize)]
-struct ActBody {
+struct SignedActRow {
     by: String,
     #[serde(default)]
     goal: Option<String>,
@@ -47,7 +47,7 @@ pub(super) fn person_acts(views: &Views, is_stopped: bool) -> Result<Vec<PersonA
         }
         let newest = AuditFilter { kind: Some(kind), limit: 1, newest_first: true, ..AuditFilter::default() };
         let Some(record) = views.audit(&newest)?.pop() else { continue };
-        let Ok(ActBody { by, goal, reason }) = serde_json::from_str(&record.body) else { continue };
+        let Ok(SignedActRow { by, goal, reason }) = serde_json::from_str(&record.body) else { continue };
         acts.push(PersonActRow {
             kind,
             by: by.into(),
@@ -104,7 +104,7 @@ mod tests {
             r#"{"by":"mia","text":"a new tray"}"#,
             r#"{"by":"mia","caller":{"kind":"script"},"reason":"a new tray"}"#,
         ] {
-            let ActBody { by, reason, .. } = serde_json::from_str(body).unwrap();
+            let SignedActRow { by, reason, .. } = serde_json::from_str(body).unwrap();
             assert_eq!((by.as_str(), reason.as_str()), ("mia", "a new tray"), "{body}");
         }
     }

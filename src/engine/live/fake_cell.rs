@@ -34,7 +34,7 @@ pub(crate) enum FakeCall {
 
 /// A script of fake cells.
 #[derive(Clone)]
-pub(crate) struct FakeFactory {
+pub(crate) struct StubFactory {
     pub(crate) spec: Arc<CellSpec>,
     pub(crate) build: String,
     /// The live cell is given no work.
@@ -46,7 +46,7 @@ pub(crate) struct FakeFactory {
     pub(crate) calls: Arc<Mutex<Vec<FakeCall>>>,
 }
 
-impl FakeFactory {
+impl StubFactory {
     /// Cells of the built-in arm that export nothing.
     pub(crate) fn new() -> Self {
         let spec = CellSpec {
@@ -77,9 +77,9 @@ impl FakeFactory {
         factory
     }
 
-    fn cell(&self) -> FakeCell {
+    fn cell(&self) -> StubCell {
         let joints = JointState { q: self.spec.robot.home.clone(), ..JointState::default() };
-        FakeCell {
+        StubCell {
             script: self.clone(),
             tick: 0,
             task: TaskKind::Grasp,
@@ -90,7 +90,7 @@ impl FakeFactory {
     }
 }
 
-impl CellFactory for FakeFactory {
+impl CellFactory for StubFactory {
     fn spec(&self) -> &Arc<CellSpec> {
         &self.spec
     }
@@ -111,8 +111,8 @@ impl CellFactory for FakeFactory {
     }
 }
 
-struct FakeCell {
-    script: FakeFactory,
+struct StubCell {
+    script: StubFactory,
     tick: u64,
     task: TaskKind,
     stop_declared: Option<u64>,
@@ -120,7 +120,7 @@ struct FakeCell {
     forces: ContactForces,
 }
 
-impl FakeCell {
+impl StubCell {
     fn note(&self, call: FakeCall) {
         self.script.calls.lock().unwrap().push(call);
     }
@@ -134,7 +134,7 @@ impl FakeCell {
     }
 }
 
-impl FakeCell {
+impl StubCell {
     fn seen(&self, last: GuardVerdict) -> Observation {
         Observation {
             tick: self.tick,
@@ -155,7 +155,7 @@ impl FakeCell {
     }
 }
 
-impl Body for FakeCell {
+impl Body for StubCell {
     fn observe(&mut self, last: GuardVerdict) -> Observation {
         self.seen(last)
     }
@@ -191,7 +191,7 @@ impl Body for FakeCell {
     }
 }
 
-impl RobotCell for FakeCell {
+impl RobotCell for StubCell {
     fn spec(&self) -> &Arc<CellSpec> {
         &self.script.spec
     }
@@ -223,7 +223,7 @@ impl RobotCell for FakeCell {
     }
 }
 
-impl LiveCell for FakeCell {
+impl LiveCell for StubCell {
     fn await_work(&mut self, call: &WorkCall<'_>) -> Result<(), CellError> {
         self.note(FakeCall::AwaitWork { seed: call.seed });
         if self.script.is_lost {
@@ -237,7 +237,7 @@ impl LiveCell for FakeCell {
     }
 }
 
-impl TrialCell for FakeCell {
+impl TrialCell for StubCell {
     fn reset(&mut self, _: &EpisodeSetup) -> Result<(), CellError> {
         self.tick = 0;
         Ok(())

@@ -131,14 +131,14 @@ pub struct Shadow {
     ticks: u32,
     /// The twin works while the live world does, and this sees its ticks.
     beside: Option<TwinWatch>,
-    twin: Option<Twin>,
+    twin: Option<ShadowTwin>,
 }
 
 /// Sees every tick of a twin, on the thread that it works on.
 pub(crate) type TwinWatch = Box<dyn FnMut(&dyn RobotCell, &Tick<'_>) + Send>;
 
 /// The candidate in its fork of the live world.
-enum Twin {
+enum ShadowTwin {
     Running(JoinHandle<TwinRun>),
     Ran(Box<TwinRun>),
 }
@@ -157,7 +157,7 @@ impl TwinRun {
     }
 }
 
-impl Twin {
+impl ShadowTwin {
     fn beside(task: ForkedTask, mut watch: TwinWatch) -> Self {
         let thread = std::thread::Builder::new().name("twin".to_owned());
         match thread.spawn(move || TwinRun::of(task, watch.as_mut())) {
@@ -217,7 +217,7 @@ impl Shadow {
         let (fork, task) = (self.fork.take()?, self.task());
         if self.refused {
             let record = Some(TaskRecord::refused(task, seed));
-            self.twin = Some(Twin::Ran(Box::new(TwinRun { world: Some(fork), record })));
+            self.twin = Some(ShadowTwin::Ran(Box::new(TwinRun { world: Some(fork), record })));
             return None;
         }
         Some(ForkedTask::new(fork, &self.candidate, &self.terms, task, seed))
@@ -225,15 +225,15 @@ impl Shadow {
 
     fn run_twin(&mut self, seed: u64, look: &mut dyn FnMut(&dyn RobotCell, &Tick<'_>)) {
         if let Some(task) = self.start_twin(seed) {
-            self.twin = Some(Twin::Ran(Box::new(TwinRun::of(task, look))));
+            self.twin = Some(ShadowTwin::Ran(Box::new(TwinRun::of(task, look))));
         }
     }
 
     /// Waits for the twin, if it ran.
     fn take_twin(&mut self) -> Option<TwinRun> {
         match self.twin.take()? {
-            Twin::Ran(ran) => Some(*ran),
-            Twin::Running(thread) => match thread.join() {
+            ShadowTwin::Ran(ran) => Some(*ran),
+            ShadowTwin::Running(thread) => match thread.join() {
                 Ok(ran) => Some(ran),
                 Err(panic) => resume_unwind(panic),
             },
@@ -334,7 +334,7 @@ impl Listener for Shadow {
                 && let Some(watch) = self.beside.take()
                 && let Some(twin) = self.start_twin(seed)
             {
-                self.twin = Some(Twin::beside(twin, watch));
+                self.twin = Some(ShadowTwin::beside(twin, watch));
             }
         }
     }

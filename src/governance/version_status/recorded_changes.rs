@@ -59,11 +59,11 @@ struct StateSetChange {
 /// The body of an `approval-requested` record.
 #[derive(Deserialize)]
 struct RequestBody {
-    change: RequestChange,
+    change: RequestStateChange,
 }
 
 #[derive(Deserialize)]
-struct RequestChange {
+struct RequestStateChange {
     state: String,
 }
 
@@ -147,7 +147,8 @@ impl RecordedChanges {
                 self.resumed = change(Some(act.into()));
             }
             RecordKind::ApprovalRequested => {
-                let Ok(RequestBody { change: RequestChange { state } }) = serde_json::from_str(body) else {
+                let Ok(RequestBody { change: RequestStateChange { state } }) = serde_json::from_str(body)
+                else {
                     return;
                 };
                 match state.as_str() {

@@ -23,7 +23,7 @@ Examples:
   holdpoint-lab bench decision
   holdpoint-lab bench stats --runs 2000
   holdpoint-lab bench peers --python .peers/venv/bin/python --scripts bench/peers")]
-pub struct BenchArgs {
+pub struct LabBenchArgs {
     /// What is measured.
     #[command(subcommand)]
     pub study: BenchStudy,
@@ -89,7 +89,7 @@ pub struct PeersArgs {
 ///
 /// # Errors
 /// If nothing could be measured, or the output cannot be written.
-pub fn run(args: &BenchArgs, out: &mut CommandOutput<'_>) -> Result<Exit, CliError> {
+pub fn run(args: &LabBenchArgs, out: &mut CommandOutput<'_>) -> Result<Exit, CliError> {
     match &args.study {
         BenchStudy::Peers(args) => {
             let report = compare(args)?;

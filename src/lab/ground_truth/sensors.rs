@@ -269,7 +269,7 @@ fn rows(
     tell: &ProgressFn<'_>,
 ) -> Result<Vec<Option<SensorRow>>, ExperimentError> {
     let versions = versions(plan.pool.as_deref(), context)?;
-    let mut blocks: Vec<(&ComparedVersion, Range<u64>)> = Vec::new();
+    let mut blocks: Vec<(&SensedVersion, Range<u64>)> = Vec::new();
     for version in &versions {
         for from in (0..plan.episodes.div_ceil(BLOCK)).map(|block| block * BLOCK) {
             let until = (from + BLOCK).min(plan.episodes);
@@ -295,17 +295,17 @@ fn progress(finished: usize, all: usize, began: Instant) -> String {
 }
 
 /// A version whose episodes are compared.
-struct ComparedVersion {
+struct SensedVersion {
     name: String,
     is_baseline: bool,
     judged: JudgedVersion,
 }
 
 /// The baselines of the three tasks, then the candidates of the pool.
-fn versions(pool: Option<&Path>, context: &Context) -> Result<Vec<ComparedVersion>, ExperimentError> {
+fn versions(pool: Option<&Path>, context: &Context) -> Result<Vec<SensedVersion>, ExperimentError> {
     let baselines = holdpoint_trials::embedded::baselines()
         .map_err(|error| ExperimentError::Unexpected(error.sentence()))?;
-    let compared = |(name, is_baseline, version): (String, bool, Capability)| ComparedVersion {
+    let compared = |(name, is_baseline, version): (String, bool, Capability)| SensedVersion {
         name,
         is_baseline,
         judged: JudgedVersion::new(context, version),
@@ -327,7 +327,7 @@ fn versions(pool: Option<&Path>, context: &Context) -> Result<Vec<ComparedVersio
 }
 
 /// One episode of a version; `None` if the simulator failed or the version did not accept the task.
-fn episode(worker: &mut Worker, cell: &Cell, version: &ComparedVersion, index: u64) -> Option<SensorRow> {
+fn episode(worker: &mut Worker, cell: &Cell, version: &SensedVersion, index: u64) -> Option<SensorRow> {
     let seed = referee_runs::seed(Channel::Episodes, index);
     let worked = observe(worker, cell, version, (referee_runs::conditions(index), seed));
     if worked.is_err() {
@@ -340,7 +340,7 @@ fn episode(worker: &mut Worker, cell: &Cell, version: &ComparedVersion, index: u
 fn observe(
     worker: &mut Worker,
     cell: &Cell,
-    ComparedVersion { name, is_baseline, judged }: &ComparedVersion,
+    SensedVersion { name, is_baseline, judged }: &SensedVersion,
     (conditions, seed): (Conditions, u64),
 ) -> Result<Option<SensorRow>, CellError> {
     let task = judged.version.bundle.task();

@@ -46,9 +46,9 @@ fn each_trigger_makes_a_candidate_of_its_own_for_each_act() {
     }
 }
 
-struct ActiveVersions(BTreeMap<Family, Capability>);
+struct FixedActiveView(BTreeMap<Family, Capability>);
 
-impl ActiveView for ActiveVersions {
+impl ActiveView for FixedActiveView {
     fn active(&self, family: &Family) -> Option<&Capability> {
         self.0.get(family)
     }
@@ -82,7 +82,7 @@ fn live_work(thrower: &Capability, sequences: u64) -> LiveGrasps {
         embedded::baselines().unwrap().into_iter().map(|version| (version.id().family, version)).collect();
     let id = thrower.id();
     active.insert(id.family.clone(), thrower.clone());
-    let active = ActiveVersions(active);
+    let active = FixedActiveView(active);
     let mut live = LiveStation::new(cell).unwrap();
     live.call_referee(RefereeLimits::default());
     let mut found = LiveGrasps::default();

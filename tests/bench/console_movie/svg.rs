@@ -194,7 +194,7 @@ impl Movie {
 
 /// How cells are drawn.
 #[derive(Clone, Copy, PartialEq, Eq)]
-struct Style {
+struct CellStyle {
     fore: Rgb,
     /// Absent for the screen's own background.
     back: Option<Rgb>,
@@ -204,7 +204,7 @@ struct Style {
     underline: bool,
 }
 
-impl Style {
+impl CellStyle {
     fn of(cell: &Cell) -> Self {
         let (fore, back) = (cell.fgcolor(), cell.bgcolor());
         let (fore, back) = if cell.inverse() {
@@ -233,7 +233,7 @@ impl Style {
 
 /// Cells of one style that follow each other, all of ASCII or none.
 struct Run {
-    style: Style,
+    style: CellStyle,
     /// Absent while there are only blanks.
     is_ascii: Option<bool>,
     /// Columns and their text.
@@ -251,7 +251,7 @@ fn runs(screen: &Screen, row: u16) -> Vec<Run> {
             continue;
         }
         let text = if cell.has_contents() { cell.contents().to_owned() } else { " ".to_owned() };
-        let style = Style::of(cell);
+        let style = CellStyle::of(cell);
         let is_ascii = (text != " ").then(|| text.is_ascii());
         let column = usize::from(column);
         let end = column + if cell.is_wide() { 2 } else { 1 };

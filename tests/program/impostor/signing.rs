@@ -7,14 +7,14 @@ use holdpoint::protocol::console_presence::ConsolePresence;
 use holdpoint::service::control_socket::Client;
 use holdpoint::service::engine_handle::{EngineHandle, EngineUpdate};
 
-use super::{EngineProcess, Impostor, LIE, output_text, until};
+use super::{GenuineEngine, Impostor, LIE, output_text, until};
 use crate::reported_error::assert_error;
 
 /// Only a verified engine gets a signature: a `go` was once signed over stops that an impostor had hidden.
 #[test]
 fn client_signs_no_request_for_an_impostor() {
     let folder = tempfile::tempdir().unwrap();
-    let engine = EngineProcess::start(folder.path());
+    let engine = GenuineEngine::start(folder.path());
     let impostor = Impostor::start(&engine.layout());
     for verb in [&["go"][..], &["confirm-time"], &["resume", "grasp"], &["rearm", "grasp@1.0.0"]] {
         let output = engine.verb(&[verb, &["--as", "admin", "--reason", "all is clear", "--json"]].concat());
@@ -30,7 +30,7 @@ fn client_signs_no_request_for_an_impostor() {
 #[test]
 fn a_console_at_the_engine_reads_only_from_the_engine() {
     let folder = tempfile::tempdir().unwrap();
-    let engine = EngineProcess::start(folder.path());
+    let engine = GenuineEngine::start(folder.path());
     let client = Client::connect(&engine.layout()).unwrap().unwrap();
     let mut console = EngineHandle::attach(engine.layout(), client, ConsolePresence::default()).unwrap();
     assert_eq!(console.unverified_origin(), None);

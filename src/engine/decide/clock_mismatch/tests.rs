@@ -29,9 +29,9 @@ const DAY_MS: i64 = 24 * 60 * MINUTE_MS;
 
 /// The clocks of a machine, as a test sets them.
 #[derive(Clone)]
-struct Machine(Arc<Mutex<ClockReading>>);
+struct MachineClock(Arc<Mutex<ClockReading>>);
 
-impl Clocks for Machine {
+impl Clocks for MachineClock {
     fn read(&self) -> ClockReading {
         *self.0.lock().unwrap()
     }
@@ -41,7 +41,7 @@ impl Clocks for Machine {
     }
 }
 
-impl Machine {
+impl MachineClock {
     fn new() -> Self {
         let wall: WallTime = "2026-11-25T16:00:00Z".parse().unwrap();
         Self(Arc::new(Mutex::new(ClockReading { wall, boot_ms: 5_000 })))
@@ -64,7 +64,7 @@ impl Machine {
     }
 }
 
-fn engine(folder: &Path, profile: &Profile, machine: &Machine) -> Pipeline {
+fn engine(folder: &Path, profile: &Profile, machine: &MachineClock) -> Pipeline {
     let (jump_max_s, clocks) = (profile.clock.jump_max_s, Box::new(machine.clone()));
     pipeline_by(folder, profile.clone(), |newest| WallClock::of_machine(clocks, newest, jump_max_s))
 }
@@ -118,7 +118,7 @@ fn alarm(pipeline: &Pipeline) -> Option<AlarmState> {
 #[test]
 fn approval_expires_while_no_engine_runs() {
     let folder = tempfile::tempdir().unwrap();
-    let (machine, human) = (Machine::new(), builtin(ProfileName::Human));
+    let (machine, human) = (MachineClock::new(), builtin(ProfileName::Human));
     let mut first = engine(folder.path(), &human, &machine);
     // A review takes two people.
     let id = awaiting_approval(&mut first, PolicyOutcome::Review, Vec::new());
@@ -152,7 +152,7 @@ fn approval_expires_while_no_engine_runs() {
 #[test]
 fn a_first_answer_runs_out_before_the_second() {
     let folder = tempfile::tempdir().unwrap();
-    let machine = Machine::new();
+    let machine = MachineClock::new();
     let mut human = builtin(ProfileName::Human);
     human.approval.timeout_s = 3_600.0;
     let mut first = engine(folder.path(), &human, &machine);
@@ -180,7 +180,7 @@ fn a_first_answer_runs_out_before_the_second() {
 #[test]
 fn a_freeze_holds_and_ends_by_wall_time_alone() {
     let folder = tempfile::tempdir().unwrap();
-    let machine = Machine::new();
+    let machine = MachineClock::new();
     let mut sim = builtin(ProfileName::Sim);
     let until = machine.wall_time().plus_ms(DAY_MS.unsigned_abs());
     sim.freeze =
@@ -205,7 +205,7 @@ fn a_freeze_holds_and_ends_by_wall_time_alone() {
 #[test]
 fn a_clock_that_was_set_holds_the_gate_until_a_person_confirms_the_time() {
     let folder = tempfile::tempdir().unwrap();
-    let (machine, sim) = (Machine::new(), builtin(ProfileName::Sim));
+    let (machine, sim) = (MachineClock::new(), builtin(ProfileName::Sim));
     let mut first = engine(folder.path(), &sim, &machine);
     let id = at_the_gate(&mut first);
     machine.set(3 * DAY_MS);
@@ -242,7 +242,7 @@ fn a_clock_that_was_set_holds_the_gate_until_a_person_confirms_the_time() {
 #[test]
 fn clock_behind_the_newest_record_is_a_mismatch() {
     let folder = tempfile::tempdir().unwrap();
-    let (machine, sim) = (Machine::new(), builtin(ProfileName::Sim));
+    let (machine, sim) = (MachineClock::new(), builtin(ProfileName::Sim));
     let mut first = engine(folder.path(), &sim, &machine);
     machine.pass(10 * MINUTE_MS);
     let id = at_the_gate(&mut first);
@@ -266,7 +266,7 @@ fn clock_behind_the_newest_record_is_a_mismatch() {
 fn clock_set_while_no_engine_ran_is_a_mismatch() {
     for set_ms in [-50 * MINUTE_MS, 50 * MINUTE_MS] {
         let folder = tempfile::tempdir().unwrap();
-        let (machine, sim) = (Machine::new(), builtin(ProfileName::Sim));
+        let (machine, sim) = (MachineClock::new(), builtin(ProfileName::Sim));
         let mut first = engine(folder.path(), &sim, &machine);
         // The engine stores the trusted reading where it begins and ends, and where a person confirms the time.
         machine.set(MINUTE_MS);
@@ -287,7 +287,7 @@ fn clock_set_while_no_engine_ran_is_a_mismatch() {
 #[test]
 fn trusted_readings_survive_restarts() {
     let folder = tempfile::tempdir().unwrap();
-    let (machine, sim) = (Machine::new(), builtin(ProfileName::Sim));
+    let (machine, sim) = (MachineClock::new(), builtin(ProfileName::Sim));
     let mut first = engine(folder.path(), &sim, &machine);
     machine.set(MINUTE_MS);
     assert_accepted(&confirm(&mut first, machine.wall_time()));
@@ -312,7 +312,7 @@ fn trusted_readings_survive_restarts() {
 #[test]
 fn a_requester_cannot_confirm_the_time() {
     let folder = tempfile::tempdir().unwrap();
-    let (machine, human) = (Machine::new(), builtin(ProfileName::Human));
+    let (machine, human) = (MachineClock::new(), builtin(ProfileName::Human));
     let mut pipeline = engine(folder.path(), &human, &machine);
     let id = awaiting_approval(&mut pipeline, PolicyOutcome::Review, Vec::new());
     machine.set(-10 * MINUTE_MS);
@@ -330,7 +330,7 @@ fn a_requester_cannot_confirm_the_time() {
 #[test]
 fn no_version_is_reactivated_during_a_mismatch() {
     let folder = tempfile::tempdir().unwrap();
-    let (machine, sim) = (Machine::new(), builtin(ProfileName::Sim));
+    let (machine, sim) = (MachineClock::new(), builtin(ProfileName::Sim));
     let mut pipeline = engine(folder.path(), &sim, &machine);
     let version: CapabilityId = "align@1.0.0".parse().unwrap();
     let operation = Operation { version: version.clone(), by: "ana".to_owned(), reason: "a test".to_owned() };
@@ -349,7 +349,7 @@ fn no_version_is_reactivated_during_a_mismatch() {
 #[test]
 fn suspended_machine_is_no_clock_mismatch() {
     let folder = tempfile::tempdir().unwrap();
-    let (machine, sim) = (Machine::new(), builtin(ProfileName::Sim));
+    let (machine, sim) = (MachineClock::new(), builtin(ProfileName::Sim));
     let mut pipeline = engine(folder.path(), &sim, &machine);
     let id = at_the_gate(&mut pipeline);
     machine.pass(3 * DAY_MS);

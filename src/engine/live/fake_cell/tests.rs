@@ -31,7 +31,7 @@ fn terms(cell: &Cell) -> SkillTerms {
     SkillTerms::new(&profile, table, cell.geometry.clone(), cell.zones.clone())
 }
 
-fn run(factory: &FakeFactory) -> SequenceReport {
+fn run(factory: &StubFactory) -> SequenceReport {
     let cell = Cell::new(Arc::new(factory.clone())).unwrap();
     let terms = terms(&cell);
     let baselines = embedded::baselines().unwrap().into_iter();
@@ -42,19 +42,19 @@ fn run(factory: &FakeFactory) -> SequenceReport {
 
 #[test]
 fn evidence_is_bound_to_the_build_and_the_description_that_a_cell_states() {
-    let cell = |factory: FakeFactory| Cell::new(Arc::new(factory)).unwrap();
-    let first = cell(FakeFactory::new());
-    let again = cell(FakeFactory::new());
+    let cell = |factory: StubFactory| Cell::new(Arc::new(factory)).unwrap();
+    let first = cell(StubFactory::new());
+    let again = cell(StubFactory::new());
     assert_eq!((first.digest(), first.computed_by()), (again.digest(), again.computed_by()));
-    let rebuilt = cell(FakeFactory { build: "changed".to_owned(), ..FakeFactory::new() });
+    let rebuilt = cell(StubFactory { build: "changed".to_owned(), ..StubFactory::new() });
     assert!(first.digest() != rebuilt.digest() && first.computed_by() != rebuilt.computed_by());
-    let described = cell(FakeFactory::exporting());
+    let described = cell(StubFactory::exporting());
     assert!(first.digest() != described.digest() && first.computed_by() == described.computed_by());
 }
 
 #[test]
 fn live_cell_is_asked_for_work_and_told_of_each_task() {
-    let factory = FakeFactory::new();
+    let factory = StubFactory::new();
     assert!(!run(&factory).succeeded());
     let expected = [FakeCall::AwaitWork { seed: 7 }, FakeCall::BeginTask(TaskKind::Grasp), FakeCall::EndTask];
     assert_eq!(*factory.calls.lock().unwrap(), expected);
@@ -62,16 +62,16 @@ fn live_cell_is_asked_for_work_and_told_of_each_task() {
 
 #[test]
 fn sequence_without_work_has_failed() {
-    let report = run(&FakeFactory { is_starved: true, ..FakeFactory::new() });
+    let report = run(&StubFactory { is_starved: true, ..StubFactory::new() });
     assert!(report.failed && report.tasks.iter().all(|done| done.record.invalid), "{report:?}");
 }
 
 /// A cell that does not answer has another error than one that failed: a person has to look.
 #[test]
 fn sequence_of_a_lost_cell_says_so() {
-    let report = run(&FakeFactory { is_lost: true, ..FakeFactory::new() });
+    let report = run(&StubFactory { is_lost: true, ..StubFactory::new() });
     assert_eq!((report.failed, report.lost.as_deref()), (true, Some("gone")));
-    let report = run(&FakeFactory { is_starved: true, ..FakeFactory::new() });
+    let report = run(&StubFactory { is_starved: true, ..StubFactory::new() });
     assert_eq!((report.failed, report.lost), (true, None));
 }
 
@@ -81,7 +81,7 @@ fn baseline(task: TaskKind) -> Capability {
 }
 
 /// What shadow records of a task of this kind in which the live cell stood still.
-fn shadowed(factory: FakeFactory, task: TaskKind) -> ShadowTrace {
+fn shadowed(factory: StubFactory, task: TaskKind) -> ShadowTrace {
     let cell = Cell::new(Arc::new(factory)).unwrap();
     let mut shadow = Shadow::new(baseline(task), terms(&cell), cell.trial().unwrap());
     let record = stand_still(&mut shadow, &cell, 7);
@@ -92,7 +92,7 @@ fn shadowed(factory: FakeFactory, task: TaskKind) -> ShadowTrace {
 
 #[test]
 fn twin_continues_from_an_exported_state() {
-    let trace = shadowed(FakeFactory::exporting(), TaskKind::Grasp);
+    let trace = shadowed(StubFactory::exporting(), TaskKind::Grasp);
     let values = trace.values.unwrap();
     assert!(trace.twin.is_some() && trace.outputs.is_none());
     assert_eq!(values.twin_difference, None);
@@ -101,7 +101,7 @@ fn twin_continues_from_an_exported_state() {
 /// A twin that the live cell's thread works would delay the live cell.
 #[test]
 fn twin_beside_works_on_a_thread_of_its_own_with_the_same_result() {
-    let cell = Cell::new(Arc::new(FakeFactory::exporting())).unwrap();
+    let cell = Cell::new(Arc::new(StubFactory::exporting())).unwrap();
     let candidate = baseline(TaskKind::Grasp);
     let threads = Arc::new(Mutex::new(BTreeSet::new()));
     let mut traces = Vec::new();
@@ -125,7 +125,7 @@ fn twin_beside_works_on_a_thread_of_its_own_with_the_same_result() {
 
 #[test]
 fn twin_begins_at_the_observed_state_where_none_is_exported() {
-    let trace = shadowed(FakeFactory::observing(0.003), TaskKind::Grasp);
+    let trace = shadowed(StubFactory::observing(0.003), TaskKind::Grasp);
     assert!(trace.twin.is_some() && trace.outputs.is_none());
     let difference = trace.values.unwrap().twin_difference.unwrap();
     assert!((difference.joints_rad - 0.003).abs() < 1e-12, "{difference:?}");
@@ -134,16 +134,16 @@ fn twin_begins_at_the_observed_state_where_none_is_exported() {
 
 #[test]
 fn difference_that_is_no_number_is_no_twin() {
-    let cell = Cell::new(Arc::new(FakeFactory::observing(f64::NAN))).unwrap();
+    let cell = Cell::new(Arc::new(StubFactory::observing(f64::NAN))).unwrap();
     let mut trial = cell.trial().unwrap();
     assert!(TwinStart::at(cell.live_cell().unwrap().as_ref(), trial.as_mut()).is_none());
 }
 
 #[test]
 fn outputs_alone_are_compared_where_a_cell_has_no_twin() {
-    let alone = shadowed(FakeFactory::new(), TaskKind::Grasp);
+    let alone = shadowed(StubFactory::new(), TaskKind::Grasp);
     assert!(alone.twin.is_none() && alone.values.is_none());
-    let beside = shadowed(FakeFactory::exporting(), TaskKind::Grasp);
+    let beside = shadowed(StubFactory::exporting(), TaskKind::Grasp);
     let outputs = alone.outputs.unwrap();
     assert_eq!(outputs.output_divergence, beside.values.unwrap().output_divergence);
     assert_eq!((outputs.seed, alone.proposed_commands), (7, beside.proposed_commands));
@@ -152,7 +152,7 @@ fn outputs_alone_are_compared_where_a_cell_has_no_twin() {
 /// The dispatcher calls no align without an object in the hand.
 #[test]
 fn refused_candidate_commands_nothing_which_is_the_largest_divergence() {
-    let trace = shadowed(FakeFactory::new(), TaskKind::Align);
+    let trace = shadowed(StubFactory::new(), TaskKind::Align);
     assert_eq!(trace.outputs.unwrap().output_divergence, 1.0);
     assert!(trace.proposed_commands.is_empty());
 }
@@ -161,9 +161,9 @@ fn refused_candidate_commands_nothing_which_is_the_largest_divergence() {
 fn missing_abilities_are_those_that_a_twin_would_have_needed() {
     use CellAbility::{ExportState, SetObserved};
     for (factory, expected) in [
-        (FakeFactory::exporting(), vec![]),
-        (FakeFactory::observing(0.0), vec![ExportState]),
-        (FakeFactory::new(), vec![ExportState, SetObserved]),
+        (StubFactory::exporting(), vec![]),
+        (StubFactory::observing(0.0), vec![ExportState]),
+        (StubFactory::new(), vec![ExportState, SetObserved]),
     ] {
         assert_eq!(missing_abilities(factory.spec.abilities), expected);
     }

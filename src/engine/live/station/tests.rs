@@ -22,19 +22,19 @@ use holdpoint_trials::worker::Worker;
 use super::LiveStation;
 use crate::live::listener::NoListener;
 
-struct Bench {
+struct StationBench {
     cell: Cell,
     terms: SkillTerms,
     active: BTreeMap<Family, Capability>,
 }
 
-impl ActiveView for Bench {
+impl ActiveView for StationBench {
     fn active(&self, family: &Family) -> Option<&Capability> {
         self.active.get(family)
     }
 }
 
-impl Bench {
+impl StationBench {
     fn new() -> Self {
         let (cell, profile) =
             (Cell::of(&SimCells, None).unwrap(), Profile::builtin(ProfileName::Sim).unwrap());
@@ -59,7 +59,7 @@ impl Bench {
 /// The tasks of live sequences come out the same when each is run by itself from its live start.
 #[test]
 fn task_from_its_live_start_is_the_task_of_the_live_cell() {
-    let bench = Bench::new();
+    let bench = StationBench::new();
     let mut live = LiveStation::new(bench.cell.clone()).unwrap();
     let mut worker = Worker::new();
     let seeds = (0..8).map(|index| episode_seed(CALIBRATION_FROM_RUN + 11, SeedPurpose::Live, index));

@@ -35,7 +35,7 @@ fn load_pool(spec: PoolSpec) -> (Vec<Capability>, PoolTruth) {
     (names.zip(generated.packages).map(load).collect(), truth)
 }
 
-struct Verdict {
+struct PoolVerdict {
     interface: InterfaceOutcome,
     policy: PolicyOutcome,
     recovery: RecoveryOutcome,
@@ -47,7 +47,7 @@ fn verdict(
     profile: &Profile,
     table: &PolicyTable,
     baselines: &[Capability],
-) -> Verdict {
+) -> PoolVerdict {
     let active = baselines.iter().find(|baseline| baseline.id().family == candidate.id().family).unwrap();
     let exports = candidate.bundle.interface();
     let registered: Vec<RegisteredVersion> = baselines
@@ -90,7 +90,7 @@ fn verdict(
         fallback: fallback.map(|binding| found(binding.family.clone(), &binding.version)),
         watcher_knows: &FailureSignal::ALL.into_iter().collect(),
     });
-    Verdict {
+    PoolVerdict {
         interface: interface.assessment.outcome,
         policy: policy.assessment.outcome,
         recovery: recovery.outcome,

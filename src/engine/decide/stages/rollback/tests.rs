@@ -44,12 +44,12 @@ use holdpoint_trials::seeds::CALIBRATION_FROM_RUN;
 pub(crate) const GOOD: EpisodeValues =
     EpisodeValues { near_violation: true, time_s: 8.0, ..EpisodeValues::CLEAN };
 
-pub(crate) struct Bench {
+pub(crate) struct RollbackBench {
     pub(crate) folder: TempDir,
     pub(crate) pipeline: Pipeline,
 }
 
-impl Bench {
+impl RollbackBench {
     pub(crate) fn new() -> Self {
         Self::under(Profile::builtin(ProfileName::Sim).unwrap())
     }
@@ -120,7 +120,7 @@ impl Bench {
         id
     }
 
-    /// As [`Bench::activate`], for a version under conditions.
+    /// As [`RollbackBench::activate`], for a version under conditions.
     pub(crate) fn activate_package(&mut self, package: Package, conditions: &[Condition]) -> CapabilityId {
         let id = self.pass_package(package, &Stage::ALL, conditions);
         self.enter(&id, |version| LifecycleEvent::Activate { version });
@@ -297,7 +297,7 @@ impl Bench {
 
 #[test]
 fn safety_event_starts_the_rollback_in_its_tick() {
-    let mut bench = Bench::new();
+    let mut bench = RollbackBench::new();
     // It flies low, among the live cell's clutter.
     let id = bench.activate("align-low-transit");
     for _ in 0..40 {
@@ -327,7 +327,7 @@ fn safety_event_starts_the_rollback_in_its_tick() {
 
 #[test]
 fn arm_at_standstill_is_restored_at_once() {
-    let mut bench = Bench::new();
+    let mut bench = RollbackBench::new();
     let id = bench.activate("align-improved");
     let record = bench.by_operator(&id);
     bench.assert_restored(&record);
@@ -338,7 +338,7 @@ fn arm_at_standstill_is_restored_at_once() {
 fn frames_show_the_sequence_and_the_ladder_and_change_nothing() {
     let frames = std::sync::Arc::new(std::sync::Mutex::new(Vec::new()));
     let outcomes = [false, true].map(|drawn| {
-        let mut bench = Bench::new();
+        let mut bench = RollbackBench::new();
         let id = bench.activate("align-improved");
         if drawn {
             let sink = std::sync::Arc::clone(&frames);
@@ -371,7 +371,7 @@ fn frames_show_the_sequence_and_the_ladder_and_change_nothing() {
 
 #[test]
 fn hook_that_does_not_stop_the_arm_does_not_end_the_ladder() {
-    let mut bench = Bench::new();
+    let mut bench = RollbackBench::new();
     let id = bench.activate("align-improved");
     bench.move_tool([0.5, 0.2, 0.35], 48);
     // The task was stopped 40 ticks ago, and its hook has not brought the arm to a standstill since.
@@ -395,7 +395,7 @@ fn hook_that_does_not_stop_the_arm_does_not_end_the_ladder() {
 
 #[test]
 fn family_without_a_rollback_target_is_stopped() {
-    let mut bench = Bench::new();
+    let mut bench = RollbackBench::new();
     let version = "place@1.0.0".parse().unwrap();
     let operation = Operation { version, by: "ann".to_owned(), reason: "drill".to_owned() };
     let record = bench.roll_back(Command::Vacate(operation));
@@ -405,7 +405,7 @@ fn family_without_a_rollback_target_is_stopped() {
 
 #[test]
 fn runaway_joint_is_no_standstill() {
-    let mut bench = Bench::new();
+    let mut bench = RollbackBench::new();
     let id = bench.activate("align-improved");
     bench.break_arm(InjectedFault::JointRunaway { joint: 0 });
     let record = bench.by_operator(&id);
@@ -415,7 +415,7 @@ fn runaway_joint_is_no_standstill() {
 
 #[test]
 fn a_jammed_joint_blocks_the_retreat() {
-    let mut bench = Bench::new();
+    let mut bench = RollbackBench::new();
     let id = bench.activate("align-improved");
     bench.move_tool([0.5, 0.0, 0.10], 480);
     bench.break_arm(InjectedFault::JointStuck { joint: 1 });
@@ -426,7 +426,7 @@ fn a_jammed_joint_blocks_the_retreat() {
 
 #[test]
 fn rollback_target_changed_in_the_store_is_not_activated() {
-    let mut bench = Bench::new();
+    let mut bench = RollbackBench::new();
     let id = bench.activate("align-improved");
     let database = bench.pipeline.record().version_table().store().layout().database();
     assert!(database.starts_with(bench.folder.path()));
@@ -448,7 +448,7 @@ fn rollback_target_changed_in_the_store_is_not_activated() {
 
 #[test]
 fn policies_that_are_not_the_profiles_end_the_ladder() {
-    let mut bench = Bench::new();
+    let mut bench = RollbackBench::new();
     let id = bench.activate("align-improved");
     let other = Profile::builtin(ProfileName::Human).unwrap();
     bench.pipeline.context_mut().table = std::sync::Arc::new(PolicyTable::builtin(&other).unwrap());
@@ -467,7 +467,7 @@ fn line_4() -> ProfileTexts {
 
 #[test]
 fn a_rollback_under_a_sites_own_policies_restores() {
-    let mut bench = Bench::under_own(line_4());
+    let mut bench = RollbackBench::under_own(line_4());
     let id = bench.activate("align-improved");
     let record = bench.by_operator(&id);
     bench.assert_restored(&record);
@@ -475,8 +475,8 @@ fn a_rollback_under_a_sites_own_policies_restores() {
 
 #[test]
 fn the_agents_identity_is_the_same_before_and_after_upgrade_and_rollback() {
-    let mut bench = Bench::new();
-    let of = |bench: &Bench| {
+    let mut bench = RollbackBench::new();
+    let of = |bench: &RollbackBench| {
         let views = bench.pipeline.record().version_table().store().views().unwrap();
         (bench.pipeline.snapshot().agent, crate::decide::store_identity::agent(&views).unwrap().unwrap())
     };
@@ -493,7 +493,7 @@ fn the_agents_identity_is_the_same_before_and_after_upgrade_and_rollback() {
 
 #[test]
 fn site_policies_other_than_those_in_force_end_the_ladder() {
-    let mut bench = Bench::under_own(line_4());
+    let mut bench = RollbackBench::under_own(line_4());
     let id = bench.activate("align-improved");
     // What the program ships for the class is not what the site wrote.
     let context = bench.pipeline.context_mut();
@@ -504,7 +504,7 @@ fn site_policies_other_than_those_in_force_end_the_ladder() {
 
 #[test]
 fn activation_that_cannot_be_written_ends_the_ladder() {
-    let mut bench = Bench::new();
+    let mut bench = RollbackBench::new();
     let id = bench.activate("align-improved");
     let database = bench.pipeline.record().version_table().store().layout().database();
     // Of the gate's activation and one that restores there can be one alone.
@@ -517,7 +517,7 @@ fn activation_that_cannot_be_written_ends_the_ladder() {
 
 #[test]
 fn silence_asks_then_restricts_then_rolls_back() {
-    let mut bench = Bench::new();
+    let mut bench = RollbackBench::new();
     let id = bench.activate("grasp-improved");
     bench.pipeline.live().world.cell.set_fault(Some(LiveFault::TelemetryLost));
     let mut decisions = Vec::new();
@@ -547,7 +547,7 @@ fn silence_asks_then_restricts_then_rolls_back() {
 
 #[test]
 fn lost_telemetry_of_an_idle_arm_rolls_the_version_back() {
-    let mut bench = Bench::new();
+    let mut bench = RollbackBench::new();
     bench.activate("align-improved");
     let pipeline = &mut bench.pipeline;
     pipeline.live().world.cell.set_fault(Some(LiveFault::TelemetryLost));
@@ -568,7 +568,7 @@ fn lost_telemetry_of_an_idle_arm_rolls_the_version_back() {
 /// An unsigned rollback ended the predecessor's restriction, and let its window count as passed.
 #[test]
 fn a_rollback_target_keeps_its_restriction_and_monitor() {
-    let mut bench = Bench::new();
+    let mut bench = RollbackBench::new();
     let before = bench.activate("align-improved");
     let operation =
         Operation { version: before.clone(), by: "ann".to_owned(), reason: "too fast here".to_owned() };

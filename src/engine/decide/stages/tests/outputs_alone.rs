@@ -15,7 +15,7 @@ use holdpoint_trials::seeds::{CALIBRATION_FROM_RUN, EpisodeSeeds};
 
 use crate::decide::stages::rollback::tests::{Bench, GOOD};
 use crate::decide::stages::shadow::{self, ShadowStep};
-use crate::live::fake_cell::{FakeFactory, stand_still};
+use crate::live::fake_cell::{StubFactory, stand_still};
 use crate::test_pipeline::pipeline_in;
 use crate::tests::compatible;
 use holdpoint_record::evidence_file::EvidenceFile;
@@ -23,7 +23,7 @@ use holdpoint_record::wall_clock::WallClock;
 
 /// A candidate that went through shadow in a fake cell.
 fn shadowed(profile: &Profile) -> (Bench, CapabilityId) {
-    let cell = Cell::new(Arc::new(FakeFactory::new())).unwrap();
+    let cell = Cell::new(Arc::new(StubFactory::new())).unwrap();
     let folder = tempfile::tempdir().unwrap();
     let seeds = EpisodeSeeds::OfRun(CALIBRATION_FROM_RUN);
     let wall = |_| WallClock::scripted(0, None);

@@ -7,11 +7,11 @@ use holdpoint_runtime::task::TaskRecord;
 use holdpoint_trials::seeds::EpisodeSeeds;
 
 use super::*;
-use crate::live::fake_cell::FakeFactory;
+use crate::live::fake_cell::StubFactory;
 use crate::test_pipeline::pipeline_in;
 
 /// What the rollback finds for a force of a grasp in these cells, with the state at the task's start, if one was kept.
-fn compared(factory: FakeFactory, start: Option<&CellCopy>) -> Result<Option<SharedEvent>, UncomparedReason> {
+fn compared(factory: StubFactory, start: Option<&CellCopy>) -> Result<Option<SharedEvent>, UncomparedReason> {
     let cell = Cell::new(Arc::new(factory)).unwrap();
     let folder = tempfile::tempdir().unwrap();
     let profile = Profile::builtin(ProfileName::Sim).unwrap();
@@ -37,25 +37,25 @@ fn compared(factory: FakeFactory, start: Option<&CellCopy>) -> Result<Option<Sha
 
 #[test]
 fn a_cell_without_export_gives_no_comparison() {
-    assert_eq!(compared(FakeFactory::new(), None), Err(UncomparedReason::NoExport));
+    assert_eq!(compared(StubFactory::new(), None), Err(UncomparedReason::NoExport));
     // An observed state is no start of a fork, either: the twin would differ from the task.
-    assert_eq!(compared(FakeFactory::observing(0.0), None), Err(UncomparedReason::NoExport));
-    assert_eq!(compared(FakeFactory::exporting(), None), Err(UncomparedReason::NoStart));
+    assert_eq!(compared(StubFactory::observing(0.0), None), Err(UncomparedReason::NoExport));
+    assert_eq!(compared(StubFactory::exporting(), None), Err(UncomparedReason::NoStart));
 }
 
 #[test]
 fn a_fork_compares_only_from_a_state_that_its_cell_takes() {
-    let cell = Cell::new(Arc::new(FakeFactory::exporting())).unwrap();
+    let cell = Cell::new(Arc::new(StubFactory::exporting())).unwrap();
     let copy = cell.live_cell().unwrap().copy().unwrap();
     // The arm of the fork never moves, so the target has no force.
-    assert_eq!(compared(FakeFactory::exporting(), Some(&copy)), Ok(None));
+    assert_eq!(compared(StubFactory::exporting(), Some(&copy)), Ok(None));
     let of_another = CellCopy::in_memory(0, ());
-    assert_eq!(compared(FakeFactory::exporting(), Some(&of_another)), Err(UncomparedReason::NoFork));
+    assert_eq!(compared(StubFactory::exporting(), Some(&of_another)), Err(UncomparedReason::NoFork));
 }
 
 #[test]
 fn an_event_without_a_comparison_takes_the_version_off_for_good() {
-    let mut bench = Bench::new();
+    let mut bench = RollbackBench::new();
     let id = bench.activate("align-improved");
     let cause = trigger(bench.pipeline.record(), TriggerKind::SafetyEvent, Notice::StageBegins);
     bench.pipeline.live().deactivate(&id, cause, None, DeactivationKind::RolledBack).unwrap();
@@ -64,7 +64,7 @@ fn an_event_without_a_comparison_takes_the_version_off_for_good() {
     assert_eq!(record.uncompared, Some(UncomparedReason::NoStart));
     assert_eq!(bench.pipeline.record().version_table().version(&id).unwrap().1.state, State::RolledBack);
     // Any other rollback makes no comparison, and records no reason.
-    let mut other = Bench::new();
+    let mut other = RollbackBench::new();
     let id = other.activate("align-improved");
     assert_eq!(other.by_operator(&id).uncompared, None);
 }

@@ -8,7 +8,7 @@ use holdpoint_runtime::recovery::ROLLBACK_HOOK_TICKS;
 use super::*;
 
 /// Gives a version the evidence of its rollback drills, of which it alone failed some.
-fn rehearse(bench: &mut Bench, id: &CapabilityId, failed_alone: u32) {
+fn rehearse(bench: &mut RollbackBench, id: &CapabilityId, failed_alone: u32) {
     let contrast = DrillContrast {
         kind: DrillKind::Rollback,
         paired: CLEAN_DRILLS,
@@ -50,7 +50,7 @@ fn hooks(record: &RollbackRecord) -> Vec<(Rung, Option<RungFailure>)> {
 
 #[test]
 fn a_rehearsed_rollback_hook_is_the_first_rung() {
-    let mut bench = Bench::new();
+    let mut bench = RollbackBench::new();
     let id = bench.activate("align-improved");
     rehearse(&mut bench, &id, 0);
     let record = bench.by_operator(&id);
@@ -62,7 +62,7 @@ fn a_rehearsed_rollback_hook_is_the_first_rung() {
 #[test]
 fn a_rollback_hook_that_failed_its_drills_is_not_called() {
     for failed_alone in [1, CLEAN_DRILLS] {
-        let mut bench = Bench::new();
+        let mut bench = RollbackBench::new();
         let id = bench.activate("align-improved");
         rehearse(&mut bench, &id, failed_alone);
         let record = bench.by_operator(&id);
@@ -81,7 +81,7 @@ fn a_rollback_hook_that_never_ends_is_given_up_for_the_safe_abort_hook() {
         let text = text.replace("rollback = \"handover\"", "rollback = \"none\"");
         std::fs::write(folder.path().join(path.file_name().unwrap()), text).unwrap();
     }
-    let mut bench = Bench::new();
+    let mut bench = RollbackBench::new();
     let id = bench.activate_package(capability::read(folder.path()).unwrap(), &[]);
     rehearse(&mut bench, &id, 0);
     let record = bench.by_operator(&id);
@@ -95,7 +95,7 @@ fn a_rollback_hook_that_never_ends_is_given_up_for_the_safe_abort_hook() {
 
 #[test]
 fn no_rollback_hook_after_a_safety_event() {
-    let mut bench = Bench::new();
+    let mut bench = RollbackBench::new();
     let id = bench.activate("align-low-transit");
     rehearse(&mut bench, &id, 0);
     for _ in 0..40 {
