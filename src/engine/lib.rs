@@ -45,6 +45,7 @@ use holdpoint_text::{ErrorDetails, ErrorReason, Hint, Problem};
 use holdpoint_trials::cache::EpisodeCache;
 use holdpoint_trials::cell::Cell;
 use holdpoint_trials::seeds::EpisodeSeeds;
+use holdpoint_wording::command_effect::{EngineEffect, engine_effect};
 
 const ANSWERS_KEPT: usize = 1024;
 
@@ -396,8 +397,7 @@ impl Engine {
                 self.pipeline.end();
                 self.persisted_clock.store(self.now_ms());
                 self.ended = true;
-                let text = "the engine ends; nothing was approved or activated by it".to_owned();
-                Reply::Accepted { text, version: None }
+                Reply::Accepted { text: engine_effect(&EngineEffect::Ends), version: None }
             }
             Command::Stop { by, reason } => {
                 let id = request.id.clone();

@@ -26,7 +26,7 @@ use crate::control_socket::{
     AccountRoles, ConsoleRegistry, ControlSocket, ControlSocketError, LiveViews, SceneServerSlot,
     SignalHandling,
 };
-use holdpoint_engine::decide::halt;
+use holdpoint_engine::decide::halt::{self, StopFollowUp};
 use holdpoint_engine::decide::pipeline::snapshot::alarm_view;
 use holdpoint_engine::decide::store_identity;
 use holdpoint_engine::live::scenery;
@@ -285,10 +285,7 @@ fn answer(
             let (id, by, reason) = (request.id.clone(), by.clone(), reason.clone());
             let stop = StopRequest { id, by, reason, caller: caller.clone() };
             controls.switch.halt(stop.clone());
-            let next = format!(
-                "it stays stopped; the engine records the stop as soon as it has read the record ({reading})"
-            );
-            Some(halt::stopped_meanwhile(&stop, marks, &next))
+            Some(halt::stopped_meanwhile(&stop, marks, StopFollowUp::AfterStart(preview.reading)))
         }
         Command::Shutdown => {
             *ended = true;

@@ -6,6 +6,7 @@
 pub mod alarm;
 pub mod approval;
 pub mod check;
+pub mod command_effect;
 mod counted_try;
 pub mod coverage;
 pub mod event;

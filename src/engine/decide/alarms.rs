@@ -106,7 +106,7 @@ impl EngineRecorder {
     pub(crate) fn alarm_command(
         &mut self,
         event: &AlarmEvent,
-        done: &str,
+        done: String,
         monitors: &Monitors,
         works: bool,
     ) -> Reply {
@@ -122,7 +122,7 @@ impl EngineRecorder {
                 Err(error) => return refused(&error),
             };
         match self.apply_changes(&changes, reason_of(event)) {
-            Ok(()) => Reply::Accepted { text: done.to_owned(), version: None },
+            Ok(()) => Reply::Accepted { text: done, version: None },
             Err(error) => Reply::refused(Refusal::Store, &error),
         }
     }

@@ -15,6 +15,7 @@ use holdpoint_record::REASON_BYTES_MAX;
 use holdpoint_record::clock_mismatch::{ClockMismatchRecord, read};
 use holdpoint_registry::{AuditFilter, StoreError, Views};
 use holdpoint_text::is_visible;
+use holdpoint_wording::command_effect::{EngineEffect, engine_effect};
 use serde::Deserialize;
 
 use crate::decide::recorder::EngineRecorder;
@@ -152,7 +153,8 @@ pub(crate) fn confirm(
         return Err(error);
     }
     record.alarm_event(&AlarmEvent::Clear { key: AlarmKey::ClockDoubted });
-    Ok(Reply::Accepted { text: format!("{by} confirmed the time, {machine_time}"), version: None })
+    let effect = EngineEffect::TimeConfirmed { by: &by, time: machine_time };
+    Ok(Reply::Accepted { text: engine_effect(&effect), version: None })
 }
 
 /// An undecided or unreviewed version of this person's.

@@ -1,12 +1,12 @@
 //! The goal of the agent of the live cell: set by a person, recorded, and restored after a restart.
 
-use holdpoint_body::TaskKind;
 use holdpoint_governance::record::RecordKind;
 use holdpoint_protocol::command::{Refusal, Reply};
 use holdpoint_protocol::event::EventKind;
 use holdpoint_registry::{AuditFilter, StoreError, Views};
 use holdpoint_runtime::agent::Goal;
 use holdpoint_text::{Untrusted, is_visible};
+use holdpoint_wording::command_effect::{EngineEffect, engine_effect};
 use serde::{Deserialize, Serialize};
 
 use crate::decide::recorder::EngineRecorder;
@@ -49,8 +49,7 @@ pub(crate) fn set(
     world.cell.set_goal(goal);
     let GoalRecord { goal: name, by, reason } = goal_record;
     record.tell(EventKind::GoalSet { goal: name, by, reason });
-    let tasks: Vec<&str> = goal.plan().into_iter().map(TaskKind::name).collect();
-    let text = format!("from the next sequence on the agent runs {}", tasks.join(", "));
+    let text = engine_effect(&EngineEffect::Goal(&goal.plan()));
     Ok(Reply::Accepted { text, version: None })
 }
 

@@ -16,6 +16,8 @@ use holdpoint_protocol::event::EventKind;
 use holdpoint_protocol::snapshot::{RepeatedStop, StoppedView};
 use holdpoint_registry::{AuditFilter, Layout, StopMarks, StoreError, Views};
 use holdpoint_text::{Hint, is_visible, signing_options};
+pub use holdpoint_wording::command_effect::StopFollowUp;
+use holdpoint_wording::command_effect::{EngineEffect, early_stop_effect, engine_effect, stop_effect};
 use serde::{Deserialize, Serialize};
 use std::time::{Duration, Instant};
 
@@ -49,27 +51,13 @@ pub(crate) fn stop(record: &mut EngineRecorder, world: &mut LiveWorld, request: 
     world.switch().halt(request);
     let written = record_stops(record, world);
     // The name that another account states is no text for this one.
-    let stopped = match &world.halted {
-        Some(halted) if user(&halted.caller) != user(&caller) => {
-            format!("the cell is stopped, first by {}", halted.caller)
-        }
-        Some(_) | None => "the cell is stopped".to_owned(),
-    };
-    let why = written.err().map_or_else(String::new, |error| format!(": {}", error.sentence()));
+    let first =
+        world.halted.as_ref().map(|halted| &halted.caller).filter(|first| user(first) != user(&caller));
+    let problem = written.err().map(|error| error.sentence());
     // An earlier turn of the engine may have tried.
-    let persistence = world.unwritten.stop_storage();
-    let sum = match world.account_stops.summed(&caller) {
-        0 => String::new(),
-        stops => format!("; {stops} stops of this account are on record as a sum"),
-    };
-    let text = match persistence {
-        StopPersistence::OnRecord => format!("{stopped}; it stays stopped until a person starts it{sum}"),
-        StopPersistence::InMark => {
-            format!("{stopped}; the engine could not record the stop and keeps it beside the record{why}")
-        }
-        StopPersistence::InMemory => format!("{stopped}; {KEPT_NOWHERE}{why}"),
-    };
-    Reply::Stopped { text, kept: persistence }
+    let kept = world.unwritten.stop_storage();
+    let text = stop_effect(first, kept, problem.as_deref(), world.account_stops.summed(&caller));
+    Reply::Stopped { text, kept }
 }
 
 /// Stops a cell that does not answer any more, or stopped by itself. A person looks and starts it again.
@@ -81,23 +69,23 @@ pub(crate) fn stop_lost(record: &mut EngineRecorder, world: &mut LiveWorld, reas
     let _ = stop(record, world, request);
 }
 
-/// The text for a stop that is in no file.
-pub const KEPT_NOWHERE: &str =
-    "the engine could store the stop neither on record nor beside it: a sudden end of the engine loses it";
-
 /// The answer to a stop that the engine does not record in time: it is stored beside the record meanwhile.
 #[must_use]
-pub fn stopped_meanwhile(request: &StopRequest, marks: &StopMarks, next: &str) -> Reply {
+pub fn stopped_meanwhile(request: &StopRequest, marks: &StopMarks, follow_up: StopFollowUp) -> Reply {
     match marks.keep(&StopRecord::of(request).text()) {
-        Ok(()) => Reply::Stopped {
-            text: format!("the cell is stopped; the stop is stored beside the record; {next}"),
-            kept: StopPersistence::InMark,
-        },
-        Err(error) => Reply::Stopped {
-            text: format!("the cell is stopped; {next}; until then {KEPT_NOWHERE}: {}", error.sentence()),
-            kept: StopPersistence::InMemory,
-        },
+        Ok(()) => {
+            let kept = StopPersistence::InMark;
+            Reply::Stopped { text: early_stop_effect(follow_up, kept, None), kept }
+        }
+        Err(error) => stopped_in_memory(follow_up, Some(&error.sentence())),
     }
+}
+
+/// The answer to a stop that is in no file.
+#[must_use]
+pub fn stopped_in_memory(follow_up: StopFollowUp, problem: Option<&str>) -> Reply {
+    let kept = StopPersistence::InMemory;
+    Reply::Stopped { text: early_stop_effect(follow_up, kept, problem), kept }
 }
 
 /// How long the engine waits before it tries to record a stop again.
@@ -365,7 +353,7 @@ pub(crate) fn go(
     world.halted = None;
     world.account_stops = AccountStops::default();
     record.tell(EventKind::CellReleased { by, caller, reason });
-    Ok(Reply::Accepted { text: "the cell runs again".to_owned(), version: None })
+    Ok(Reply::Accepted { text: engine_effect(&EngineEffect::CellStarted), version: None })
 }
 
 /// The most stops of one standstill that are read again; later ones are on record, but not named.

@@ -35,6 +35,7 @@ use holdpoint_record::version_table::TransitionNote;
 use holdpoint_registry::{ActiveCause, AuditBody, StoreError};
 use holdpoint_runtime::capability::Capability;
 use holdpoint_text::{Untrusted, is_visible, signing_options};
+use holdpoint_wording::command_effect::{EngineEffect, VersionEffect, engine_effect, version_effect};
 
 /// Stage 1: registers a candidate. It is not executable, and the agent does not see it.
 pub(crate) fn register(
@@ -77,7 +78,7 @@ pub(crate) fn register(
     times.retain(|at| now_ms.saturating_sub(*at) < registration_rate::SPAN_MS);
     times.push(now_ms);
     record.tell(event);
-    accepted(&id, "registered")
+    accepted(&id, &VersionEffect::Registered)
 }
 
 /// The refusal for a person who registered as many versions within a minute as the profile permits. Unsigned registrations are
@@ -155,7 +156,7 @@ pub(crate) fn transition(
     let event = event(version);
     let cause = matches!(event, LifecycleEvent::Rearm { .. }).then_some(ActiveCause::Rearm);
     record.transition(&id.family, event, TransitionNote { cause, ..note })?;
-    accepted(&id, holdpoint_wording::operator_act(act))
+    accepted(&id, &VersionEffect::Moved(act))
 }
 
 /// Pauses the promotion of a version until it is resumed; an active version continues to run.
@@ -176,10 +177,9 @@ pub(crate) fn pause(record: &mut EngineRecorder, operation: &Operation) -> Resul
     let reply =
         transition(record, operation, OperatorAct::Paused, |version| LifecycleEvent::Pause { version })?;
     Ok(match reply {
-        Reply::Accepted { version, .. } if works => Reply::Accepted {
-            text: format!("{id} keeps control provisionally; its promotion is paused"),
-            version,
-        },
+        Reply::Accepted { version, .. } if works => {
+            Reply::Accepted { text: version_effect(&id, &VersionEffect::PromotionPaused), version }
+        }
         other => other,
     })
 }
@@ -208,8 +208,7 @@ pub(crate) fn resume(
         by: operation.by.clone(),
         reason: operation.reason.clone(),
     });
-    let text = format!("{id} resumes where it was; the gate evaluates it again");
-    Ok(Reply::Accepted { text, version: Some(id) })
+    accepted(&id, &VersionEffect::Resumed)
 }
 
 /// Makes a confirmed version its family's anchor.
@@ -230,8 +229,7 @@ pub(crate) fn set_anchor(record: &mut EngineRecorder, operation: &Operation) -> 
     record.note(RecordKind::AnchorSet, id.to_string(), body)?;
     record.note_anchor(&id);
     record.tell(EventKind::AnchorSet { version: id.clone(), by, reason });
-    let text = format!("{id} is the anchor of {}: candidates are compared with it, too", id.family);
-    Ok(Reply::Accepted { text, version: Some(id) })
+    accepted(&id, &VersionEffect::Anchor)
 }
 
 /// A person reviews the tries of a version's family: their count begins again.
@@ -259,12 +257,8 @@ pub(crate) fn review_tries(
     let body = serde_json::json!({ "by": by, "reason": reason }).to_string();
     record.note(RecordKind::TriesReviewed, id.to_string(), body)?;
     record.note_review(family);
-    let text = format!(
-        "the tries of {family} are reviewed and counted from 1 again; a version that was demoted for them continues with \
-         `holdpoint version retry`"
-    );
     record.tell(EventKind::TriesReviewed { version: id.clone(), by, reason });
-    Ok(Reply::Accepted { text, version: Some(id) })
+    accepted(&id, &VersionEffect::TriesReviewed)
 }
 
 /// Whether a person wrote or registered this version, or one that was tried since the last review of its family.
@@ -417,7 +411,8 @@ pub(crate) fn roll_back(
         stopped: stopped.report,
     });
     live.deactivate(&id, trigger, trip.as_ref(), leave)?;
-    accepted(&id, if leave == DeactivationKind::Demoted { "demoted" } else { "rolled back" })
+    let is_demoted = leave == DeactivationKind::Demoted;
+    accepted(&id, if is_demoted { &VersionEffect::Demoted } else { &VersionEffect::RolledBack })
 }
 
 /// Starts or ends a drift.
@@ -441,9 +436,7 @@ pub(crate) fn drift(
     let body = serde_json::json!({ "kind": kind, "magnitude": much }).to_string();
     record.note(RecordKind::Drift, String::new(), body)?;
     record.tell(EventKind::Drift { kind, magnitude });
-    let text =
-        kind.map_or_else(|| "the drift has ended".to_owned(), |kind| format!("the drift {kind} has set in"));
-    Ok(Reply::Accepted { text, version: None })
+    Ok(Reply::Accepted { text: engine_effect(&EngineEffect::Drift(kind)), version: None })
 }
 
 /// Sets the pace of the live cell from the next sequence on.
@@ -470,7 +463,7 @@ pub(crate) fn set_pace(
     record.note(RecordKind::PaceSet, String::new(), serde_json::json!({ "times": times }).to_string())?;
     world.set_pace(times);
     record.tell(EventKind::Pace { times });
-    Ok(Reply::Accepted { text: "the live cell runs at the new pace".to_owned(), version: None })
+    Ok(Reply::Accepted { text: engine_effect(&EngineEffect::Pace), version: None })
 }
 
 /// Causes a fault in the live cell, or repairs it.
@@ -483,12 +476,10 @@ pub(crate) fn live_fault(
     let body = serde_json::json!({ "fault": fault }).to_string();
     record.note(RecordKind::LiveFault, String::new(), body)?;
     record.tell(EventKind::LiveFault { fault });
-    let text = fault
-        .map_or_else(|| "the fault is repaired".to_owned(), |fault| format!("the fault {fault} has set in"));
-    Ok(Reply::Accepted { text, version: None })
+    Ok(Reply::Accepted { text: engine_effect(&EngineEffect::Fault(fault)), version: None })
 }
 
 #[allow(clippy::unnecessary_wraps, reason = "its callers end with it")]
-pub(crate) fn accepted(id: &CapabilityId, done: &str) -> Result<Reply, EngineFault> {
-    Ok(Reply::Accepted { text: format!("{id} is {done}"), version: Some(id.clone()) })
+pub(crate) fn accepted(id: &CapabilityId, effect: &VersionEffect<'_>) -> Result<Reply, EngineFault> {
+    Ok(Reply::Accepted { text: version_effect(id, effect), version: Some(id.clone()) })
 }

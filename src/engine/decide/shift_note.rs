@@ -7,6 +7,7 @@ use holdpoint_record::REASON_BYTES_MAX;
 use holdpoint_record::shift_note::ShiftNoteRecord;
 use holdpoint_registry::StoreError;
 use holdpoint_text::is_visible;
+use holdpoint_wording::command_effect::{EngineEffect, engine_effect};
 
 use crate::decide::recorder::EngineRecorder;
 
@@ -25,5 +26,5 @@ pub(crate) fn take(record: &mut EngineRecorder, by: String, text: String) -> Res
     record.note(RecordKind::ShiftNote, String::new(), serde_json::json!(note).to_string())?;
     let ShiftNoteRecord { by, text } = note;
     record.tell(EventKind::ShiftNote { by, text });
-    Ok(Reply::Accepted { text: "the note is on record".to_owned(), version: None })
+    Ok(Reply::Accepted { text: engine_effect(&EngineEffect::NoteRecorded), version: None })
 }

@@ -24,10 +24,10 @@ use super::console_registry::ConsoleRegistry;
 use super::fd_reserve;
 use super::socket_file::{BoundSocket, SocketPlace};
 use super::{SceneServerSlot, SignalHandling, SocketMessage};
-use holdpoint_engine::decide::halt;
+use holdpoint_engine::decide::halt::{self, StopFollowUp};
 use holdpoint_engine::live::stop_switch::{StopRequest, StopSwitch};
 use holdpoint_protocol::account_role::AccountRole;
-use holdpoint_protocol::command::{Caller, Command, Refusal, Reply, StopPersistence};
+use holdpoint_protocol::command::{Caller, Command, Refusal, Reply};
 use holdpoint_protocol::wire::{
     self, ANSWER_BYTES_MAX, CALL_BYTES_MAX, ClientMessage, ID_BYTES_MAX, PROTOCOL, ServerMessage,
 };
@@ -49,9 +49,6 @@ const STOP_ANSWER_MAX: Duration = Duration::from_secs(1);
 
 /// How long it may take to store a stop beside the record.
 const STOP_KEPT_MAX: Duration = Duration::from_secs(1);
-
-/// The next step for a stop that the engine has not recorded yet.
-const NEXT: &str = "the engine puts it on record next";
 
 /// What helps with a request that has a field or a value that is not allowed.
 const SCHEMA_HINT: &str = "`holdpoint schema command` prints the fields and the values of every command";
@@ -314,7 +311,9 @@ impl ControlSocketServer {
             let text = format!("the id of a command has 1 to {ID_BYTES_MAX} bytes, not {}", request.id.len());
             return refused(Refusal::BadInput, &text);
         }
-        let Some(_place) = self.classes.request(&request.command) else { return self.late(stop, NEXT).await };
+        let Some(_place) = self.classes.request(&request.command) else {
+            return self.late(stop, StopFollowUp::Next).await;
+        };
         let (answer, reply) = oneshot::channel();
         let id = request.id.clone();
         // At once as well: the version loses control now, whatever the engine does.
@@ -332,7 +331,7 @@ impl ControlSocketServer {
             Ok(()) => {}
             Err(TrySendError::Full(_)) => {
                 self.switch.taken(&id);
-                return self.late(stop, NEXT).await;
+                return self.late(stop, StopFollowUp::Next).await;
             }
             Err(TrySendError::Disconnected(_)) => return self.ended(stop).await,
         }
@@ -344,14 +343,14 @@ impl ControlSocketServer {
                 Err(_) => self.ended(stop).await,
             },
             () = self.stop.cancelled() => self.ended(stop).await,
-            () = tokio::time::sleep(STOP_ANSWER_MAX), if stop.is_some() => self.late(stop, NEXT).await,
+            () = tokio::time::sleep(STOP_ANSWER_MAX), if stop.is_some() => self.late(stop, StopFollowUp::Next).await,
         }
     }
 
     /// The answer of an engine that ends; a stop is stored for the next engine.
     async fn ended(&self, stop: Option<StopRequest>) -> Reply {
         match stop {
-            Some(_) => self.late(stop, "this engine ends, and the next one puts it on record").await,
+            Some(_) => self.late(stop, StopFollowUp::NextEngine).await,
             None => {
                 let text = "the engine is ending".to_owned();
                 Reply::Refused { code: Refusal::NotNow, text, hint: None }
@@ -359,8 +358,8 @@ impl ControlSocketServer {
         }
     }
 
-    /// The answer where the engine does not answer in time. A stop is stored beside the record until `next`.
-    async fn late(&self, stop: Option<StopRequest>, next: &'static str) -> Reply {
+    /// The answer where the engine does not answer in time. A stop is stored beside the record until then.
+    async fn late(&self, stop: Option<StopRequest>, follow_up: StopFollowUp) -> Reply {
         let Some(request) = stop else {
             return Reply::Refused {
                 code: Refusal::NotNow,
@@ -371,12 +370,9 @@ impl ControlSocketServer {
         // While stops wait, the first of them is stored; it stops the next engine for all.
         let first = self.switch.first_stop();
         let marks = self.marks.clone();
-        let store = move || halt::stopped_meanwhile(first.as_ref().unwrap_or(&request), &marks, next);
+        let store = move || halt::stopped_meanwhile(first.as_ref().unwrap_or(&request), &marks, follow_up);
         let reply = timeout(STOP_KEPT_MAX, tokio::task::spawn_blocking(store)).await;
-        reply.ok().and_then(Result::ok).unwrap_or_else(|| Reply::Stopped {
-            text: format!("the cell is stopped; {next}; until then {}", halt::KEPT_NOWHERE),
-            kept: StopPersistence::InMemory,
-        })
+        reply.ok().and_then(Result::ok).unwrap_or_else(|| halt::stopped_in_memory(follow_up, None))
     }
 
     /// Sends events until the client disconnects or the socket closes. A slow client receives the number of lost events; one

@@ -3,7 +3,7 @@
 //! Owns the answer and its record. The monitor decides what raises a question and what an unanswered one causes. An
 //! answer lifts no restriction and confirms no version.
 
-use crate::decide::operations::checked;
+use crate::decide::operations::{accepted, checked};
 use crate::decide::recorder::EngineRecorder;
 use crate::fault::EngineFault;
 use crate::live::monitors::Monitors;
@@ -14,6 +14,7 @@ use holdpoint_protocol::command::{Operation, Refusal, Reply};
 use holdpoint_protocol::event::EventKind;
 use holdpoint_record::context::Context;
 use holdpoint_record::evidence_file::{EvidenceFile, EvidenceFiles};
+use holdpoint_wording::command_effect::VersionEffect;
 
 /// An operator answers a monitor's question: the version continues and its charts restart.
 pub(crate) fn answer_continue(
@@ -53,7 +54,7 @@ pub(crate) fn answer_continue(
         reason: operation.reason.clone(),
     });
     record.alarm_event(&AlarmEvent::Clear { key: AlarmKey::Escalated(id.clone()) });
-    Ok(Reply::Accepted { text: format!("{id} continues"), version: Some(id) })
+    accepted(&id, &VersionEffect::Continues)
 }
 
 #[cfg(test)]

@@ -5,6 +5,7 @@ use holdpoint_approvals::{Identity, PersonAct, PersonActKind, PersonDirectory, S
 use holdpoint_protocol::command::{Refusal, Reply};
 use holdpoint_registry::Change;
 use holdpoint_text::Hint;
+use holdpoint_wording::command_effect::{EngineEffect, engine_effect};
 
 use super::approvals::Approvals;
 use crate::decide::recorder::EngineRecorder;
@@ -26,7 +27,9 @@ pub(crate) fn carry_out(
         return Ok(Reply::refused(Refusal::NotAllowed, &error));
     }
     let act = signed.act().clone();
-    let accepted = |text: String| Ok(Reply::Accepted { text, version: None });
+    let accepted =
+        |effect: EngineEffect<'_>| Ok(Reply::Accepted { text: engine_effect(&effect), version: None });
+    let (name, by) = (act.name.as_str(), act.by.as_str());
     match act.act {
         PersonActKind::Enrol => {
             let strict = context.needs_approval() && !record.clock().is_scripted();
@@ -36,26 +39,21 @@ pub(crate) fn carry_out(
                 return Ok(refused);
             }
             record.write(vec![Change::EnrolPerson(Box::new(signed))], Vec::new())?;
-            accepted(format!("{} is enrolled as {} by {}", act.name, act.role, act.by))
+            accepted(EngineEffect::Enrolled { name, role: act.role.name(), by })
         }
         PersonActKind::Confirm => {
             if let Some(refused) = unprotected(context, record, &act) {
                 return Ok(refused);
             }
             record.write(vec![Change::ConfirmPerson(Box::new(signed))], Vec::new())?;
-            accepted(format!("{} is confirmed by {}", act.name, act.by))
+            accepted(EngineEffect::PersonConfirmed { name, by })
         }
         // Any key may sign a revocation, so that revoking is never harder than enrolling.
         PersonActKind::Revoke => {
             let key = act.key.clone();
             record.write(vec![Change::RevokePerson(Box::new(signed))], Vec::new())?;
-            let put_aside = approvals.discard_answers(context, record, &key);
-            let answers = if put_aside == 0 {
-                String::new()
-            } else {
-                format!("; answers to open questions that count no more: {put_aside}")
-            };
-            accepted(format!("{} is revoked by {}{answers}", act.name, act.by))
+            let discarded = approvals.discard_answers(context, record, &key);
+            accepted(EngineEffect::Revoked { name, by, discarded })
         }
     }
 }

@@ -33,6 +33,7 @@ use holdpoint_record::evidence_file::EvidenceFiles;
 use holdpoint_record::version_origin;
 use holdpoint_record::version_table::VersionTable;
 use holdpoint_text::{Hint as _, Problem, Untrusted, signing_options};
+use holdpoint_wording::command_effect::{AlarmAct, EngineEffect, VersionEffect, engine_effect};
 
 fn refuse_held(why: &Problem) -> Reply {
     let start_again = "end the engine, look at `holdpoint audit verify`, and start it again";
@@ -58,9 +59,12 @@ impl Pipeline {
         &mut self,
         alarm: String,
         event: impl FnOnce(AlarmKey) -> AlarmEvent,
-        done: &str,
+        act: AlarmAct,
     ) -> Reply {
-        let Ok(key) = alarm.parse() else { return alarms::refused(&AlarmError::Unknown(alarm.into())) };
+        let Ok(key) = alarm.parse::<AlarmKey>() else {
+            return alarms::refused(&AlarmError::Unknown(alarm.into()));
+        };
+        let done = engine_effect(&EngineEffect::Alarm(&key, act));
         self.record.alarm_command(&event(key), done, &self.monitors, self.world.works())
     }
 
@@ -215,7 +219,7 @@ impl Pipeline {
                 let reason = Reason::new(Dimension::Monitor, Finding::OperatorRestricted { by, reason });
                 monitoring::restrict_on_demand(context, record, monitors, &id, &[reason])?;
                 self.live().stepped_in(&id)?;
-                accepted(&id, "restricted")
+                accepted(&id, &VersionEffect::Restricted)
             }
             Command::Rearm(operation) => {
                 self.bound_agent().check()?;
@@ -248,23 +252,23 @@ impl Pipeline {
             Command::Drift { kind, magnitude } => operations::drift(record, world, kind, magnitude),
             Command::LiveFault { fault } => operations::live_fault(record, world, fault),
             Command::AcknowledgeAlarm { alarm, by } => {
-                let done = format!("{alarm} is acknowledged");
-                Ok(self.alarm_command(alarm, |key| AlarmEvent::Acknowledge { key, by }, &done))
+                let event = |key| AlarmEvent::Acknowledge { key, by };
+                Ok(self.alarm_command(alarm, event, AlarmAct::Acknowledge))
             }
             Command::ResetAlarm { alarm, by, reason } => {
-                let done = format!("{alarm} is reset");
                 let reason = Untrusted::new(reason);
-                Ok(self.alarm_command(alarm, |key| AlarmEvent::Reset { key, by, reason }, &done))
+                let event = |key| AlarmEvent::Reset { key, by, reason };
+                Ok(self.alarm_command(alarm, event, AlarmAct::Reset))
             }
             Command::ShelveAlarm { alarm, by, for_ms, reason } => {
                 let until = self.record.wall_now().plus_ms(for_ms);
-                let done = format!("{alarm} is shelved");
                 let reason = Untrusted::new(reason);
-                Ok(self.alarm_command(alarm, |key| AlarmEvent::Shelve { key, by, until, reason }, &done))
+                let event = |key| AlarmEvent::Shelve { key, by, until, reason };
+                Ok(self.alarm_command(alarm, event, AlarmAct::Shelve))
             }
             Command::UnshelveAlarm { alarm, by } => {
-                let done = format!("{alarm} is taken from its shelf");
-                Ok(self.alarm_command(alarm, |key| AlarmEvent::Unshelve { key, by }, &done))
+                let event = |key| AlarmEvent::Unshelve { key, by };
+                Ok(self.alarm_command(alarm, event, AlarmAct::Unshelve))
             }
             Command::Continue(operation) => {
                 monitor_questions::answer_continue(context, record, evidence_files, monitors, &operation)
@@ -353,7 +357,7 @@ impl Pipeline {
             return refuse(text, "`holdpoint version reactivate` makes a version active again");
         }
         self.begin(id, stage)?;
-        accepted(id, &format!("in {stage}"))
+        accepted(id, &VersionEffect::InStage(stage))
     }
 
     /// A signed decision, by what was asked.

@@ -14,6 +14,7 @@ use holdpoint_protocol::event::EventKind;
 use holdpoint_protocol::snapshot::RequestKind;
 use holdpoint_registry::store_terms::{EvidenceKind, RequestState};
 use holdpoint_registry::{ActiveCause, AuditBody, Change};
+use holdpoint_wording::command_effect::{VersionEffect, version_effect};
 
 use super::closing::{
     abort_stage, cancel_request, close_rejected, first_reason, report_decision, stage_note,
@@ -111,17 +112,13 @@ impl Activation<'_> {
         match &result.outcome {
             ApprovalOutcome::Pending { missing } => {
                 // The reply also names the reason why an answer does not count.
-                let last = result.reasons.last().map_or_else(String::new, holdpoint_wording::reason);
-                Ok(format!("{id} waits for {missing} more; {last}"))
+                let (missing, last) = (*missing, result.reasons.last());
+                Ok(version_effect(id, &VersionEffect::AwaitsApproval { missing, last }))
             }
             ApprovalOutcome::Granted { .. } | ApprovalOutcome::NotNeeded if self.sequence_runs => {
                 self.approvals.grant_later(id);
-                let when = if self.cell_stands {
-                    "at once when the cell starts again (`go`)"
-                } else {
-                    "when the sequence that runs is over"
-                };
-                Ok(format!("{id} is approved and takes over {when}"))
+                let is_cell_stopped = self.cell_stands;
+                Ok(version_effect(id, &VersionEffect::ApprovedForLater { is_cell_stopped }))
             }
             ApprovalOutcome::Granted { .. } | ApprovalOutcome::NotNeeded => {
                 let Some(prompt) = self.approvals.of(id) else { return Ok(reply()) };
@@ -131,8 +128,9 @@ impl Activation<'_> {
                     Err(EngineFault::VersionTable(VersionTableError::Refused(refusal))) => {
                         // An answer that came too late puts no version on hold.
                         let problem = refusal.to_string();
+                        let text = version_effect(id, &VersionEffect::NotApproved { problem: &problem });
                         self.void(id, Notice::RequestRefused { version: id.clone(), problem })?;
-                        return Ok(format!("{id} is not approved ({refusal}); people are asked again"));
+                        return Ok(text);
                     }
                     moved => moved.map(|_| ())?,
                 }
@@ -144,7 +142,7 @@ impl Activation<'_> {
                 }
                 let gate = gate(self.context, self.record, self.evidence_files, id, Some(result))?;
                 self.conclude(id, gate, prompt.into_counted(result, self.record.wall_now()))?;
-                Ok(format!("{id} is approved"))
+                Ok(version_effect(id, &VersionEffect::Approved))
             }
             ApprovalOutcome::Refused { person } => {
                 let Some(prompt) = self.approvals.of(id) else { return Ok(reply()) };
@@ -154,7 +152,7 @@ impl Activation<'_> {
                 self.evidence_files.edit(id).reasons.clone_from(&result.reasons);
                 clear_alarm(self.record, id, Some(person.clone()));
                 close_rejected(self.record, id)?;
-                Ok(format!("{id} is rejected: {person} refused"))
+                Ok(version_effect(id, &VersionEffect::RejectedBy(person)))
             }
             ApprovalOutcome::TimedOut => {
                 let Some(prompt) = self.approvals.of(id) else { return Ok(reply()) };
@@ -168,7 +166,7 @@ impl Activation<'_> {
                 if self.record.version_table().version(id)?.1.flags.running.is_some() {
                     abort_stage(self.record, self.evidence_files, id, Notice::ApprovalLapsed)?;
                 }
-                Ok(format!("{id} is held: too few people answered in time"))
+                Ok(version_effect(id, &VersionEffect::ApprovalExpired))
             }
         }
     }

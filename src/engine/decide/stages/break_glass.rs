@@ -17,12 +17,14 @@ use holdpoint_protocol::command::{Refusal, Reply};
 use holdpoint_protocol::event::EventKind;
 use holdpoint_registry::store_terms::RequestState;
 use holdpoint_registry::{AuditBody, Change};
+use holdpoint_wording::command_effect::{VersionEffect, version_effect};
 
 use super::activation::{Activation, Admission, activate, gate};
 use super::closing::{first_reason, report_decision};
 use super::monitoring::{LiveMonitoring, maybe_confirm};
 use super::rollback::trigger;
 use crate::decide::halt;
+use crate::decide::operations::accepted;
 use crate::decide::people::approvals::{Approvals, clear_alarm, closing_note};
 use crate::decide::people::break_glass_approvals;
 use crate::fault::EngineFault;
@@ -107,10 +109,7 @@ impl Activation<'_> {
         // Like an engine's own fault it has one priority in every profile.
         let notice = Notice::Unreviewed { version: id.clone(), by: approval.who };
         self.record.raise(AlarmKey::Unreviewed(id.clone()), Priority::High, false, notice);
-        Ok(Reply::Accepted {
-            text: format!("{id} is active by break-glass; two people review it by {until}"),
-            version: Some(id),
-        })
+        accepted(&id, &VersionEffect::ActiveByBreakGlass { until })
     }
 }
 
@@ -162,8 +161,8 @@ pub(crate) fn settle_review(
         ApprovalOutcome::Refused { person } => (false, vec![person.clone()]),
         // A review that is late is still a review.
         ApprovalOutcome::Pending { .. } | ApprovalOutcome::TimedOut | ApprovalOutcome::NotNeeded => {
-            let last = result.reasons.last().map_or_else(String::new, holdpoint_wording::reason);
-            return Ok(format!("the review of {id} waits for more people; {last}"));
+            let last = result.reasons.last();
+            return Ok(version_effect(id, &VersionEffect::AwaitsReview { last }));
         }
     };
     let (version, lifecycle, _) = live.record.version_table().version(id)?;
@@ -188,9 +187,8 @@ pub(crate) fn settle_review(
     if upheld {
         open_profile(live, id)?;
         maybe_confirm(live.record, live.evidence_files, live.monitors, id)?;
-        return Ok(format!("the emergency activation of {id} is upheld"));
     }
-    Ok(format!("the emergency activation of {id} is not upheld"))
+    Ok(version_effect(id, &VersionEffect::Reviewed { upheld }))
 }
 
 /// Upholding an activation past a block also unblocks the version under the profile.

@@ -15,8 +15,9 @@ use holdpoint_protocol::command::{Operation, Refusal, Reply};
 use holdpoint_protocol::event::EventKind;
 use holdpoint_registry::AuditBody;
 use holdpoint_registry::store_terms::RequestState;
+use holdpoint_wording::command_effect::{VersionEffect, version_effect};
 
-use crate::decide::operations::checked;
+use crate::decide::operations::{accepted, checked};
 use crate::decide::people::approvals::{Approvals, clear_alarm, closing_note};
 use crate::decide::recorder::EngineRecorder;
 use crate::decide::stages::monitoring::LiveMonitoring;
@@ -45,7 +46,7 @@ pub(crate) fn release(
         let Operation { by, reason, .. } = operation;
         let notice = Notice::RestrictionLifted { by: by.clone(), reason: reason.clone() };
         lift(live, &id, by, reason, notice)?;
-        return Ok(Reply::Accepted { text: format!("{id} has its full envelope again"), version: Some(id) });
+        return accepted(&id, &VersionEffect::Released);
     }
     if approvals.of(&id).is_some() {
         return Ok(Reply::Refused {
@@ -55,10 +56,7 @@ pub(crate) fn release(
         });
     }
     approvals.request_release(live.context, live.record, live.evidence_files, operation)?;
-    Ok(Reply::Accepted {
-        text: format!("people are asked to lift the restriction of {id}"),
-        version: Some(id),
-    })
+    accepted(&id, &VersionEffect::ReleaseAsked)
 }
 
 /// Acts on the answers to such a request so far. Returns a sentence for the approver.
@@ -68,13 +66,15 @@ pub(crate) fn settle(
     id: &CapabilityId,
     result: &ApprovalResult,
 ) -> Result<String, EngineFault> {
-    let last = result.reasons.last().map_or_else(String::new, holdpoint_wording::reason);
+    let last = result.reasons.last();
     match &result.outcome {
         ApprovalOutcome::Pending { missing } => {
-            Ok(format!("the release of {id} waits for {missing} more; {last}"))
+            Ok(version_effect(id, &VersionEffect::AwaitsRelease { missing: *missing, last }))
         }
         ApprovalOutcome::Granted { people, .. } => {
-            let Some(prompt) = approvals.of(id) else { return Ok(last) };
+            let Some(prompt) = approvals.of(id) else {
+                return Ok(last.map_or_else(String::new, holdpoint_wording::reason));
+            };
             let by = people.iter().cloned().collect::<Vec<_>>().join(", ");
             let (version, _, _) = live.record.version_table().version(id)?;
             let note = closing_note(prompt, RequestState::Granted, Notice::ReleaseApproved);
@@ -85,15 +85,15 @@ pub(crate) fn settle(
             clear_alarm(live.record, id, answered);
             let notice = Notice::RestrictionLiftedByApprovers { by: by.clone() };
             lift(live, id, &by, "people approved its release", notice)?;
-            Ok(format!("{id} has its full envelope again"))
+            Ok(version_effect(id, &VersionEffect::Released))
         }
         ApprovalOutcome::Refused { person } => {
             close(live.record, approvals, id, RequestState::Refused, Notice::ReleaseRefused)?;
-            Ok(format!("{id} stays restricted: {person} refused"))
+            Ok(version_effect(id, &VersionEffect::ReleaseRefusedBy(person)))
         }
         ApprovalOutcome::TimedOut | ApprovalOutcome::NotNeeded => {
             lapse(live.record, approvals, id)?;
-            Ok(format!("{id} stays restricted: too few people answered in time"))
+            Ok(version_effect(id, &VersionEffect::ReleaseExpired))
         }
     }
 }
@@ -241,7 +241,5 @@ pub(crate) fn set_profiles(
         by: operation.by.clone(),
         reason: operation.reason.clone(),
     });
-    let named: Vec<&str> = blocked_under.iter().map(|profile| profile.name()).collect();
-    let named = if named.is_empty() { "none".to_owned() } else { named.join(", ") };
-    Ok(Reply::Accepted { text: format!("profiles that block {id}: {named}"), version: Some(id) })
+    accepted(&id, &VersionEffect::BlockedUnder(&blocked_under))
 }
