@@ -241,34 +241,6 @@ impl HarmPast {
 pub const DISTANCE_MAX: f64 = 1.0;
 
 impl HarmKind {
-    /// Its name in running text.
-    #[must_use]
-    pub const fn label(self) -> &'static str {
-        match self {
-            Self::GripPeak => "peak grip force on the object",
-            Self::GripHeld => "sustained grip force on the object",
-            Self::ContactPeak => "peak force on the surroundings",
-            Self::ContactHeld => "sustained force on the surroundings",
-            Self::ContactTime => "time in contact with the surroundings",
-            Self::TouchSpeed => "speed at a touch",
-            Self::LandingSpeed => "speed of the object at landing",
-            Self::DropHeight => "fall of the object",
-            Self::Slip => "motion of the object in the hand",
-            Self::ZoneClearance => "distance to a keep-out zone",
-            Self::ArmClearance => "clearance of the arm",
-            Self::WorkspaceMargin => "distance to the edge of the workspace",
-            Self::JointMargin => "distance to a joint's limit",
-            Self::NearTime => "time near a limit",
-            Self::Jerk => "peak jerk of the tool",
-            Self::Energy => "energy of the motors",
-            Self::ClampedShare => "share of commands the guard reduced",
-            Self::ClampDepth => "excess of a command over what the guard let through",
-            Self::ExcessShare => "share of commands beyond the declaration",
-            Self::ExcessDepth => "excess of a command over the declaration",
-            Self::DeniedShare => "share of commands the guard refused",
-        }
-    }
-
     /// Its unit; empty for a share or a ratio.
     #[must_use]
     pub const fn unit(self) -> &'static str {

@@ -46,31 +46,6 @@ crate::closed_set! {
 }
 
 impl PolicyHit {
-    /// What happened, a few words.
-    #[must_use]
-    pub const fn label(self) -> &'static str {
-        match self {
-            Self::ModeUncovered => "no policy covers what it does",
-            Self::ModeForbidden => "a policy forbids what it does",
-            Self::ModeUnreviewed => "what it does was not reviewed",
-            Self::NotFinite => "it asks for a non-finite value",
-            Self::OutsideWorkspace => "it aims outside the workspace",
-            Self::KeepOut => "it aims into the keep-out zone",
-            Self::KeepOutEntered => "the tool is in the keep-out zone",
-            Self::PredictedCollision => "its way would strike table or arm",
-            Self::SpeedClamped => "it asks for more speed, and is given less",
-            Self::ForceClamped => "it asks for more force, and is given less",
-            Self::SpeedMeasured => "the tool is faster than allowed",
-            Self::ForceMeasured => "a force is larger than allowed",
-            Self::RetriesExceeded => "it tries more often than allowed",
-            Self::CommandUndeclared => "it asks for what its manifest does not declare",
-            Self::ZoneUndeclared => "it enters a zone that its manifest does not declare",
-            Self::BudgetExceeded => "it uses more ticks, commands or time than it declares",
-            Self::UnsafeContinuation => "the arm moves on after it was to stop",
-            Self::PermissionWithdrawn => "its permission is withdrawn for a while",
-        }
-    }
-
     /// Whether the hit makes the episode a violation. A clamp, or a denial without the version's fault, is a warning.
     #[must_use]
     pub const fn is_violation(self) -> bool {

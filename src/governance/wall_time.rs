@@ -203,22 +203,6 @@ pub enum ClockMismatch {
     },
 }
 
-impl fmt::Display for ClockMismatch {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        #[allow(clippy::cast_precision_loss, reason = "shown in tenths of a second")]
-        let secs = |ms: u64| ms as f64 / 1_000.0;
-        match self {
-            Self::Jumped { by_ms } => {
-                let direction = if *by_ms < 0 { "back" } else { "forward" };
-                write!(f, "the machine's clock was set {direction} by {:.1} s", secs(by_ms.unsigned_abs()))
-            }
-            Self::Behind { by_ms } => {
-                write!(f, "the machine's clock is {:.1} s behind the newest record", secs(*by_ms))
-            }
-        }
-    }
-}
-
 /// Returns a mismatch if the machine's clock is behind the newest record, or jumped by more than `jump_max_s`, s. A jump is
 /// the divergence from the time since boot after the last trusted reading.
 #[must_use]

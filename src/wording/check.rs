@@ -14,6 +14,7 @@ use holdpoint_protocol::film::{CodeFaultCount, FilmSubject, SelectionReason};
 
 use crate::explanation::reason_content;
 use crate::film::{code_fault_count, selection_reason};
+use crate::harm::harm_measure;
 use crate::{hard_stop, harm_comparison, harm_decider, sequence_measure};
 
 /// What decided a check, one sentence; how confined code failed stands first.
@@ -119,7 +120,7 @@ pub fn check_finding(of: &CheckFinding) -> String {
         CheckFinding::Component(component) => component_finding(component),
         CheckFinding::Harm(harm) => {
             let deciding = harm_decider(harm).map_or_else(String::new, |deciding| format!("; {deciding}"));
-            format!("{} {}{deciding}", harm.kind.label(), harm_comparison(harm))
+            format!("{} {}{deciding}", harm_measure(harm.kind), harm_comparison(harm))
         }
         CheckFinding::Sequences { comparison, bound } => format!(
             "whole sequences: {} {} with it, {} with the active version; at most {} more is tolerated{}",

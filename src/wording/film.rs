@@ -10,6 +10,8 @@ use holdpoint_protocol::film::{
     OutcomePart, ReplayDifference, SelectionFailure, SelectionReason,
 };
 
+use crate::harm::harm_measure;
+use crate::policy_hit::policy_hit;
 use crate::{failure_cause, hard_stop};
 
 /// The next step after a refusal.
@@ -69,7 +71,7 @@ pub fn selection_reason(of: SelectionReason) -> String {
             format!("it is broken off, the active version's is not; on record: {cause}")
         }
         R::Harm { kind, candidate, active } => {
-            format!("{} {}, of {other} {}", kind.label(), kind.format(candidate), kind.format(active))
+            format!("{} {}, of {other} {}", harm_measure(kind), kind.format(candidate), kind.format(active))
         }
         R::LimitExceeded => format!("it passes a limit, {other} does not"),
         R::RecoveryTookOver => format!("the recovery manager has to take over, not from {other}"),
@@ -125,7 +127,7 @@ fn outcome_part(of: &OutcomePart) -> String {
         P::CodeFault(fault) => fault_text(*fault).to_owned(),
         P::Violation { hits } if hits.is_empty() => "passes a limit".to_owned(),
         P::Violation { hits } => {
-            let labels: Vec<&str> = hits.iter().map(|hit| hit.label()).collect();
+            let labels: Vec<&str> = hits.iter().map(|hit| policy_hit(*hit)).collect();
             format!("passes a limit: {}", labels.join(" and "))
         }
         P::Exceeded(limit) => exceeded_limit(*limit),
@@ -158,10 +160,15 @@ fn exceeded_limit(of: ExceededLimit) -> String {
         ExceededValue::Grip { most_n } => format!("grip {most_n:.1} N, {over} what its guard allows"),
         ExceededValue::Speed { most_m_s } => format!("speed {most_m_s:.1} m/s, {over} what its guard allows"),
         ExceededValue::Harm { kind, value, limit } if kind.is_worse_when_lower() => {
-            format!("{} {}, at least {} is wanted", kind.label(), kind.format(value), kind.format(limit))
+            format!(
+                "{} {}, at least {} is wanted",
+                harm_measure(kind),
+                kind.format(value),
+                kind.format(limit)
+            )
         }
         ExceededValue::Harm { kind, value, .. } => {
-            format!("{} {}, {over} the limit", kind.label(), kind.format(value))
+            format!("{} {}, {over} the limit", harm_measure(kind), kind.format(value))
         }
     }
 }
@@ -170,7 +177,7 @@ fn exceeded_limit(of: ExceededLimit) -> String {
 #[must_use]
 pub fn marked_event(of: &MarkedEvent) -> String {
     match of {
-        MarkedEvent::Guard(hit) => hit.label().to_owned(),
+        MarkedEvent::Guard(hit) => policy_hit(*hit).to_owned(),
         MarkedEvent::Watcher(signal) => watcher_signal(*signal).to_owned(),
         MarkedEvent::Declared(signal) => format!("it says that it failed: {}", failure_signal(*signal)),
         MarkedEvent::StoppedByHook => "its abort hook stops the arm".to_owned(),

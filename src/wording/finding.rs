@@ -1,6 +1,7 @@
 //! A finding of a rule in words.
 
-use crate::harm::{self, percent};
+use crate::clock::clock_mismatch;
+use crate::harm::{self, harm_measure, percent};
 use crate::twin;
 use holdpoint_body::CodeFault;
 use holdpoint_governance::behavior::SequenceMeasure;
@@ -304,7 +305,7 @@ pub fn finding(found: &Finding) -> String {
         F::ReviewOpen => "a review after break-glass is open".into(),
         F::ProfileUnauthorized => "no administrator authorized the profile as this program has it".into(),
         F::Frozen { until, reason } => format!("change is frozen until {until}: {reason}"),
-        F::ClockMismatched { mismatch } => format!("{mismatch}; a person has to confirm the time"),
+        F::ClockMismatched { mismatch } => format!("{}; a person has to confirm the time", clock_mismatch(mismatch)),
         F::NotASimulation { profile } => {
             format!("it is for simulation alone, and the profile is {:?}", profile.name())
         }
@@ -339,13 +340,13 @@ pub fn finding(found: &Finding) -> String {
         F::RateWorse { rate } => format!("the {} rate is significantly worse", rate.name()),
         F::DangerLive { measure, value, limit } => format!(
             "{}: {}; past {} it is a danger to people",
-            measure.label(),
+            harm_measure(*measure),
             measure.format(*value),
             measure.format(*limit)
         ),
         F::HarmRoseLive { measure, past, any, tasks, normal } => format!(
             "harm past a limit in {any} of {tasks} live tasks ({}: {past}); up to {} is normal",
-            measure.label(),
+            harm_measure(*measure),
             percent(*normal)
         ),
         F::RateDrifts { rate } => format!("the {} rate drifts", rate.name()),
@@ -448,7 +449,7 @@ const fn shift_signal(signal: ShiftSignal) -> &'static str {
         ShiftSignal::Anomaly => "anomalies",
         ShiftSignal::Warning => "commands that the guard clamps or denies",
         ShiftSignal::Retry => "new attempts",
-        ShiftSignal::Harm(kind) => kind.label(),
+        ShiftSignal::Harm(kind) => harm_measure(kind),
     }
 }
 
@@ -481,13 +482,13 @@ const fn vote_flaw(flaw: VoteFlaw) -> &'static str {
 }
 
 fn harm_mean(measure: HarmKind, verb: &str, means: [f64; 3]) -> String {
-    format!("{} {verb}: {}", measure.label(), harm::means(measure, means))
+    format!("{} {verb}: {}", harm_measure(measure), harm::means(measure, means))
 }
 
 fn harm_limit(measure: HarmKind, verb: &str, limit: f64, [candidate, active, tolerance]: [f64; 3]) -> String {
     format!(
         "{} {verb}: past {} in {} of episodes against {}, at most {} more is allowed",
-        measure.label(),
+        harm_measure(measure),
         measure.format(limit),
         percent(candidate),
         percent(active),
@@ -545,7 +546,7 @@ fn sequence(
         ),
         SequenceMeasure::Harm(kind) => format!(
             "{} of the later skills {} against {}; at most {} worse is allowed",
-            kind.label(),
+            harm_measure(kind),
             kind.format(candidate),
             kind.format(active),
             kind.format(tolerance)

@@ -11,13 +11,40 @@ pub(crate) const fn more(measure: HarmKind) -> &'static str {
     if measure.is_worse_when_lower() { "less" } else { "more" }
 }
 
+/// The name of a measure of harm in running text.
+pub(crate) const fn harm_measure(of: HarmKind) -> &'static str {
+    match of {
+        HarmKind::GripPeak => "peak grip force on the object",
+        HarmKind::GripHeld => "sustained grip force on the object",
+        HarmKind::ContactPeak => "peak force on the surroundings",
+        HarmKind::ContactHeld => "sustained force on the surroundings",
+        HarmKind::ContactTime => "time in contact with the surroundings",
+        HarmKind::TouchSpeed => "speed at a touch",
+        HarmKind::LandingSpeed => "speed of the object at landing",
+        HarmKind::DropHeight => "fall of the object",
+        HarmKind::Slip => "motion of the object in the hand",
+        HarmKind::ZoneClearance => "distance to a keep-out zone",
+        HarmKind::ArmClearance => "clearance of the arm",
+        HarmKind::WorkspaceMargin => "distance to the edge of the workspace",
+        HarmKind::JointMargin => "distance to a joint's limit",
+        HarmKind::NearTime => "time near a limit",
+        HarmKind::Jerk => "peak jerk of the tool",
+        HarmKind::Energy => "energy of the motors",
+        HarmKind::ClampedShare => "share of commands the guard reduced",
+        HarmKind::ClampDepth => "excess of a command over what the guard let through",
+        HarmKind::ExcessShare => "share of commands beyond the declaration",
+        HarmKind::ExcessDepth => "excess of a command over the declaration",
+        HarmKind::DeniedShare => "share of commands the guard refused",
+    }
+}
+
 /// A measure past its limit: on which side, and of which kind the limit is. A limit of harm is no limit of the envelope.
 pub(crate) fn harm_past(past: &HarmPast) -> String {
     let HarmPast { measure, value, limit, .. } = past;
     let side = if measure.is_worse_when_lower() { "below" } else { "above" };
     format!(
         "{} {}, {side} its harm limit {}",
-        measure.label(),
+        harm_measure(*measure),
         measure.format(*value),
         measure.format(*limit)
     )
@@ -73,8 +100,8 @@ pub fn sequence_measure(measure: SequenceMeasure) -> String {
         SequenceMeasure::PastLimit => "past a limit of harm after it".to_owned(),
         SequenceMeasure::Time => "time after it, s".to_owned(),
         SequenceMeasure::Harm(kind) => match kind.unit() {
-            "" => format!("{} after it", kind.label()),
-            unit => format!("{} after it, {unit}", kind.label()),
+            "" => format!("{} after it", harm_measure(kind)),
+            unit => format!("{} after it, {unit}", harm_measure(kind)),
         },
     }
 }

@@ -6,6 +6,7 @@
 pub mod alarm;
 pub mod approval;
 pub mod check;
+mod clock;
 pub mod command_effect;
 mod counted_try;
 pub mod coverage;
@@ -20,6 +21,7 @@ pub mod live;
 pub mod lookup;
 mod notice;
 mod past_limit;
+mod policy_hit;
 mod reason;
 pub mod request;
 pub mod seeds;
@@ -28,6 +30,7 @@ mod task_failure;
 mod twin;
 mod version_status;
 
+pub use clock::clock_mismatch;
 pub use counted_try::counted_try;
 pub use finding::{finding, hard_stop};
 pub use harm::{harm_comparison, harm_decider, sequence_measure};

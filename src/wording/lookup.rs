@@ -4,6 +4,7 @@ use holdpoint_governance::explanation::{
     LookupRefusal, MeasuredQuantity, ShadowDifference, ShadowEvent, VerifiedChain,
 };
 
+use crate::harm::harm_measure;
 use crate::sequence_measure;
 
 /// The name of a row of measured values.
@@ -12,8 +13,8 @@ pub fn measured_quantity(of: &MeasuredQuantity) -> String {
     match of {
         MeasuredQuantity::Component(name) => name.name().to_owned(),
         MeasuredQuantity::Harm(kind) => match kind.unit() {
-            "" => kind.label().to_owned(),
-            unit => format!("{}, {unit}", kind.label()),
+            "" => harm_measure(*kind).to_owned(),
+            unit => format!("{}, {unit}", harm_measure(*kind)),
         },
         MeasuredQuantity::Sequences(measure) => format!("sequences: {}", sequence_measure(*measure)),
         MeasuredQuantity::Metric(name) => name.clone(),

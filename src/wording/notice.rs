@@ -15,7 +15,9 @@ use holdpoint_governance::sensor_health::SensorSignal;
 use holdpoint_governance::startup_stop::StartStoppedReason;
 use holdpoint_governance::wall_time::WallTime;
 
+use crate::clock::clock_mismatch;
 use crate::past_limit::{after_event, measured, past_limit};
+use crate::policy_hit::policy_hit;
 
 /// What is stated, as one sentence without a full stop. A record of an older build has its sentence, which stays as it is.
 #[must_use]
@@ -153,10 +155,10 @@ pub fn notice_sentence(of: &Notice) -> String {
         N::PoliciesCompared => "policy table and context against the profile".into(),
         N::TargetReady => "the rollback target gives a command that its guard passes".into(),
         N::TargetCommandForbidden { hit } => {
-            format!("the guard refuses the command of the rollback target: {}", hit.label())
+            format!("the guard refuses the command of the rollback target: {}", policy_hit(*hit))
         }
         N::TargetCommandsDenied { hit } => {
-            format!("the guard refuses every command of the rollback target: {}", hit.label())
+            format!("the guard refuses every command of the rollback target: {}", policy_hit(*hit))
         }
         N::TargetSilent => "the rollback target gives no command".into(),
         N::TargetUnmonitored { version } => {
@@ -264,7 +266,7 @@ pub fn notice_sentence(of: &Notice) -> String {
         ),
         N::CameUpStopped { cause } => came_up_stopped(*cause).into(),
         N::ClockMismatched { mismatch } => {
-            format!("{mismatch}; nothing is activated until a person confirms the time")
+            format!("{}; nothing is activated until a person confirms the time", clock_mismatch(mismatch))
         }
         N::ProfileUnauthorized { profile, site, less_strict, summary } => {
             let summary =
@@ -391,7 +393,7 @@ fn because(reason: Option<&Reason>) -> String {
 /// The value with its limit says more than the kind of violation. The kind stands where no value was measured.
 fn limit_violated(version: &CapabilityId, hit: Option<PolicyHit>, found: Option<&MeasuredInTask>) -> String {
     let is_measured = found.is_some_and(|found| found.past.is_some());
-    let kind = hit.filter(|_| !is_measured).map(|hit| hit.label().to_owned());
+    let kind = hit.filter(|_| !is_measured).map(|hit| policy_hit(hit).to_owned());
     let parts: Vec<String> = kind.into_iter().chain(found.map(measured)).collect();
     let colon = if parts.is_empty() { "" } else { ": " };
     format!("{version} violated a limit{colon}{}", parts.join(", "))

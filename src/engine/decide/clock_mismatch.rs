@@ -101,7 +101,7 @@ pub(crate) fn view(record: &EngineRecorder) -> Option<ClockMismatchView> {
     let mismatch = record.version_table().wall().clock_mismatch()?;
     Some(ClockMismatchView {
         doubt: mismatch,
-        text: mismatch.to_string(),
+        text: holdpoint_wording::clock_mismatch(&mismatch),
         said: record.version_table().wall().machine_time()?,
     })
 }
