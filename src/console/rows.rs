@@ -457,7 +457,7 @@ pub fn row_key_text(item: &CandidateItem<'_>) -> String {
         CandidateItem::Reason(reason) | CandidateItem::Unproven(reason, _) => {
             format!("{}: {}", reason.code, holdpoint_wording::reason(reason))
         }
-        CandidateItem::Condition(condition) => condition.to_string(),
+        CandidateItem::Condition(condition) => holdpoint_wording::condition_of_use(condition),
         CandidateItem::Untested(what) => (*what).to_owned(),
         CandidateItem::Difference(difference) => difference.field.clone(),
         CandidateItem::Mode(mode) => (*mode).to_owned(),

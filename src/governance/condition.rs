@@ -74,28 +74,6 @@ impl Condition {
     }
 }
 
-/// The condition in a sentence, as prompts, screens and the plain stream have it.
-impl std::fmt::Display for Condition {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        match self {
-            Self::SimulationOnly => f.write_str("in simulation alone"),
-            Self::TighterEnvelope { speed_max_m_s, force_max_n } => {
-                write!(f, "at most {speed_max_m_s} m/s and {force_max_n} N, tighter than it declares")
-            }
-            Self::StricterThresholds { factor } => write!(f, "the monitor's limits times {factor}"),
-            Self::ShadowFirst { sequences } => write!(f, "{sequences} sequences in shadow first"),
-            Self::ApprovalRequired { quorum: 1 } => f.write_str("approval by a person"),
-            Self::ApprovalRequired { quorum } => write!(f, "approval by {quorum} distinct people"),
-            Self::CheckedCall { fields } => {
-                write!(f, "each call is checked before it starts: {}", fields.join(", "))
-            }
-            Self::RollbackCoupled => f.write_str(
-                "its predecessor stays loaded and takes over at the first warning, without asking",
-            ),
-        }
-    }
-}
-
 /// The sequences that shadow has to work before the gate by these conditions; 0 without such a condition.
 #[must_use]
 pub fn shadow_needed(conditions: &[Condition]) -> u32 {

@@ -18,6 +18,7 @@ use holdpoint_protocol::event::DimensionResult;
 use holdpoint_protocol::snapshot::RequestKind;
 use holdpoint_text::Untrusted;
 
+use crate::condition::condition_of_use;
 use crate::counted_try;
 use crate::coverage::{covered_starts, outside_response};
 use crate::request::{drift_response, untested};
@@ -287,7 +288,8 @@ fn changes(facts: &ApprovalFacts, lines: &mut Lines) {
         lines.add(LineMark::Plain, none.to_owned());
     }
     lines.extend(LineMark::Plain, changes.iter().map(|line| format!("Change: {line}")));
-    let conditions = facts.conditions.iter().map(|condition| format!("Condition: {condition}"));
+    let conditions =
+        facts.conditions.iter().map(|condition| format!("Condition: {}", condition_of_use(condition)));
     lines.extend(LineMark::Plain, conditions);
 }
 

@@ -4,6 +4,7 @@
 
 use std::fmt::Write as _;
 
+use crate::condition::conditions_of_use;
 use crate::harm::harm_past;
 use crate::past_limit::{after_event, past_limit};
 use crate::twin::uncompared;
@@ -100,7 +101,7 @@ fn text(kind: &EventKind) -> String {
                 let _ = write!(line, "; {}", crate::line(reason));
             }
             if !conditions.is_empty() {
-                let _ = write!(line, "; conditions: {}", listed(conditions));
+                let _ = write!(line, "; conditions: {}", listed(&conditions_of_use(conditions)));
             }
             line
         }
@@ -136,7 +137,7 @@ fn text(kind: &EventKind) -> String {
                 evidence.short(),
                 listed(new_permissions),
                 listed(&changes.lines()),
-                listed(conditions),
+                listed(&conditions_of_use(conditions)),
                 listed(untested)
             )
         }
@@ -149,7 +150,7 @@ fn text(kind: &EventKind) -> String {
             format!(
                 "activate {version}{replaced}: {}, provisional for {provisional_episodes} episodes; conditions: {}",
                 modes.join("+"),
-                listed(conditions)
+                listed(&conditions_of_use(conditions))
             )
         }
         EventKind::Confirmed { version, episodes } => {

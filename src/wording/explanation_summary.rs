@@ -18,6 +18,7 @@ use holdpoint_governance::wall_time::WallTime;
 use holdpoint_text::shell_word;
 
 use crate::check::number;
+use crate::condition::conditions_of_use;
 use crate::coverage::covered_starts;
 use crate::explanation::{
     amount, amount_size, component_noun, decision_remark, episode_reduction, permission_excess,
@@ -341,7 +342,7 @@ fn active_terms(of: &ActiveTerms) -> Vec<String> {
     let target = of.target.as_ref().map_or_else(|| "none".to_owned(), CapabilityId::to_string);
     let tightened =
         of.is_restricted.then(|| "its envelope is tightened until an operator lifts that".to_owned());
-    let conditions = of.conditions.iter().map(ToString::to_string);
+    let conditions = conditions_of_use(&of.conditions);
     let restrictions: Vec<String> = tightened.into_iter().chain(conditions).collect();
     let restrictions = if restrictions.is_empty() { "none".to_owned() } else { restrictions.join("; ") };
     vec![approved, format!("rollback target: {target}"), format!("restrictions: {restrictions}")]

@@ -8,6 +8,7 @@ pub mod approval;
 pub mod check;
 mod clock;
 pub mod command_effect;
+mod condition;
 mod counted_try;
 pub mod coverage;
 pub mod event;
@@ -31,6 +32,7 @@ mod twin;
 mod version_status;
 
 pub use clock::clock_mismatch;
+pub use condition::condition_of_use;
 pub use counted_try::counted_try;
 pub use finding::{finding, hard_stop};
 pub use harm::{harm_comparison, harm_decider, sequence_measure};

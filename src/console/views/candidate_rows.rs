@@ -31,6 +31,7 @@ pub fn item(model: &ConsoleModel, item: &CandidateItem<'_>, look: &Look, width: 
         }
         CandidateItem::Condition(condition) => {
             let glyph = look.glyph(Glyph::Warning);
+            let condition = holdpoint_wording::condition_of_use(condition);
             text(ThemeRole::Warning, &format!("{glyph} condition: {condition}"), width)
         }
         CandidateItem::Untested(what) => {

@@ -57,7 +57,8 @@ pub fn rows(now: &Snapshot, candidate: &CandidateView, look: &Look, width: usize
         let text = format!("{glyph} admitted below its limit: {}", below.join(", "));
         rows.extend(wrapped(ThemeRole::Warning, &text));
     }
-    let conditions: Vec<String> = candidate.conditions.iter().map(ToString::to_string).collect();
+    let conditions: Vec<String> =
+        candidate.conditions.iter().map(holdpoint_wording::condition_of_use).collect();
     if !conditions.is_empty() {
         rows.extend(wrapped(ThemeRole::Muted, &format!("under: {}", conditions.join("; "))));
     }

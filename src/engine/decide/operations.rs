@@ -303,10 +303,11 @@ fn reactivation_refusal(
     (id, operation): (&CapabilityId, &Operation),
 ) -> Result<Option<Reply>, EngineFault> {
     let signature = signing_options(&operation.by, &operation.reason);
-    if let Some(doubt) = record.version_table().wall().clock_mismatch() {
+    if let Some(mismatch) = record.version_table().wall().clock_mismatch() {
+        let mismatch = holdpoint_wording::clock_mismatch(&mismatch);
         return Ok(Some(Reply::Refused {
             code: Refusal::NotNow,
-            text: format!("{doubt}; a person has to confirm the time before {id} becomes active again"),
+            text: format!("{mismatch}; a person has to confirm the time before {id} becomes active again"),
             hint: Some(format!(
                 "`holdpoint cell confirm-time {signature}` confirms it, after you compare it"
             )),

@@ -225,7 +225,8 @@ fn the_form_that_confirms_the_time_stays_as_it_was_read() {
     let mut now = snapshot(0, 'e');
     let at = |now: &mut Snapshot, secs: u64| {
         let (mismatch, time) = (ClockMismatch::Jumped { by_ms: 60_000 }, now.time.plus_ms(secs * 1_000));
-        now.clock_doubt = Some(ClockMismatchView { doubt: mismatch, text: mismatch.to_string(), said: time });
+        let text = holdpoint_wording::clock_mismatch(&mismatch);
+        now.clock_doubt = Some(ClockMismatchView { doubt: mismatch, text, said: time });
     };
     at(&mut now, 0);
     console.tell(MsgKind::Snapshot(Arc::new(now.clone())));

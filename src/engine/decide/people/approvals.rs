@@ -398,7 +398,7 @@ pub(super) fn view(
         risk: evidence_file.risk.clone(),
         new_permissions: evidence_file.new_permissions.clone(),
         changes: evidence_file.changes.clone(),
-        conditions: evidence_file.conditions.iter().map(ToString::to_string).collect(),
+        conditions: evidence_file.conditions.iter().map(holdpoint_wording::condition_of_use).collect(),
         why: check_explanation::summary(evidence_file, &check_explanation::SUMMARIZED),
         untested: untested(evidence_file).into_iter().map(request::untested).collect(),
         on_drift: match request.kind {
