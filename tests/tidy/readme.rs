@@ -65,6 +65,32 @@ fn the_readme_is_short() {
     assert!(words <= README_WORDS_MAX, "README.md has {words} words; {README_WORDS_MAX} are allowed");
 }
 
+/// The largest page of a how-to: one task, read in two minutes.
+const HOW_TO_BYTES_MAX: u64 = 4 * 1024;
+
+/// The most bytes of the pages that the index lists for operators.
+const OPERATOR_BYTES_MAX: u64 = 60 * 1024;
+
+#[test]
+fn pages_for_people_at_work_are_short() {
+    let guide = root().join("src/guide");
+    let size = |page: &Path| fs::metadata(page).unwrap().len();
+    let mut how_tos = Vec::new();
+    collect_pages(&guide.join("how-to"), &mut how_tos);
+    let too_long = |page: &&PathBuf| size(page) > HOW_TO_BYTES_MAX;
+    let problems: Vec<String> = how_tos
+        .iter()
+        .filter(too_long)
+        .map(|page| format!("{} has {} bytes; {HOW_TO_BYTES_MAX} are allowed", page.display(), size(page)))
+        .collect();
+    report(&problems);
+    let index = fs::read_to_string(guide.join("index.md")).unwrap();
+    let (_, rest) = index.split_once("\n## Operator\n").unwrap();
+    let (pages, _) = rest.split_once("\n## ").unwrap();
+    let bytes: u64 = targets(pages).iter().map(|page| size(&guide.join(page))).sum();
+    assert!(bytes <= OPERATOR_BYTES_MAX, "{bytes} bytes for operators; {OPERATOR_BYTES_MAX} are allowed");
+}
+
 /// The prose of a page, without blocks of code.
 fn without_code(text: &str) -> String {
     let mut is_code = false;
