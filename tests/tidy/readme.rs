@@ -71,16 +71,18 @@ const HOW_TO_BYTES_MAX: u64 = 4 * 1024;
 /// The most bytes of the pages that the index lists for operators.
 const OPERATOR_BYTES_MAX: u64 = 60 * 1024;
 
+fn size(page: &Path) -> u64 {
+    fs::metadata(page).unwrap().len()
+}
+
 #[test]
 fn pages_for_people_at_work_are_short() {
     let guide = root().join("src/guide");
-    let size = |page: &Path| fs::metadata(page).unwrap().len();
     let mut how_tos = Vec::new();
     collect_pages(&guide.join("how-to"), &mut how_tos);
-    let too_long = |page: &&PathBuf| size(page) > HOW_TO_BYTES_MAX;
     let problems: Vec<String> = how_tos
         .iter()
-        .filter(too_long)
+        .filter(|page| size(page) > HOW_TO_BYTES_MAX)
         .map(|page| format!("{} has {} bytes; {HOW_TO_BYTES_MAX} are allowed", page.display(), size(page)))
         .collect();
     report(&problems);
