@@ -1,6 +1,6 @@
-//! From true poses to what a camera at 30 Hz tells, and from true joint state to sensor readings.
+//! Camera frames at 30 Hz from true poses, and sensor readings from the true joint state.
 //!
-//! Draws the same count of random numbers per picture and per tick whatever happens in the world.
+//! Draws the same count of random numbers for each frame and each tick, whatever happens in the cell.
 
 use arrayvec::ArrayVec;
 use nalgebra::Isometry3;

@@ -40,7 +40,7 @@ pub struct ThrowersPlan {
     /// The acts of each trigger; all of them if empty.
     pub acts: Vec<HarmAct>,
     pub profiles: Vec<ProfileName>,
-    /// Live tasks after which a version ends that is not rolled back.
+    /// Live tasks after which a run ends if the version is not rolled back.
     pub tasks: u64,
     /// Runs of each trigger and act under each profile.
     pub runs: u64,

@@ -18,13 +18,13 @@ pub trait SkillBundle: Send + Sync {
     /// SHA-256 over what determines the behavior.
     fn digest(&self) -> Digest;
 
-    /// What the code really offers and needs; never built from the manifest.
+    /// The interface that the code itself states; never built from the manifest.
     fn interface(&self) -> Interface;
 
     /// The primitive the code performs.
     fn task(&self) -> TaskKind;
 
-    /// Whether something else lay where its compiled form was kept. It was not loaded.
+    /// Whether another file was in the place of its compiled form. That file was not loaded.
     fn refused_form(&self) -> bool {
         false
     }
@@ -33,7 +33,7 @@ pub trait SkillBundle: Send + Sync {
     fn start(&self, seed: u64) -> Box<dyn Skill>;
 }
 
-/// What a skill asks for in this tick.
+/// The command of a skill for this tick.
 ///
 /// # Errors
 /// If the machine stalled while its confined code computed: the episode says nothing of the version then.

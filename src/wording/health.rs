@@ -9,7 +9,7 @@ use holdpoint_protocol::health::{
 pub const NO_MACHINE_TIME: &str = "this record has no time of the machine's clock: it is a script's";
 
 /// The placeholder of a person whom the record does not name.
-const UNNAMED: &str = "somebody";
+const UNNAMED: &str = "an unnamed person";
 
 /// What a mark states: what, about whom, by whom and why.
 #[must_use]
@@ -56,7 +56,7 @@ pub fn mark(of: &MarkContent) -> String {
 
 fn marked_act(act: &MarkedAct) -> String {
     match act {
-        MarkedAct::BreakGlass { subject } => format!("let {subject} in alone"),
+        MarkedAct::BreakGlass { subject } => format!("activated {subject} alone by break-glass"),
         MarkedAct::StoppedCell => "stopped the cell".to_owned(),
         MarkedAct::StartedCell => "started the cell".to_owned(),
         MarkedAct::SetGoal { goal } => format!("set the goal {goal}"),
@@ -139,7 +139,7 @@ mod tests {
             (acted("ana", MarkedAct::StoppedCell, "a leak"), "ana stopped the cell: a leak"),
             (
                 acted("ana", MarkedAct::BreakGlass { subject: subject() }, "now"),
-                "ana let grasp@1.1.0 in alone: now",
+                "ana activated grasp@1.1.0 alone by break-glass: now",
             ),
             (acted("ana", MarkedAct::SetGoal { goal: "sort".to_owned() }, ""), "ana set the goal sort"),
             (

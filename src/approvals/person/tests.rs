@@ -197,7 +197,7 @@ fn only_a_verified_administrator_verifies_persons() {
     }
     let root = guarded(folder.path(), &root);
     confirm(&mut persons, "second", &root).unwrap();
-    assert_eq!(confirmed_by(&persons, "third"), None, "an act is worth what it was worth when it was made");
+    assert_eq!(confirmed_by(&persons, "third"), None, "the validity of an act is fixed when it is signed");
     confirm(&mut persons, "third", &second).unwrap();
     revoke(&mut persons, "admin", &second).unwrap();
     assert_eq!(persons.confirmer().map(|one| one.name.as_str()), Some("second"));

@@ -1,7 +1,6 @@
-//! The reason of each number, as a profile's file gives it: what stands behind `#` on the number's own line, or on
-//! lines of their own right above it.
+//! The reason of each number in a profile's file: the comment on the line of the number, or on the lines above it.
 //!
-//! Reads the text alone; what the numbers are, the parsed profile says.
+//! Reads the text alone; the parsed profile has the numbers.
 
 use std::collections::BTreeMap;
 
@@ -80,7 +79,7 @@ impl Reasons {
     }
 }
 
-/// What stands before the `#` that begins a comment, and behind it; a `#` in quotes begins none.
+/// The text before and after the `#` of a comment; a `#` in quotes begins no comment.
 fn split(line: &str) -> (&str, Option<&str>) {
     let mut quote = None;
     for (at, ch) in line.char_indices() {

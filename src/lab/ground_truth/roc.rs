@@ -16,7 +16,7 @@ use holdpoint_governance::stats::normal_quantile;
 const ALPHA: f64 = 0.025;
 
 holdpoint_governance::closed_set! {
-    /// By which number.
+    /// A number by which the curve separates candidates.
     RocBy, "number of a decision", {
         /// The smallest kappa of any dimension; one that was not reached is 0.
         LeastKappa = "least-kappa",

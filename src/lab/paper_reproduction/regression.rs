@@ -23,9 +23,9 @@ holdpoint_governance::closed_set! {
         Timeout = "timeout or stall",
         /// Is stopped, undone or replaced less well.
         Recovery = "recovery degradation",
-        /// Behaves otherwise in the live world.
+        /// Behaves differently in the live cell.
         Live = "live-context divergence",
-        /// Does less of its task, or is odd, without being any of these.
+        /// Does less of its task, or shows an anomaly that is in no other category.
         Outcome = "outcome",
     }
 }

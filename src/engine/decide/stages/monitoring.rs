@@ -39,7 +39,7 @@ use holdpoint_record::version_table::TransitionNote;
 use holdpoint_runtime::safety_event::safety_events;
 use holdpoint_trials::past_limit::MeasuredTask;
 
-/// The live world under watch: neither prompts nor evaluations.
+/// The monitored live cell. It has neither approval requests nor evaluations.
 pub struct LiveMonitoring<'a> {
     /// The terms of the decision.
     pub context: &'a Context,
@@ -48,7 +48,7 @@ pub struct LiveMonitoring<'a> {
     pub monitors: &'a mut Monitors,
     /// Arm, agent and world.
     pub world: &'a mut LiveWorld,
-    /// Predecessors whose first tasks are looked at.
+    /// Predecessors that took over again; their first tasks are checked.
     pub resumptions: &'a mut Vec<Resumption>,
     /// What is normal for each family, for any active version.
     pub(crate) health: &'a mut CellHealth,
@@ -357,8 +357,8 @@ impl LiveMonitoring<'_> {
         }
     }
 
-    /// Takes an active version off, and looks at the first tasks under its predecessor: at once where the live world
-    /// works in step, as they come where it has a thread of its own.
+    /// Deactivates an active version, and checks the first tasks of its predecessor: at once if the live cell runs in
+    /// step with the engine, else as they end.
     ///
     /// # Errors
     /// If it cannot be written.
@@ -409,8 +409,8 @@ impl LiveMonitoring<'_> {
     }
 }
 
-/// Keeps what a version did in the telemetry file, of a watched one with its path; its digest enters the chain with the
-/// next record, or with those of others. Returns the number of its batch.
+/// Stores the task of a version in the telemetry file, with its path if the version is monitored. The digest enters the
+/// chain with a later record. Returns the number of its batch.
 fn keep_telemetry(
     record: &mut EngineRecorder,
     monitors: &Monitors,

@@ -129,7 +129,7 @@ fn assert_refused(reply: &Reply, parts: &[&str]) {
     }
 }
 
-/// An approval of a key that who can read a file has counted under `human` like any other.
+/// Regression: under `human`, the approval of a key without a passphrase counted.
 #[test]
 fn an_unprotected_key_approves_nothing_where_people_decide() {
     let (mut bench, folder) = waiting(ProfileName::Human, false);
@@ -140,7 +140,7 @@ fn an_unprotected_key_approves_nothing_where_people_decide() {
         &["the key of ann has no passphrase", "`holdpoint identity passphrase ann` sets one"],
     );
     assert!(bench.pipeline.snapshot().prompts[0].approved_by.is_empty());
-    // The same key under a passphrase, by the way that the refusal names.
+    // The person sets a passphrase, as the refusal advises.
     ann.rewrite_key(&folder, KeyEncoding::Sealed(&passphrase(), KdfCost::LEAST)).unwrap();
     let reply = approve(&mut bench, &ann);
     assert!(matches!(reply, Reply::Accepted { .. }), "{reply:?}");
@@ -168,13 +168,13 @@ fn readable_or_malformed_key_file_approves_nothing() {
     fs::set_permissions(&file, fs::Permissions::from_mode(0o600)).unwrap();
     fs::write(&file, "holdpoint-key 1\n").unwrap();
     assert_refused(&approve(&mut bench, &ann), &["ann.key", "kdf"]);
-    // A key that is kept elsewhere is accepted: nothing is known of how.
+    // A key outside the store is accepted: its protection is unknown.
     fs::remove_file(&file).unwrap();
     let reply = approve(&mut bench, &ann);
     assert!(matches!(reply, Reply::Accepted { .. }), "{reply:?}");
 }
 
-/// What earlier versions signed said nothing of what was shown. A refusal stands without.
+/// A signature of earlier versions does not cover the shown text: as an approval it is void, as a refusal it counts.
 #[test]
 fn approval_needs_the_shown_request_and_a_rejection_does_not() {
     for (profile, scripted) in [(ProfileName::Human, false), (ProfileName::Human, true)] {
@@ -194,7 +194,7 @@ fn approval_needs_the_shown_request_and_a_rejection_does_not() {
     }
 }
 
-/// A decision that the person signed over something else than the engine put to them: each part of it by itself.
+/// A decision over another text than the engine showed is void, for each part of the text.
 #[test]
 fn an_answer_over_another_request_is_refused() {
     type DocumentEdit = fn(&mut ApprovalDocument, &ApprovalDocument);
@@ -226,7 +226,7 @@ fn an_answer_over_another_request_is_refused() {
         assert_refused(&reply, &[&void(cause)]);
         assert!(matches!(reply, Reply::Refused { code: Refusal::Stale, .. }), "{name}: {reply:?}");
     }
-    // Another's question is another's: their name stands in it.
+    // A request names its reader, so it takes no answer of another person.
     let reply = bench.pipeline.command(of_ben.answer(&ann, ApprovalDecision::Approve, "read").unwrap());
     assert_refused(&reply, &[&void(AnswerVoidCause::RequestClosed)]);
     assert!(bench.pipeline.snapshot().prompts[0].approved_by.is_empty());
@@ -292,7 +292,7 @@ fn an_answer_without_a_reason_is_refused() {
     }
 }
 
-/// What a script says was settled when it was written, and stopping is never made harder.
+/// Scripts need no passphrase, and neither does a refusal: it only takes authority away.
 #[test]
 fn scripts_refusals_and_other_profiles_need_no_passphrase() {
     let (mut bench, _) = waiting(ProfileName::Human, true);
