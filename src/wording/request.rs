@@ -53,6 +53,23 @@ pub fn drift_response(of: &DriftResponse) -> String {
     format!("{response}; confirmed after {} live tasks{settled}{limits}", of.confirmed_after)
 }
 
+/// Why people are asked to lift a restriction.
+#[must_use]
+pub fn release_cause(by: &str, reason: &str) -> String {
+    format!("{by} asks for it: {reason}")
+}
+
+/// Why people review an emergency activation. `reason` is that of its approval; absent if the store has none.
+#[must_use]
+pub fn review_cause(by: &str, reason: Option<&str>, is_overdue: bool) -> String {
+    let reason = reason.unwrap_or("its approval is not in the store");
+    if is_overdue {
+        format!("{by} activated it alone ({reason}); it was not reviewed in time and is rolled back")
+    } else {
+        format!("{by} activated it alone ({reason}); without a review by the deadline it is rolled back")
+    }
+}
+
 /// Why a request or an answer is refused.
 #[must_use]
 pub fn refusal(of: &QuestionRefusal) -> String {
@@ -96,6 +113,19 @@ mod tests {
     use super::*;
     use holdpoint_governance::evidence::DrillKind;
     use holdpoint_protocol::snapshot::RequestKind;
+
+    #[test]
+    fn a_request_of_people_names_its_cause() {
+        assert_eq!(release_cause("mia", "the camera is fixed"), "mia asks for it: the camera is fixed");
+        assert_eq!(
+            review_cause("mia", Some("parts fall"), false),
+            "mia activated it alone (parts fall); without a review by the deadline it is rolled back"
+        );
+        assert_eq!(
+            review_cause("engine", None, true),
+            "engine activated it alone (its approval is not in the store); it was not reviewed in time and is rolled back"
+        );
+    }
 
     #[test]
     fn every_untested_aspect_has_its_sentence() {

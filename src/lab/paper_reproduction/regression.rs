@@ -71,7 +71,7 @@ fn category(reason: &Reason) -> Option<Regression> {
         | Code::RecoveryPhaseFailing
         | Code::RecoveryPhaseWorse
         | Code::RecoveryEndedEarly => Some(Regression::Recovery),
-        // Differences in the twins of the live cell: only the sentence names the signal.
+        // Differences in the twins of the live cell: the finding names the signal.
         Code::ShadowGovernanceDivergence if worse_signal(reason) == Some(TwinSignal::PolicyHit) => {
             Some(Regression::Policy)
         }

@@ -168,7 +168,7 @@ impl Approvals {
         operation: &Operation,
     ) -> Result<(), EngineFault> {
         let Operation { version: id, by, reason } = operation;
-        let about = format!("{by} asks for it: {reason}");
+        let about = request::release_cause(by, reason);
         let evidence_file = evidence_files.edit(id);
         let risk = version_origin::assessed_risk(evidence_file);
         let quorum = approval::quorum(&context.profile.approval, risk, false);

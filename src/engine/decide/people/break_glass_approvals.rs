@@ -14,6 +14,7 @@ use holdpoint_protocol::snapshot::{ApprovalRequestView, RequestKind};
 use holdpoint_registry::store_terms::RequestState;
 use holdpoint_registry::{ApprovalRequest, Change};
 use holdpoint_text::is_visible;
+use holdpoint_wording::request::review_cause;
 
 use super::approvals::{Approvals, PendingApproval, new_row, tier, view, vote};
 use super::request_display::DisplayedText;
@@ -172,16 +173,12 @@ impl Approvals {
         let overdue = review.until <= now;
         let break_glass = break_glass_approval(record, id)?;
         let (by, reason) = break_glass.as_ref().map_or_else(
-            || ("engine".to_owned(), "its approval is not in the store".to_owned()),
-            |signed| (signed.approval().who.clone(), signed.approval().reason.clone()),
+            || ("engine".to_owned(), None),
+            |signed| (signed.approval().who.clone(), Some(signed.approval().reason.clone())),
         );
         let claim = break_glass.map_or_else(|| candidate.digest(), |signed| signed.approval().claim_digest());
         let evidence = Digest::of_parts("holdpoint.review.v1", &[claim.bytes(), candidate.digest().bytes()]);
-        let about = if overdue {
-            format!("{by} activated it alone ({reason}); it was not reviewed in time and is rolled back")
-        } else {
-            format!("{by} activated it alone ({reason}); without a review by the deadline it is rolled back")
-        };
+        let about = review_cause(&by, reason.as_deref(), overdue);
         let mut row = new_row(context, record, id, (evidence, REVIEWERS, review.until))?;
         row.id = format!("{}-{}-{}-review-{}", id.family, id.version, row.row_version, now.ms());
         let empty = EvidenceFile::default();
