@@ -7,12 +7,14 @@ use holdpoint_approvals::keyfile::{self, KeyEncoding};
 use holdpoint_approvals::{Approval, KdfCost, Nonce, Passphrase, SignedPersonAct};
 use holdpoint_governance::approval::Role;
 use holdpoint_governance::decision::ReasonCode;
+use holdpoint_governance::finding::Finding;
 use holdpoint_governance::outcome::PolicyOutcome;
 use holdpoint_governance::profile::{Profile, ProfileName};
 use holdpoint_protocol::approval_document::{AnswerVoidCause, ApprovalDocument, QuestionRefusal};
 use holdpoint_protocol::clock::Clock;
 use holdpoint_protocol::command::Command;
 use holdpoint_protocol::snapshot::ApprovalRequestView;
+use holdpoint_wording::command_effect::{EngineEffect, engine_effect};
 
 use super::*;
 use crate::decide::people::persons::{enrolled, guarded};
@@ -418,7 +420,8 @@ fn approvals_of_a_revoked_key_do_not_count() {
     let early = signed(&mut bench.pipeline, &open, &ann, ApprovalDecision::Approve).unwrap();
     done(&approve(&mut bench, &ann));
     let reply = revoke(&mut bench, &folder, "ann");
-    assert!(matches!(&reply, Reply::Accepted { text, .. } if text.contains("count no more: 1")), "{reply:?}");
+    let revoked = engine_effect(&EngineEffect::Revoked { name: "ann", by: "admin", discarded: 1 });
+    assert!(matches!(&reply, Reply::Accepted { text, .. } if *text == revoked), "{reply:?}");
     assert!(bench.pipeline.snapshot().prompts[0].approved_by.is_empty());
     assert_refused(&approve(&mut bench, &ann), &["the key of ann was revoked by admin"]);
     // Also what was signed before and is handed in now.
@@ -464,12 +467,12 @@ fn reason_of_a_waiting_version_counts_the_approvals() {
         let snapshot = bench.pipeline.snapshot();
         let candidate = snapshot.candidates.into_iter().find(|candidate| candidate.version == id).unwrap();
         let pending = candidate.reasons.iter().find(|reason| reason.code == ReasonCode::ApprovalPending);
-        holdpoint_wording::line(pending.unwrap())
+        pending.unwrap().finding.clone().unwrap()
     };
-    assert_eq!(lead(&bench), "approval-pending: 0 of 2 approvals");
+    assert_eq!(lead(&bench), Finding::ApprovalsSoFar { given: 0, needed: 2 });
     let ann = protected(&mut bench, "ann");
     done(&approve(&mut bench, &ann));
-    assert_eq!(lead(&bench), "approval-pending: 1 of 2 approvals");
+    assert_eq!(lead(&bench), Finding::ApprovalsSoFar { given: 1, needed: 2 });
 }
 
 /// Public parts lie in the folder for convenience alone.
@@ -548,10 +551,8 @@ fn a_person_enrolled_by_an_unencrypted_key_approves_nothing() {
     assert_refused(&act(&mut bench, confirm), &["the key of admin has no passphrase, although the act says"]);
     admin.rewrite_key(&folder, KeyEncoding::Sealed(&passphrase(), KdfCost::LEAST)).unwrap();
     let reply = act(&mut bench, confirm);
-    assert!(
-        matches!(&reply, Reply::Accepted { text, .. } if text == "ann is confirmed by admin"),
-        "{reply:?}"
-    );
+    let confirmed = engine_effect(&EngineEffect::PersonConfirmed { name: "ann", by: "admin" });
+    assert!(matches!(&reply, Reply::Accepted { text, .. } if *text == confirmed), "{reply:?}");
     done(&approve(&mut bench, &ann));
 }
 

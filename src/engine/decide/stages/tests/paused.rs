@@ -10,6 +10,7 @@ use holdpoint_governance::record::RecordKind;
 use holdpoint_protocol::command::{Command, Operation, Refusal, Reply};
 use holdpoint_protocol::event::EventKind;
 use holdpoint_registry::AuditFilter;
+use holdpoint_wording::command_effect::{EngineEffect, VersionEffect, engine_effect, version_effect};
 
 use crate::decide::pipeline::SliceOutcome;
 use crate::decide::stages::activation::tests::{package, request_activation};
@@ -80,7 +81,7 @@ fn paused_active_version_keeps_running_and_is_confirmed_on_resume() {
     let id = bench.activate(CANDIDATE);
     let reply = bench.pipeline.command(Command::Pause(operation(&id)));
     let Reply::Accepted { text, .. } = &reply else { panic!("{reply:?}") };
-    assert!(text.contains("its promotion is paused"), "{text}");
+    assert_eq!(*text, version_effect(&id, &VersionEffect::PromotionPaused));
     let over = |bench: &mut Bench| bench.pipeline.live().monitors.of(&id).unwrap().monitor.is_confirmed();
     for _ in 0..200 {
         work(&mut bench, 1);
@@ -243,10 +244,12 @@ fn end_of_a_drift_or_fault_has_its_own_answer() {
         other => panic!("{other:?}"),
     };
     let (kind, magnitude) = (Some(DriftKind::SensorNoise), Some(Magnitude::Mild));
-    assert!(reply_text(Command::Drift { kind, magnitude }).contains("set in"));
-    assert_eq!(reply_text(Command::Drift { kind: None, magnitude: None }), "the drift has ended");
-    assert!(reply_text(Command::LiveFault { fault: Some(LiveFault::ALL[0]) }).contains("set in"));
-    assert!(!reply_text(Command::LiveFault { fault: None }).contains("set in"));
+    assert_eq!(reply_text(Command::Drift { kind, magnitude }), engine_effect(&EngineEffect::Drift(kind)));
+    let ended = Command::Drift { kind: None, magnitude: None };
+    assert_eq!(reply_text(ended), engine_effect(&EngineEffect::Drift(None)));
+    for fault in [Some(LiveFault::ALL[0]), None] {
+        assert_eq!(reply_text(Command::LiveFault { fault }), engine_effect(&EngineEffect::Fault(fault)));
+    }
 }
 
 /// A reason of zero-width characters passed for a reason.
