@@ -7,7 +7,10 @@ use std::collections::BTreeSet;
 use serde::{Deserialize, Serialize};
 
 use super::condition::Condition;
-use super::decision::{Decision, DecisionAnswers, DecisionContext, Dimension, Kappa, Reason, ReasonCode};
+use super::decision::{
+    Decision, DecisionAnswers, DecisionContext, DecisionMonitoring, DecisionRollback, Dimension, Kappa,
+    Reason, ReasonCode,
+};
 use super::finding::Finding;
 use super::manifest::Manifest;
 use super::outcome::{
@@ -142,8 +145,8 @@ pub fn psi(kappas: &Kappas, context: PsiContext, made_under: DecisionContext) ->
     let answers = DecisionAnswers {
         admitted: outcome != Recommendation::Reject,
         conditions: kappas.conditions(),
-        monitoring: "by the watcher and the policy guard of the stage it is admitted to".into(),
-        rollback_when: "nothing is active: leaving the stage leaves the active version untouched".into(),
+        monitoring: DecisionMonitoring::StageGuard.into(),
+        rollback_when: DecisionRollback::NotActive.into(),
         deployment: Some(vocabulary_row(outcome).deployability),
     };
     Decision::new(outcome, reasons, answers, &made_under)

@@ -6,6 +6,7 @@ mod codes;
 
 use serde::{Deserialize, Serialize};
 
+use super::closed_set::Lenient;
 use super::condition::Condition;
 use super::deployability::Deployability;
 use super::finding::Finding;
@@ -95,6 +96,28 @@ pub fn lead_reason(reasons: &[Reason]) -> Option<&Reason> {
     reasons.iter().find(|reason| reason.code.is_finding()).or_else(|| reasons.first())
 }
 
+crate::closed_set! {
+    /// How a version is monitored after a decision.
+    DecisionMonitoring, "monitoring of a decision", {
+        /// By the watcher and the policy guard of the stage that it is admitted to.
+        StageGuard = "stage-guard",
+        /// By its charts, provisionally for the episodes of its terms and then continuously.
+        Charts = "charts",
+    }
+}
+
+crate::closed_set! {
+    /// What takes a version off again after a decision.
+    DecisionRollback, "rollback of a decision", {
+        /// Nothing: it is not active, and leaving the stage leaves the active version untouched.
+        NotActive = "not-active",
+        /// The first safety event or warning of a chart, without asking; the predecessor stays loaded.
+        FirstWarning = "first-warning",
+        /// A safety event, an established worsening, or an unanswered escalation.
+        EstablishedWorsening = "established-worsening",
+    }
+}
+
 /// The four questions every decision answers for the operator.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -103,10 +126,10 @@ pub struct DecisionAnswers {
     pub admitted: bool,
     /// Under which conditions may it be used? Empty: without any.
     pub conditions: Vec<Condition>,
-    /// How is it monitored from now on?
-    pub monitoring: String,
-    /// What would roll it back?
-    pub rollback_when: String,
+    /// How is it monitored from now on? Records of older builds have a sentence.
+    pub monitoring: Lenient<DecisionMonitoring>,
+    /// What would roll it back? Records of older builds have a sentence.
+    pub rollback_when: Lenient<DecisionRollback>,
     /// The deployment outcome; absent in records of older builds.
     #[serde(default)]
     pub deployment: Option<Deployability>,
@@ -194,5 +217,29 @@ impl<O> Decision<O> {
     #[must_use]
     pub fn has(&self, code: ReasonCode) -> bool {
         self.reasons.iter().any(|reason| reason.code == code)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use serde_json::json;
+
+    /// An older build wrote sentences where this one writes codes; both are written again as they were read.
+    #[test]
+    fn answers_of_older_builds_keep_their_sentences() {
+        let answers = |monitoring: &str, rollback_when: &str| {
+            json!({
+                "admitted": true, "conditions": [], "monitoring": monitoring, "rollback_when": rollback_when,
+                "deployment": null
+            })
+        };
+        let (older, own) =
+            (answers("by the watcher", "at a safety event"), answers("charts", "first-warning"));
+        let read = |text: &serde_json::Value| DecisionAnswers::deserialize(text).unwrap();
+        assert_eq!(serde_json::to_value(read(&older)).unwrap(), older);
+        assert_eq!(read(&older).monitoring.known(), None);
+        assert_eq!(serde_json::to_value(read(&own)).unwrap(), own);
+        assert_eq!(read(&own).rollback_when, DecisionRollback::FirstWarning);
     }
 }

@@ -15,7 +15,10 @@ pub use super::alignment::Alignment;
 use super::approval::{ApprovalOutcome, ApprovalResult, Requester};
 use super::composition::{Kappas, recovery_is_reviewable};
 use super::condition::{self, Condition};
-use super::decision::{Decision, DecisionAnswers, DecisionContext, Dimension, Reason, ReasonCode};
+use super::decision::{
+    Decision, DecisionAnswers, DecisionContext, DecisionMonitoring, DecisionRollback, Dimension, Reason,
+    ReasonCode,
+};
 use super::evidence::{Conduct, EvidenceBinding, ShadowEvidence, ShadowSequence};
 use super::finding::{EvidenceGap, Finding, TwinSignal};
 pub use super::outcome::GateOutcome;
@@ -564,15 +567,11 @@ impl GateFindings {
         let answers = DecisionAnswers {
             admitted: outcome == GateOutcome::Pass,
             conditions: terms.conditions.clone(),
-            monitoring: format!(
-                "provisional for {} episodes, then continuously; {}",
-                terms.provisional_episodes,
-                watch.limits(&profile.monitor)
-            ),
+            monitoring: DecisionMonitoring::Charts.into(),
             rollback_when: if watch.coupled() {
-                "at the first safety event or warning of a chart, without asking; the predecessor stays loaded".into()
+                DecisionRollback::FirstWarning.into()
             } else {
-                "at a safety event, an established worsening, or an unanswered escalation".into()
+                DecisionRollback::EstablishedWorsening.into()
             },
             deployment: Some(vocabulary::deployability_of_gate(outcome, &terms.modes)),
         };

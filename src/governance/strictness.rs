@@ -58,18 +58,4 @@ impl Strictness {
             ..*settings
         }
     }
-
-    /// The levels of the charts in words, before and after.
-    #[must_use]
-    pub fn limits(&self, settings: &MonitorSettings) -> String {
-        let held = self.applied(settings);
-        let level = |plain: f64, held: f64| {
-            if self.factor < 1.0 { format!("{held} (plain {plain})") } else { held.to_string() }
-        };
-        format!(
-            "a chart warns at {} and trips at {}",
-            level(settings.cusum_limit, held.cusum_limit),
-            level(settings.false_alarm_episodes, held.false_alarm_episodes)
-        )
-    }
 }

@@ -27,7 +27,7 @@ pub fn differing(at: &str, recorded: &Value, again: &Value) -> Option<String> {
     }
 }
 
-/// Whether a field holds a sentence: the text of a reason that an older build recorded without a finding, or an answer of a decision.
+/// Whether a field holds a sentence of an older build: the text of a reason without a finding, or an answer of a decision.
 fn is_sentence(recorded: &Map<String, Value>, key: &str) -> bool {
     let is_older_reason = ["code", "dimension", "text"].iter().all(|field| recorded.contains_key(*field))
         && !recorded.contains_key("finding");
