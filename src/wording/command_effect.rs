@@ -9,8 +9,7 @@ use holdpoint_governance::lifecycle::Stage;
 use holdpoint_governance::notice::OperatorAct;
 use holdpoint_governance::profile::ProfileName;
 use holdpoint_governance::wall_time::WallTime;
-use holdpoint_protocol::caller::Caller;
-use holdpoint_protocol::command::StopPersistence;
+use holdpoint_protocol::command::{Caller, StopPersistence};
 use holdpoint_protocol::snapshot::StartupProgressView;
 
 use crate::{operator_act, reason};
