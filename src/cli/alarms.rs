@@ -244,14 +244,17 @@ fn courses(
             if let Some(text) = &spell.text {
                 out.paragraph("  ", &holdpoint_wording::notice(text))?;
             }
-            spell.sentences(end.at_ms).iter().try_for_each(|text| out.paragraph("  ", text))
+            holdpoint_wording::health::alarm_course(spell, end.at_ms)
+                .iter()
+                .try_for_each(|text| out.paragraph("  ", text))
         })?;
     }
     if count == 0 && !out.is_json() {
         let since = args.since.is_some();
         out.line(if since { "no alarm was open since then" } else { "no alarm was ever raised" })?;
     }
-    let sentences = if out.is_json() { Vec::new() } else { series.coverage.sentences() };
+    let sentences =
+        if out.is_json() { Vec::new() } else { holdpoint_wording::health::omissions(&series.coverage) };
     sentences.iter().try_for_each(|text| out.paragraph("", text))?;
     Ok(Exit::Confirmed)
 }

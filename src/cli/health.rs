@@ -26,6 +26,7 @@ use holdpoint_protocol::health::{
     HealthVerdict, together,
 };
 use holdpoint_registry::Layout;
+use holdpoint_wording::health::{confounding_versions, health_verdict, omissions};
 
 /// The default span, ms: a day.
 const SPAN_MS: i64 = 86_400_000;
@@ -115,14 +116,14 @@ pub fn run(context: &CliContext, args: &HealthArgs, out: &mut CommandOutput<'_>)
     if let Some(path) = &args.svg {
         for (family, verdict) in families.iter().zip(&verdicts) {
             let path = if families.len() == 1 { path.clone() } else { named(path, family) };
-            let mut notes = vec![verdict.sentence()];
-            notes.extend(verdict.confounding());
-            notes.extend(series.coverage.sentences());
+            let mut notes = vec![health_verdict(verdict)];
+            notes.extend(confounding_versions(verdict));
+            notes.extend(omissions(&series.coverage));
             write_new(&path, &svg(&series, family, &notes))?;
             written.push(path);
         }
     }
-    let sentences = verdicts.iter().map(HealthVerdict::sentence).collect();
+    let sentences = verdicts.iter().map(health_verdict).collect();
     let answer = HealthAnswer { series: &series, verdicts: &verdicts, sentences };
     out.answer(&answer, |out| show(&series, &families, &verdicts, split, out))?;
     if !out.is_json() {
@@ -253,13 +254,13 @@ fn show(
     for (family, verdict) in families.iter().zip(verdicts) {
         out.line("")?;
         chart(series, family, split, out)?;
-        out.paragraph("", &verdict.sentence())?;
-        if let Some(text) = verdict.confounding() {
+        out.paragraph("", &health_verdict(verdict))?;
+        if let Some(text) = confounding_versions(verdict) {
             out.paragraph("  ", &text)?;
         }
     }
     marks(series, out)?;
-    for text in series.coverage.sentences() {
+    for text in omissions(&series.coverage) {
         out.paragraph("", &text)?;
     }
     Ok(())

@@ -277,32 +277,6 @@ impl HealthCoverage {
     pub const fn is_sample(&self) -> bool {
         self.blocks_read < self.blocks
     }
-
-    /// The omissions, one sentence each; empty if complete.
-    #[must_use]
-    pub fn sentences(&self) -> Vec<String> {
-        let mut sentences = Vec::new();
-        if self.is_sample() {
-            sentences.push(format!(
-                "a sample: {} of {} sealed blocks of telemetry were read, spread evenly; a shorter span is read whole",
-                self.blocks_read, self.blocks
-            ));
-        }
-        for (count, what) in [
-            (self.not_judged, "tasks were stopped by a person or came to nothing"),
-            (self.removed, "batches are not there any more, removed for age or missing"),
-            (self.late, "batches were sealed only after their engine had ended"),
-            (self.damaged, "batches are not what the audit chain seals: see `holdpoint audit verify`"),
-            (self.without_wall, "tasks have no time of the machine's clock"),
-            (self.marks_left_off, "older marks are left off"),
-            (self.alarms_left_off, "older changes of alarms are left off"),
-        ] {
-            if count > 0 {
-                sentences.push(format!("in no number: {count} {what}"));
-            }
-        }
-        sentences
-    }
 }
 
 /// The health of every family over a span of time.
@@ -465,24 +439,14 @@ mod tests {
     }
 
     #[test]
-    fn a_verdict_has_a_trend_a_size_and_an_interval() {
+    fn a_verdict_has_a_trend() {
         let worse = series(vec![point("grasp@1.0.0", 3, 810, 761), point("grasp@1.0.0", 8, 340, 300)]);
         let grasp = Family::new("grasp").unwrap();
         let verdict = worse.verdict(&grasp, 8);
         assert_eq!(verdict.trend(), Trend::Worse);
-        assert_eq!(
-            verdict.sentence(),
-            "success of grasp since Tue 17 Nov 16:00: 88.2 % of 340, before 94.0 % of 810: worse by 5.7 points \
-             [2.2, 9.8]"
-        );
-        assert_eq!(verdict.confounding(), None);
         let same = series(vec![point("grasp@1.0.0", 3, 81, 76), point("grasp@1.1.0", 8, 34, 30)]);
         let verdict = same.verdict(&grasp, 8);
         assert_eq!(verdict.trend(), Trend::NotShown);
-        assert!(verdict.sentence().contains("-5.6 points ["), "{}", verdict.sentence());
-        let confounded = verdict.confounding().unwrap();
-        let (before, since) = (confounded.find("grasp@1.0.0 (81)"), confounded.find("grasp@1.1.0 (34)"));
-        assert!(before.is_some() && before < since, "{confounded}");
         // 0 of 2 against 76 of 81 lies beyond the interval, and says nothing.
         for (tasks, trend) in [
             (1, Trend::TooFew),
@@ -498,13 +462,10 @@ mod tests {
                 ];
                 let verdict = series(points).verdict(&grasp, 8);
                 assert_eq!(verdict.trend(), expected, "{tasks}");
-                let says = verdict.sentence().ends_with("too few to compare, 20 on each side are needed");
-                assert_eq!(says, expected == Trend::TooFew, "{}", verdict.sentence());
             }
         }
         let none = series(vec![point("grasp@1.0.0", 3, 81, 76)]).verdict(&grasp, 8);
         assert_eq!(none.trend(), Trend::NoData);
-        assert!(none.sentence().ends_with("before 93.8 % of 81"), "{}", none.sentence());
     }
 
     #[test]

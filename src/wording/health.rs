@@ -1,8 +1,10 @@
 //! Health over time in words: the marks of a series, and the titles of an exported chart.
 
 use holdpoint_governance::ids::Family;
+use holdpoint_governance::stats::Interval;
 use holdpoint_protocol::health::{
-    HealthClock, HealthMark, HealthPanel, MarkContent, MarkedAct, duration_label,
+    AlarmEpisode, HealthClock, HealthCoverage, HealthMark, HealthPanel, HealthVerdict, MarkContent,
+    MarkedAct, SIDE_TASKS_MIN, Trend, VerdictSide, duration_label,
 };
 
 /// Why a series of a script has no buckets by the machine's clock.
@@ -63,6 +65,103 @@ fn marked_act(act: &MarkedAct) -> String {
     }
 }
 
+/// The comparison of the tasks before and since a moment with its numbers, one sentence.
+#[must_use]
+pub fn health_verdict(of: &HealthVerdict) -> String {
+    let HealthVerdict { family, moment, sampled, before, since, interval } = of;
+    let share = |side: &VerdictSide| side.succeeded as f64 / side.tasks.max(1) as f64;
+    let side = |side: &VerdictSide| {
+        if side.tasks == 0 {
+            return "no task on record".to_owned();
+        }
+        format!("{:.1} % of {}", 100.0 * share(side), side.tasks)
+    };
+    let difference = interval.as_ref().map_or_else(String::new, |Interval { lower, upper, .. }| {
+        let points = 100.0 * (share(since) - share(before));
+        let (low, high) = (100.0 * lower, 100.0 * upper);
+        match of.trend() {
+            // The direction is in the word: the numbers have no sign.
+            Trend::Worse => format!(": worse by {:.1} points [{:.1}, {:.1}]", -points, -high, -low),
+            Trend::Better => format!(": better by {points:.1} points [{low:.1}, {high:.1}]"),
+            Trend::TooFew => format!(": too few to compare, {SIDE_TASKS_MIN} on each side are needed"),
+            Trend::NotShown | Trend::NoData => {
+                format!(": no difference shown, {points:+.1} points [{low:+.1}, {high:+.1}]")
+            }
+        }
+    });
+    let sample = if *sampled { ", of a sample" } else { "" };
+    format!(
+        "success of {family} since {moment}: {}, before {}{difference}{sample}",
+        side(since),
+        side(before)
+    )
+}
+
+/// The different versions of the two sides of a comparison, one sentence; absent if one version worked on both.
+#[must_use]
+pub fn confounding_versions(of: &HealthVerdict) -> Option<String> {
+    let (before, since) = (&of.before.versions, &of.since.versions);
+    if before.is_empty() || since.is_empty() || before.keys().eq(since.keys()) && before.len() == 1 {
+        return None;
+    }
+    let counts = |side: &VerdictSide| {
+        let all: Vec<String> =
+            side.versions.iter().map(|(version, tasks)| format!("{version} ({tasks})")).collect();
+        all.join(", ")
+    };
+    Some(format!("not the same version worked: before {}, since {}", counts(&of.before), counts(&of.since)))
+}
+
+/// What the numbers of a series omit, one sentence each; empty if they are complete.
+#[must_use]
+pub fn omissions(of: &HealthCoverage) -> Vec<String> {
+    let mut sentences = Vec::new();
+    if of.is_sample() {
+        sentences.push(format!(
+            "a sample: {} of {} sealed blocks of telemetry were read, spread evenly; a shorter span is read whole",
+            of.blocks_read, of.blocks
+        ));
+    }
+    for (count, what) in [
+        (of.not_judged, "tasks were stopped by a person or came to nothing"),
+        (of.removed, "batches are not there any more, removed for age or missing"),
+        (of.late, "batches were sealed only after their engine had ended"),
+        (of.damaged, "batches are not what the audit chain seals: see `holdpoint audit verify`"),
+        (of.without_wall, "tasks have no time of the machine's clock"),
+        (of.marks_left_off, "older marks are left off"),
+        (of.alarms_left_off, "older changes of alarms are left off"),
+    ] {
+        if count > 0 {
+            sentences.push(format!("in no number: {count} {what}"));
+        }
+    }
+    sentences
+}
+
+/// The course of an alarm, one sentence per step without its text: the raise, people's actions with reasons, and how long
+/// it was open, or is at `now_ms`.
+#[must_use]
+pub fn alarm_course(of: &AlarmEpisode, now_ms: u64) -> Vec<String> {
+    let before = if of.began_before { ", or before" } else { "" };
+    let mut sentences = vec![format!("raised by the engine {}{before}", of.raised.time_text())];
+    for (what, step) in [
+        ("acknowledged", &of.acknowledged),
+        ("shelved", &of.shelved),
+        ("its condition was over", &of.over),
+        ("reset", &of.reset),
+    ] {
+        let Some(step) = step else { continue };
+        let by = step.by.as_ref().map_or_else(String::new, |by| format!(" by {by}"));
+        let why = step.reason.as_ref().map_or_else(String::new, |why| format!(": {why}"));
+        sentences.push(format!("{what}{by} {}{why}", step.time_text()));
+    }
+    let duration = duration_label(of.active_ms(now_ms));
+    let changes = if of.changes == 1 { "1 change".to_owned() } else { format!("{} changes", of.changes) };
+    let verb = if of.ended.is_some() { "stood" } else { "has stood" };
+    sentences.push(format!("{verb} for {duration}, {changes} on record"));
+    sentences
+}
+
 /// A mark in the legend of a chart: when, its kind, and what it states.
 #[must_use]
 pub fn mark_legend(when: &str, mark: &HealthMark) -> String {
@@ -114,6 +213,57 @@ mod tests {
 
     fn acted(by: &str, act: MarkedAct, reason: &str) -> MarkContent {
         MarkContent::Acted { by: by.to_owned(), act, reason: reason.to_owned() }
+    }
+
+    #[test]
+    fn a_verdict_has_a_direction_a_size_and_an_interval() {
+        let side = |version: &str, tasks, succeeded| VerdictSide {
+            tasks,
+            succeeded,
+            violated: 0,
+            versions: [(version.parse().unwrap(), tasks)].into(),
+        };
+        let verdict = |before: VerdictSide, since: VerdictSide, bounds: Option<(f64, f64)>| HealthVerdict {
+            family: Family::new("grasp").unwrap(),
+            moment: "noon".to_owned(),
+            sampled: false,
+            interval: bounds.map(|(lower, upper)| Interval { lower, upper, level: 0.95 }),
+            before,
+            since,
+        };
+        let of = |before, since| (side("grasp@1.0.0", before, before), side(since, 40, 30));
+        let (before, since) = of(50, "grasp@1.0.0");
+        let worse = verdict(before, since, Some((-0.4, -0.1)));
+        assert_eq!(
+            health_verdict(&worse),
+            "success of grasp since noon: 75.0 % of 40, before 100.0 % of 50: worse by 25.0 points [10.0, 40.0]"
+        );
+        assert_eq!(confounding_versions(&worse), None);
+        let (before, since) = of(50, "grasp@1.1.0");
+        let open = verdict(before, since, Some((-0.4, 0.1)));
+        assert!(health_verdict(&open).ends_with("no difference shown, -25.0 points [-40.0, +10.0]"));
+        assert_eq!(
+            confounding_versions(&open).unwrap(),
+            "not the same version worked: before grasp@1.0.0 (50), since grasp@1.1.0 (40)"
+        );
+        let none = verdict(VerdictSide::default(), side("grasp@1.0.0", 40, 30), None);
+        assert_eq!(
+            health_verdict(&none),
+            "success of grasp since noon: 75.0 % of 40, before no task on record"
+        );
+    }
+
+    #[test]
+    fn omitted_data_are_counted() {
+        assert_eq!(omissions(&HealthCoverage::default()), Vec::<String>::new());
+        let some = HealthCoverage { blocks: 9, blocks_read: 3, late: 2, ..HealthCoverage::default() };
+        assert_eq!(
+            omissions(&some),
+            [
+                "a sample: 3 of 9 sealed blocks of telemetry were read, spread evenly; a shorter span is read whole",
+                "in no number: 2 batches were sealed only after their engine had ended"
+            ]
+        );
     }
 
     #[test]

@@ -76,10 +76,10 @@ fn health_files(stem: &Path, model: &ConsoleModel) -> Result<String, String> {
         let mut notes = Vec::new();
         if let Some(bucket) = model.health_bucket() {
             let verdict = series.verdict(&family, bucket);
-            notes.push(verdict.sentence());
-            notes.extend(verdict.confounding());
+            notes.push(holdpoint_wording::health::health_verdict(&verdict));
+            notes.extend(holdpoint_wording::health::confounding_versions(&verdict));
         }
-        notes.extend(series.coverage.sentences());
+        notes.extend(holdpoint_wording::health::omissions(&series.coverage));
         let name = format!("{family}.svg");
         new_file(&stem.with_extension(&name), &health_series::svg(series, &family, &notes))
             .map_err(failure)?;

@@ -325,7 +325,9 @@ pub(super) fn jump_to_alarm(model: &mut ConsoleModel) -> Vec<Effect> {
 /// The value for Copy: the one that a person would paste elsewhere.
 pub(super) fn copied(model: &ConsoleModel) -> Option<String> {
     match model.view_state.view {
-        View::Health => model.health_verdict().map(|verdict| verdict.sentence()),
+        View::Health => {
+            model.health_verdict().map(|verdict| holdpoint_wording::health::health_verdict(&verdict))
+        }
         View::Alarms if model.view_state.pane() == HISTORY_PANE => {
             let spell = model.alarm_spells().get(model.row()).copied()?;
             Some(format!(

@@ -66,7 +66,7 @@ pub fn draw(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
         let inside = pen.pane(detail, &super::short(&spell.alarm, 80), false, "");
         let width = usize::from(inside.width);
         let mut rows = Vec::new();
-        let course = spell.sentences(now_ms);
+        let course = holdpoint_wording::health::alarm_course(spell, now_ms);
         if let Some(text) = &spell.text {
             rows.extend(
                 wrap(&holdpoint_wording::notice(text), width, 2)

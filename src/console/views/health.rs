@@ -466,8 +466,8 @@ fn under(model: &ConsoleModel, series: &HealthSeries, width: usize, height: usiz
             Trend::Better => ThemeRole::Good,
             Trend::NotShown | Trend::TooFew | Trend::NoData => ThemeRole::Text,
         };
-        say(role, &verdict.sentence(), 2);
-        if let Some(text) = verdict.confounding() {
+        say(role, &holdpoint_wording::health::health_verdict(&verdict), 2);
+        if let Some(text) = holdpoint_wording::health::confounding_versions(&verdict) {
             say(ThemeRole::Text, &text, 2);
         }
     }
@@ -487,8 +487,10 @@ fn under(model: &ConsoleModel, series: &HealthSeries, width: usize, height: usiz
             say(ThemeRole::Text, &values(series, point, &start), each);
         }
     }
-    let left_out: Vec<Row> =
-        series.coverage.sentences().iter().flat_map(|text| lines(ThemeRole::Muted, text, 2)).collect();
+    let left_out: Vec<Row> = holdpoint_wording::health::omissions(&series.coverage)
+        .iter()
+        .flat_map(|text| lines(ThemeRole::Muted, text, 2))
+        .collect();
     // The events come before the omissions, if both are too much; events without a line are counted.
     let room = height.saturating_sub(rows.len());
     let room = room.saturating_sub(left_out.len()).max(MARKS_LEAST).min(room);

@@ -84,31 +84,4 @@ impl AlarmEpisode {
         let end = self.ended.as_ref().map_or(now_ms, |step| step.at_ms);
         end.saturating_sub(self.raised.at_ms)
     }
-
-    /// Its course, one sentence per step without its text: the raise, people's actions with reasons, and how long it was open, or is at
-    /// `now_ms`.
-    #[must_use]
-    pub fn sentences(&self, now_ms: u64) -> Vec<String> {
-        let before = if self.began_before { ", or before" } else { "" };
-        let mut sentences = vec![format!("raised by the engine {}{before}", self.raised.time_text())];
-        for (what, step) in [
-            ("acknowledged", &self.acknowledged),
-            ("shelved", &self.shelved),
-            ("its condition was over", &self.over),
-            ("reset", &self.reset),
-        ] {
-            let Some(step) = step else { continue };
-            let by = step.by.as_ref().map_or_else(String::new, |by| format!(" by {by}"));
-            let why = step.reason.as_ref().map_or_else(String::new, |why| format!(": {why}"));
-            sentences.push(format!("{what}{by} {}{why}", step.time_text()));
-        }
-        let duration = duration_label(self.active_ms(now_ms));
-        let changes =
-            if self.changes == 1 { "1 change".to_owned() } else { format!("{} changes", self.changes) };
-        sentences.push(match &self.ended {
-            Some(_) => format!("stood for {duration}, {changes} on record"),
-            None => format!("has stood for {duration}, {changes} on record"),
-        });
-        sentences
-    }
 }
