@@ -208,7 +208,7 @@ fn check_single_use(profile: ProfileName) {
     let by_eve = view.sign(&eve, &go("eve")).unwrap();
     client.refuses(&go("eve"), &by_eve, Refusal::NotAllowed, "not enrolled");
     let by_admin = client.sign("admin", &go("admin"));
-    client.refuses(&go("admin"), &by_admin, Refusal::NotAllowed, "lets nothing go on");
+    client.refuses(&go("admin"), &by_admin, Refusal::NotAllowed, "starts and resumes nothing");
     // Only the signed request, here and in time.
     let seal = client.sign("mara", &go("mara"));
     let other = go_because("mara", "another reason");

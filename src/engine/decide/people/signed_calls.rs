@@ -146,7 +146,8 @@ impl SignedCalls {
             return stale(format!("the signature of {name} under this request was used already"));
         }
         if !identity.role.may_resume() {
-            let text = format!("{name} is enrolled as {}, who lets nothing go on", identity.role);
+            let text =
+                format!("{name} is enrolled as {}, a role that starts and resumes nothing", identity.role);
             let hint = "an operator, an engineer or a safety officer signs it";
             return refuse(Refusal::NotAllowed, text, Some(hint.to_owned()));
         }
@@ -198,8 +199,7 @@ fn protected(context: &Context, record: &EngineRecorder, name: &str) -> Result<(
     match Identity::protection(&record.version_table().store().layout().identities(), name) {
         Ok(Protection::Passphrase | Protection::Elsewhere) => Ok(()),
         Ok(Protection::None) => {
-            let text =
-                format!("the key of {name} has no passphrase, and the profile {profile} takes none such");
+            let text = format!("the key of {name} has no passphrase, and the profile {profile} requires one");
             let hint = format!("`holdpoint identity passphrase {name}` sets one; then ask again");
             Err(Reply::Refused { code: Refusal::NotAllowed, text, hint: Some(hint) })
         }

@@ -39,7 +39,7 @@ pub(crate) fn check_signer(
             Ok(Protection::None) => {
                 let name = &identity.name;
                 let text =
-                    format!("the key of {name} has no passphrase, and the profile {profile} takes none such");
+                    format!("the key of {name} has no passphrase, and the profile {profile} requires one");
                 let hint = format!("`holdpoint identity passphrase {name}` sets one; then approve again");
                 return refuse(Refusal::NotAllowed, text, Some(hint));
             }
