@@ -1,6 +1,8 @@
 //! Parts of an approval request in words: what was not tested, the response to a drift, and why it is refused.
 
 use holdpoint_governance::decision::Dimension;
+use holdpoint_governance::profile::MonitorSettings;
+use holdpoint_governance::strictness::Strictness;
 use holdpoint_protocol::approval_document::{
     AnswerVoidCause, DriftResponse, QuestionRefusal, UntestedAspect,
 };
@@ -51,6 +53,16 @@ pub fn drift_response(of: &DriftResponse) -> String {
     let settled = if of.in_doubt { " and once fresh evidence settles its concern" } else { "" };
     let limits = of.limits.as_ref().map_or_else(String::new, |limits| format!("; {limits}"));
     format!("{response}; confirmed after {} live tasks{settled}{limits}", of.confirmed_after)
+}
+
+/// The levels of the charts under stricter thresholds, with the profile's.
+#[must_use]
+pub fn stricter_levels(strictness: &Strictness, plain: &MonitorSettings) -> String {
+    let held = strictness.applied(plain);
+    format!(
+        "a chart warns at {} (plain {}) and trips at {} (plain {})",
+        held.cusum_limit, plain.cusum_limit, held.false_alarm_episodes, plain.false_alarm_episodes
+    )
 }
 
 /// Why people are asked to lift a restriction.
@@ -111,7 +123,9 @@ const fn void_cause(of: AnswerVoidCause) -> &'static str {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use holdpoint_governance::condition::Condition;
     use holdpoint_governance::evidence::DrillKind;
+    use holdpoint_governance::profile::{Profile, ProfileName};
     use holdpoint_protocol::snapshot::RequestKind;
 
     #[test]
@@ -180,6 +194,16 @@ mod tests {
             "after a safety event or the first warning of a chart grasp@1.0.0 takes over again, without asking an \
              operator; confirmed after 100 live tasks and once fresh evidence settles its concern; charts at half their \
              level"
+        );
+    }
+
+    #[test]
+    fn stricter_levels_stand_beside_those_of_the_profile() {
+        let strictness = Strictness::of(&[Condition::StricterThresholds { factor: 0.5 }]);
+        let sim = Profile::builtin(ProfileName::Sim).unwrap();
+        assert_eq!(
+            stricter_levels(&strictness, &sim.monitor),
+            "a chart warns at 2.75 (plain 5.5) and trips at 1000 (plain 2000)"
         );
     }
 

@@ -29,7 +29,7 @@ use holdpoint_record::untested::untested;
 use holdpoint_registry::AuditBody;
 use holdpoint_runtime::capability::Capability;
 use holdpoint_wording::approval::{RENDERER_VERSION, render};
-use holdpoint_wording::request::{refusal, refusal_hint};
+use holdpoint_wording::request::{refusal, refusal_hint, stricter_levels};
 
 use super::approvals::{Approvals, PendingApproval, RecordedAnswer, vote};
 use super::break_glass_approvals;
@@ -526,6 +526,6 @@ pub(super) fn on_drift(
         answer_within_s: monitor.escalation_deadline_s,
         confirmed_after: context.profile.activation.provisional_episodes,
         in_doubt,
-        limits: (watch.factor() < 1.0).then(|| watch.limits(monitor)),
+        limits: (watch.factor() < 1.0).then(|| stricter_levels(&watch, monitor)),
     }
 }

@@ -532,10 +532,10 @@ fn conditions_act_at_the_gate() {
             ApprovalPending,
         ),
     ] {
-        assert_eq!(*with(name, None).decision.outcome(), GateOutcome::Pass, "{condition}");
+        assert_eq!(*with(name, None).decision.outcome(), GateOutcome::Pass, "{condition:?}");
         let result = with(name, Some(condition.clone()));
-        assert_eq!(*result.decision.outcome(), outcome, "{condition}");
-        assert!(result.decision.has(code), "{condition}: {:?}", result.decision.reasons());
+        assert_eq!(*result.decision.outcome(), outcome, "{condition:?}");
+        assert!(result.decision.has(code), "{condition:?}: {:?}", result.decision.reasons());
         assert!(result.passed.is_none());
     }
     // Met, they stand in the terms; what bounds the use makes the activation a conditional one.
@@ -551,9 +551,9 @@ fn conditions_act_at_the_gate() {
         case.kappas.behavior.conditions.push(condition.clone());
         case.approval = answered.then(|| granted(&["ann"]));
         let passed = case.evaluate().passed.expect("passes");
-        assert!(passed.terms().conditions.contains(&condition), "{condition}");
+        assert!(passed.terms().conditions.contains(&condition), "{condition:?}");
         let modes = mode.map_or([ActivationMode::Full].into(), |mode| [mode].into());
-        assert_eq!(passed.terms().modes, modes, "{condition}");
+        assert_eq!(passed.terms().modes, modes, "{condition:?}");
     }
 }
 

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use crate::decide::pipeline::Pipeline;
 use crate::decide::pipeline::concurrent::CommandTiming;
-use crate::decide::stages::rollback::tests::Bench;
+use crate::decide::stages::rollback::tests::RollbackBench;
 use crate::live::station::LiveFault;
 use holdpoint_governance::alarms::{AlarmKey, AlarmState, Priority};
 use holdpoint_governance::ids::CapabilityId;
@@ -38,7 +38,7 @@ fn wait_for_a_question(pipeline: &mut Pipeline) {
 
 #[test]
 fn escalation_is_answered_and_may_be_raised_again() {
-    let mut bench = Bench::new();
+    let mut bench = RollbackBench::new();
     let id = bench.activate("align-improved");
     let pipeline = &mut bench.pipeline;
     assert!(pipeline.live().monitors.questions().is_empty());
@@ -79,7 +79,7 @@ fn escalation_is_answered_and_may_be_raised_again() {
 
 #[test]
 fn telemetry_silence_has_its_own_alarm_priority() {
-    let mut bench = Bench::new();
+    let mut bench = RollbackBench::new();
     let id = bench.activate("align-improved");
     let pipeline = &mut bench.pipeline;
     Arc::make_mut(&mut pipeline.context_mut().profile).alarms.telemetry_silent = Priority::Low;
@@ -91,7 +91,7 @@ fn telemetry_silence_has_its_own_alarm_priority() {
 
 #[test]
 fn refusals_change_no_evidence_file() {
-    let mut bench = Bench::new();
+    let mut bench = RollbackBench::new();
     let active = bench.activate("align-improved");
     let unknown: CapabilityId = "align@9.9.9".parse().unwrap();
     let pipeline = &mut bench.pipeline;
@@ -122,7 +122,7 @@ fn refusals_change_no_evidence_file() {
 
 #[test]
 fn answer_after_the_deadline_is_refused() {
-    let mut bench = Bench::new();
+    let mut bench = RollbackBench::new();
     let id = bench.activate("align-improved");
     let pipeline = &mut bench.pipeline;
     pipeline.live().world.cell.set_fault(Some(LiveFault::TelemetryLost));
@@ -134,7 +134,7 @@ fn answer_after_the_deadline_is_refused() {
 
 #[test]
 fn alarm_returns_to_normal_when_its_cause_ends() {
-    let mut bench = Bench::new();
+    let mut bench = RollbackBench::new();
     let id = bench.activate("align-improved");
     bench.by_operator(&id);
     let pipeline = &mut bench.pipeline;
@@ -151,7 +151,7 @@ fn alarm_returns_to_normal_when_its_cause_ends() {
 
 #[test]
 fn alarm_is_shelved_for_a_limited_time() {
-    let mut bench = Bench::new();
+    let mut bench = RollbackBench::new();
     let pipeline = &mut bench.pipeline;
     let key = AlarmKey::Approval("align@1.1.0".parse().unwrap());
     pipeline.live().record.raise(key.clone(), Priority::Low, false, Notice::SocketNameTaken { times: 1 });
@@ -177,7 +177,7 @@ fn alarm_is_shelved_for_a_limited_time() {
 
 #[test]
 fn a_question_is_shown_during_its_sequence() {
-    let mut bench = Bench::new();
+    let mut bench = RollbackBench::new();
     let id = bench.activate("grasp-improved");
     let pipeline = &mut bench.pipeline;
     pipeline.live().record.set_clock(Clock::real(0));

@@ -20,7 +20,7 @@ use super::*;
 use crate::decide::people::persons::{enrolled, guarded};
 use crate::decide::pipeline::Pipeline;
 use crate::decide::stages::activation::tests::{package, request_activation};
-use crate::decide::stages::rollback::tests::Bench;
+use crate::decide::stages::rollback::tests::RollbackBench;
 
 /// What the engine states of an answer to the request about `align@1.1.0` that it does not count.
 fn void(cause: AnswerVoidCause) -> String {
@@ -29,8 +29,8 @@ fn void(cause: AnswerVoidCause) -> String {
 }
 
 /// A candidate waits for people under a profile, and the clock is a script's or the machine's.
-fn waiting(profile: ProfileName, scripted: bool) -> (Bench, PathBuf) {
-    let mut bench = Bench::under(Profile::builtin(profile).unwrap());
+fn waiting(profile: ProfileName, scripted: bool) -> (RollbackBench, PathBuf) {
+    let mut bench = RollbackBench::under(Profile::builtin(profile).unwrap());
     request_activation(&mut bench.pipeline, package("align-improved", &[]));
     if !scripted {
         let now_ms = bench.pipeline.record().now_ms();
@@ -44,7 +44,7 @@ fn passphrase() -> Passphrase {
     Passphrase::new("under the oak".to_owned().into()).unwrap()
 }
 
-fn protected(bench: &mut Bench, name: &str) -> Identity {
+fn protected(bench: &mut RollbackBench, name: &str) -> Identity {
     enrolled(
         bench.pipeline.live().record,
         name,
@@ -53,12 +53,12 @@ fn protected(bench: &mut Bench, name: &str) -> Identity {
     )
 }
 
-fn plain(bench: &mut Bench, name: &str) -> Identity {
+fn plain(bench: &mut RollbackBench, name: &str) -> Identity {
     enrolled(bench.pipeline.live().record, name, Role::Safety, KeyEncoding::Plain)
 }
 
 /// The store's first administrator.
-fn administrator(bench: &Bench, folder: &Path) -> Identity {
+fn administrator(bench: &RollbackBench, folder: &Path) -> Identity {
     bench
         .pipeline
         .record()
@@ -70,12 +70,12 @@ fn administrator(bench: &Bench, folder: &Path) -> Identity {
         .unwrap()
 }
 
-fn act(bench: &mut Bench, act: impl FnOnce(&PersonDirectory) -> SignedPersonAct) -> Reply {
+fn act(bench: &mut RollbackBench, act: impl FnOnce(&PersonDirectory) -> SignedPersonAct) -> Reply {
     let signed = act(&bench.pipeline.record().version_table().store().persons().unwrap());
     bench.pipeline.command(Command::Person { signed: Box::new(signed) })
 }
 
-fn revoke(bench: &mut Bench, folder: &Path, name: &str) -> Reply {
+fn revoke(bench: &mut RollbackBench, folder: &Path, name: &str) -> Reply {
     let admin = administrator(bench, folder);
     act(bench, |persons| {
         persons.revocation(persons.named(name).unwrap(), &admin, "the key was copied").unwrap()
@@ -110,7 +110,7 @@ pub(crate) fn signed(
     Ok(question.answer(who, answer, "evidence read").unwrap())
 }
 
-fn say(bench: &mut Bench, who: &Identity, answer: ApprovalDecision) -> Reply {
+fn say(bench: &mut RollbackBench, who: &Identity, answer: ApprovalDecision) -> Reply {
     let open = bench.pipeline.snapshot().prompts.remove(0);
     match signed(&mut bench.pipeline, &open, who, answer) {
         Ok(command) => bench.pipeline.command(command),
@@ -118,7 +118,7 @@ fn say(bench: &mut Bench, who: &Identity, answer: ApprovalDecision) -> Reply {
     }
 }
 
-fn approve(bench: &mut Bench, who: &Identity) -> Reply {
+fn approve(bench: &mut RollbackBench, who: &Identity) -> Reply {
     say(bench, who, ApprovalDecision::Approve)
 }
 
@@ -150,7 +150,7 @@ fn an_unprotected_key_approves_nothing_where_people_decide() {
 
 #[test]
 fn a_text_that_is_no_name_is_in_no_command() {
-    let bench = Bench::new();
+    let bench = RollbackBench::new();
     let persons = bench.pipeline.record().version_table().store().persons().unwrap();
     for name in ["../../x", "x --by y; rm -rf .", ""] {
         let refused = person(&persons, name).unwrap_err();
@@ -340,8 +340,8 @@ fn the_authors_key_under_another_name_approves_nothing() {
 }
 
 /// Medium risk: two people have to approve.
-fn waiting_for_two() -> (Bench, PathBuf) {
-    let mut bench = Bench::under(Profile::builtin(ProfileName::Human).unwrap());
+fn waiting_for_two() -> (RollbackBench, PathBuf) {
+    let mut bench = RollbackBench::under(Profile::builtin(ProfileName::Human).unwrap());
     let mut submitted = package("align-improved", &[]);
     let (from, to) = ("estimated_risk = \"low\"", "estimated_risk = \"medium\"");
     assert!(submitted.submission.contains(from), "{}", submitted.submission);
@@ -436,7 +436,7 @@ fn approvals_of_a_revoked_key_do_not_count() {
 /// A question that is taken up after a restart has the answers of those who are enrolled still.
 #[test]
 fn an_answer_by_a_revoked_key_is_not_restored() {
-    let mut bench = Bench::under(Profile::builtin(ProfileName::Human).unwrap());
+    let mut bench = RollbackBench::under(Profile::builtin(ProfileName::Human).unwrap());
     // A review takes two people.
     crate::tests::awaiting_approval(&mut bench.pipeline, PolicyOutcome::Review, Vec::new());
     let folder = bench.pipeline.record().version_table().store().layout().identities();
@@ -460,10 +460,10 @@ fn an_answer_by_a_revoked_key_is_not_restored() {
 /// The reason of the gate, which decides before it asks, stood there after the first answer, too.
 #[test]
 fn reason_of_a_waiting_version_counts_the_approvals() {
-    let mut bench = Bench::under(Profile::builtin(ProfileName::Human).unwrap());
+    let mut bench = RollbackBench::under(Profile::builtin(ProfileName::Human).unwrap());
     // A review takes two people.
     let id = crate::tests::awaiting_approval(&mut bench.pipeline, PolicyOutcome::Review, Vec::new());
-    let lead = |bench: &Bench| {
+    let lead = |bench: &RollbackBench| {
         let snapshot = bench.pipeline.snapshot();
         let candidate = snapshot.candidates.into_iter().find(|candidate| candidate.version == id).unwrap();
         let pending = candidate.reasons.iter().find(|reason| reason.code == ReasonCode::ApprovalPending);

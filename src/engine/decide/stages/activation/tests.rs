@@ -22,7 +22,7 @@ use super::*;
 use crate::decide::people::persons::enrolled;
 use crate::decide::pipeline::Pipeline;
 use crate::decide::stages::break_glass;
-use crate::decide::stages::rollback::tests::Bench;
+use crate::decide::stages::rollback::tests::RollbackBench;
 
 pub(crate) fn package(name: &str, changes: &[(&str, &str)]) -> Package {
     let mut package = capability::read(&Path::new(crate::MANIFESTS).join("candidates").join(name)).unwrap();
@@ -94,7 +94,7 @@ fn all_changes_are_shown_before_a_decision() {
     package.submission.push_str(
         "\n[[interface_changes]]\npart = \"precondition\"\nname = \"holding\"\nchange = \"changed\"\n",
     );
-    let mut bench = Bench::under(profile(ProfileName::Human));
+    let mut bench = RollbackBench::under(profile(ProfileName::Human));
     let pipeline = &mut bench.pipeline;
     pipeline.drain_events();
     let id = request_activation(pipeline, package);
@@ -163,7 +163,7 @@ fn all_changes_are_shown_before_a_decision() {
 #[test]
 fn simulation_only_version_controls_no_other_arm() {
     let package = package("align-improved", &[("[\"sim\", \"real\", \"human\"]", "[\"sim\"]")]);
-    let mut bench = Bench::new();
+    let mut bench = RollbackBench::new();
     let id = bench.activate_package(package, &[Condition::SimulationOnly]);
     let runs_task = |pipeline: &mut Pipeline| {
         let report = pipeline.live().sequence(None).unwrap();
@@ -187,27 +187,27 @@ fn operation(version: &CapabilityId) -> Operation {
     Operation { version: version.clone(), by: "ada".to_owned(), reason: "a test".to_owned() }
 }
 
-fn block(bench: &mut Bench, id: &CapabilityId, name: ProfileName) {
+fn block(bench: &mut RollbackBench, id: &CapabilityId, name: ProfileName) {
     let demote = Command::Demote { operation: operation(id), profiles: vec![name] };
     let reply = bench.pipeline.command(demote);
     assert!(matches!(reply, Reply::Accepted { .. }), "{reply:?}");
 }
 
-fn runs_task(bench: &mut Bench, id: &CapabilityId) -> bool {
+fn runs_task(bench: &mut RollbackBench, id: &CapabilityId) -> bool {
     (0..8).any(|_| {
         let report = bench.pipeline.live().sequence(None).unwrap();
         report.tasks.iter().any(|done| done.id == *id)
     })
 }
 
-fn active(bench: &Bench, id: &CapabilityId) -> Option<String> {
+fn active(bench: &RollbackBench, id: &CapabilityId) -> Option<String> {
     bench.pipeline.record().active_of(&id.family).map(|active| active.id().to_string())
 }
 
 /// A block under a profile once stopped only candidates: an active version kept running under it.
 #[test]
 fn a_blocked_version_does_not_run_under_the_profile() {
-    let mut bench = Bench::new();
+    let mut bench = RollbackBench::new();
     let id = bench.activate("align-improved");
     block(&mut bench, &id, ProfileName::Human);
     assert!(runs_task(&mut bench, &id), "it runs where it is not blocked");
@@ -222,7 +222,7 @@ fn a_blocked_version_does_not_run_under_the_profile() {
 /// Neither a rollback nor an operator reactivates a blocked version.
 #[test]
 fn no_rollback_activates_a_blocked_version() {
-    let mut bench = Bench::new();
+    let mut bench = RollbackBench::new();
     let id = bench.activate("align-improved");
     let before: CapabilityId = "align@1.0.0".parse().unwrap();
     for id in [&id, &before] {
@@ -246,7 +246,7 @@ fn no_rollback_activates_a_blocked_version() {
 /// An operator who rolls back the last version learns first that no version follows.
 #[test]
 fn a_blocked_rollback_target_does_not_take_over() {
-    let mut bench = Bench::new();
+    let mut bench = RollbackBench::new();
     let id = bench.activate("align-improved");
     block(&mut bench, &"align@1.0.0".parse().unwrap(), ProfileName::Sim);
     let reply = bench.pipeline.command(Command::Rollback(operation(&id)));
@@ -258,7 +258,7 @@ fn a_blocked_rollback_target_does_not_take_over() {
 #[test]
 fn no_sequence_runs_a_blocked_version() {
     for unreviewed in [false, true] {
-        let mut bench = Bench::new();
+        let mut bench = RollbackBench::new();
         let id = bench.pass("align-improved", &Stage::ALL);
         let version = bench.pipeline.record().version_table().version(&id).unwrap().0;
         let event = LifecycleEvent::Close { version, profile: ProfileName::Sim };
@@ -301,7 +301,7 @@ const BAD: EpisodeValues = EpisodeValues { anomaly: true, time_s: 2.0, ..Episode
 fn conditions_of_an_activation_reach_its_monitor() {
     let strict = [Condition::StricterThresholds { factor: 0.5 }, Condition::RollbackCoupled];
     let first_action = |conditions: &[Condition]| {
-        let mut bench = Bench::new();
+        let mut bench = RollbackBench::new();
         let id = bench.activate_package(package("align-improved", &[]), conditions);
         let view = bench.pipeline.snapshot().live.monitors.remove(0);
         let mut watched = bench.pipeline.live().monitors.of(&id).unwrap().clone();
@@ -331,10 +331,10 @@ fn conditions_of_an_activation_reach_its_monitor() {
 /// version change, and its window counts no episode.
 #[test]
 fn an_intervention_counts_for_its_version() {
-    let mut bench = Bench::new();
+    let mut bench = RollbackBench::new();
     let id = bench.activate_package(package("align-improved", &[]), &[]);
     let named = |chart: ChartView| (format!("{} {}", chart.rate, chart.level), chart.value);
-    let charts = |bench: &Bench| {
+    let charts = |bench: &RollbackBench| {
         let live = bench.pipeline.snapshot().live;
         let charts = live.monitors.into_iter().find(|view| view.version == id).unwrap().charts;
         charts.into_iter().map(named).collect::<Vec<_>>()
@@ -365,9 +365,9 @@ fn an_intervention_counts_for_its_version() {
         first.record
     );
     assert_eq!(charts(&bench), restricted);
-    let mut bench = Bench::new();
+    let mut bench = RollbackBench::new();
     let id = bench.activate("grasp-improved");
-    let charts = |bench: &Bench| {
+    let charts = |bench: &RollbackBench| {
         let view = bench.pipeline.snapshot().live.monitors.remove(0);
         (view.episodes, view.charts.into_iter().map(named).collect::<Vec<_>>())
     };

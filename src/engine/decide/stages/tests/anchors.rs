@@ -11,7 +11,7 @@ use holdpoint_protocol::command::{Command, Operation, Reply};
 use holdpoint_runtime::capability;
 
 use crate::decide::stages::confirmation;
-use crate::decide::stages::rollback::tests::Bench;
+use crate::decide::stages::rollback::tests::RollbackBench;
 use holdpoint_record::version_table::TransitionNote;
 
 fn renumbered(to: &str) -> Package {
@@ -20,14 +20,14 @@ fn renumbered(to: &str) -> Package {
     package
 }
 
-fn choose(bench: &mut Bench, id: &CapabilityId) -> Reply {
+fn choose(bench: &mut RollbackBench, id: &CapabilityId) -> Reply {
     let operation = Operation { version: id.clone(), by: "ada".to_owned(), reason: "a test".to_owned() };
     bench.pipeline.command(Command::Anchor(operation))
 }
 
 #[test]
 fn a_confirmation_begins_again_under_another_anchor() {
-    let mut bench = Bench::new();
+    let mut bench = RollbackBench::new();
     let first = bench.activate_package(renumbered("1.0.1"), &[]);
     assert!(matches!(choose(&mut bench, &first), Reply::Refused { .. }), "it is not confirmed yet");
     let live = bench.pipeline.live();
@@ -35,7 +35,7 @@ fn a_confirmation_begins_again_under_another_anchor() {
     let note = TransitionNote::because(Notice::StageBegins);
     live.record.transition(&first.family, LifecycleEvent::Confirm { version }, note).unwrap();
     let second = bench.activate_package(renumbered("1.0.2"), &[]);
-    let begin = |bench: &mut Bench| {
+    let begin = |bench: &mut RollbackBench| {
         let live = bench.pipeline.live();
         confirmation::begin(live.context, live.record, live.evidence_files, &second).unwrap().unwrap()
     };

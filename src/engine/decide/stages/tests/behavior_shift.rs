@@ -15,14 +15,14 @@ use holdpoint_governance::outcome::BehaviorOutcome;
 use holdpoint_registry::Views;
 
 use crate::decide::pipeline::SliceOutcome;
-use crate::decide::stages::rollback::tests::{Bench, GOOD};
+use crate::decide::stages::rollback::tests::{GOOD, RollbackBench};
 use holdpoint_explain::store_metrics::{Since, observe};
 use holdpoint_record::version_concern::VersionConcern;
 
 /// A bench with an active version whose twins in shadow were these, once it has worked as many live tasks as the first look
 /// is taken at; and what the alarm says, if it is raised.
-fn shift_alarm(twin: EpisodeValues) -> (Bench, Option<NoticeOrText>) {
-    let mut bench = Bench::new();
+fn shift_alarm(twin: EpisodeValues) -> (RollbackBench, Option<NoticeOrText>) {
+    let mut bench = RollbackBench::new();
     let id = bench.activate("align-improved");
     let live = bench.pipeline.live();
     live.evidence_files.edit(&id).twins = vec![twin; 40];
@@ -56,7 +56,7 @@ fn the_same_behavior_raises_no_alarm() {
 }
 
 /// Runs until this version has no open concern.
-fn re_evaluate(bench: &mut Bench, id: &CapabilityId) {
+fn re_evaluate(bench: &mut RollbackBench, id: &CapabilityId) {
     for _ in 0..2_000 {
         if !bench.pipeline.live().evidence_files.is_suspicious(id)
             || bench.pipeline.live().monitors.of(id).is_none()
@@ -111,7 +111,7 @@ fn a_re_evaluation_that_clears_a_version_survives_a_restart() {
 
 #[test]
 fn a_version_that_re_evaluates_as_worse_is_demoted() {
-    let mut bench = Bench::new();
+    let mut bench = RollbackBench::new();
     let id = bench.activate("align-low-transit");
     let reasons = Vec::new();
     bench.pipeline.live().evidence_files.edit(&id).suspicion = Some(VersionConcern { reasons, again: None });
@@ -133,7 +133,7 @@ fn a_version_that_re_evaluates_as_worse_is_demoted() {
 
 #[test]
 fn new_shadow_evaluation_clears_an_earlier_concern() {
-    let mut bench = Bench::new();
+    let mut bench = RollbackBench::new();
     let id = bench.pass("align-improved", &[Stage::Validation, Stage::Sandbox]);
     let live = bench.pipeline.live();
     live.evidence_files.edit(&id).suspicion = Some(VersionConcern { reasons: Vec::new(), again: None });

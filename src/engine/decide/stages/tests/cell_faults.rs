@@ -12,7 +12,7 @@ use holdpoint_protocol::command::{Command, Operation, Refusal, Reply};
 use holdpoint_runtime::capability::{self, Capability};
 
 use crate::decide::pipeline::SliceOutcome;
-use crate::decide::stages::rollback::tests::Bench;
+use crate::decide::stages::rollback::tests::RollbackBench;
 use crate::decide::stages::validation;
 use holdpoint_record::check::RegisteredVersions;
 
@@ -32,7 +32,7 @@ fn with_fallback(family: &str, requirement: &str) -> Package {
     package("candidates/align-improved", "family = \"park\"\nversion = \"^1\"", &to)
 }
 
-pub(super) fn register(bench: &mut Bench, package: Package) -> CapabilityId {
+pub(super) fn register(bench: &mut RollbackBench, package: Package) -> CapabilityId {
     let reply = bench.pipeline.command(Command::Register { package, name: "test".to_owned(), by: None });
     let Reply::Accepted { version: Some(id), .. } = reply else { panic!("{reply:?}") };
     id
@@ -43,7 +43,7 @@ pub(super) fn operation(id: &CapabilityId) -> Operation {
 }
 
 /// Runs until a version is demoted and no stage of it runs.
-fn run_until_demoted(bench: &mut Bench, id: &CapabilityId) {
+fn run_until_demoted(bench: &mut RollbackBench, id: &CapabilityId) {
     for _ in 0..SLICES_MAX {
         assert_eq!(bench.pipeline.advance(), SliceOutcome::Ran);
         assert_eq!(bench.pipeline.record().holding(), None);
@@ -57,7 +57,7 @@ fn run_until_demoted(bench: &mut Bench, id: &CapabilityId) {
 
 #[test]
 fn a_fallback_that_may_not_take_over_demotes_the_candidate_each_time() {
-    let mut bench = Bench::new();
+    let mut bench = RollbackBench::new();
     let improved = capability::read(&Path::new(crate::MANIFESTS).join("candidates/grasp-improved")).unwrap();
     let waiting = register(&mut bench, improved);
     assert!(matches!(bench.pipeline.command(Command::Pause(operation(&waiting))), Reply::Accepted { .. }));
@@ -83,7 +83,7 @@ fn a_fallback_that_may_not_take_over_demotes_the_candidate_each_time() {
 
 #[test]
 fn a_fallback_that_was_never_registered_is_the_author_s_fault() {
-    let mut bench = Bench::new();
+    let mut bench = RollbackBench::new();
     let live = bench.pipeline.live();
     for package in [with_fallback("grasp", "^9"), with_fallback("push", "^1")] {
         let candidate = Capability::load("test", package).unwrap();
@@ -97,7 +97,7 @@ fn a_fallback_that_was_never_registered_is_the_author_s_fault() {
 /// Regression: a second version of the fallback passed the check, and was rejected because it binds no fallback.
 #[test]
 fn a_version_of_the_fallback_is_refused_at_its_registration() {
-    let mut bench = Bench::new();
+    let mut bench = RollbackBench::new();
     let package = package("park/1.0.0", "version = \"1.0.0\"", "version = \"2.0.0\"");
     let id = Capability::load("test", package.clone()).unwrap().id();
     let reply = bench.pipeline.command(Command::Register { package, name: "park-2".to_owned(), by: None });

@@ -4,14 +4,14 @@ use std::fs;
 
 use holdpoint_governance::alarms::AlarmKey;
 
-use crate::decide::stages::rollback::tests::Bench;
+use crate::decide::stages::rollback::tests::RollbackBench;
 
 #[test]
 fn unwritable_checkpoint_raises_an_alarm_until_one_is_written() {
-    let mut bench = Bench::new();
+    let mut bench = RollbackBench::new();
     let folder = bench.pipeline.record().version_table().store().layout().checkpoints();
     let aside = folder.with_extension("aside");
-    let condition = |bench: &Bench| {
+    let condition = |bench: &RollbackBench| {
         bench.pipeline.record().alarms().get(&AlarmKey::CheckpointFailed).map(|alarm| alarm.condition)
     };
     bench.pipeline.advance();

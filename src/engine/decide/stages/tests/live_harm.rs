@@ -16,7 +16,7 @@ use holdpoint_protocol::command::{Command, Operation, Reply};
 use holdpoint_protocol::event::EventKind;
 use holdpoint_registry::AuditFilter;
 
-use crate::decide::stages::rollback::tests::Bench;
+use crate::decide::stages::rollback::tests::RollbackBench;
 use holdpoint_record::version_table::TransitionNote;
 
 fn id(version: &str) -> CapabilityId {
@@ -28,7 +28,7 @@ fn sim() -> Profile {
 }
 
 /// Runs sequences until an event fits.
-fn until<T>(bench: &mut Bench, fits: impl Fn(&EventKind) -> Option<T>) -> T {
+fn until<T>(bench: &mut RollbackBench, fits: impl Fn(&EventKind) -> Option<T>) -> T {
     for _ in 0..60 {
         bench.pipeline.live().sequence(None).unwrap();
         let events = bench.pipeline.drain_events();
@@ -52,7 +52,7 @@ fn danger_alarms_for_a_commissioned_version_and_rolls_a_new_one_back() {
     let mut profile = sim();
     profile.harm.zone_clearance_m.limit = 2.0;
     profile.live_harm.danger_zone_clearance_m = 2.0;
-    let mut bench = Bench::under(profile);
+    let mut bench = RollbackBench::under(profile);
     let before = id("place@1.0.0");
     let past = until(&mut bench, |event| match event {
         EventKind::HarmPastLimit { version, past, danger: true, tasks_past: 1, .. } if *version == before => {
@@ -79,12 +79,13 @@ fn danger_alarms_for_a_commissioned_version_and_rolls_a_new_one_back() {
 fn counts_continue_after_a_restart() {
     let mut profile = sim();
     profile.harm.touch_speed_m_s.limit = 0.01;
-    let mut bench = Bench::under(profile.clone());
+    let mut bench = RollbackBench::under(profile.clone());
     for _ in 0..4 {
         bench.pipeline.live().sequence(None).unwrap();
     }
     let (grasp, align) = (id("grasp@1.0.0"), id("align@1.0.0"));
-    let counts = |bench: &mut Bench| [&grasp, &align].map(|id| bench.pipeline.live().live_harm.lived(id));
+    let counts =
+        |bench: &mut RollbackBench| [&grasp, &align].map(|id| bench.pipeline.live().live_harm.lived(id));
     let before = counts(&mut bench);
     assert_eq!((before[0].tasks, before[0].any), (4, 4), "{before:?}");
     assert!(before[1].tasks > 0 && before[1].any < before[1].tasks, "{before:?}");
@@ -114,7 +115,7 @@ fn counts_continue_after_a_restart() {
 fn a_violated_limit_is_told_by_value_limit_and_sequence() {
     let mut profile = sim();
     profile.runtime.contact_force_max_n = 1.0;
-    let mut bench = Bench::under(profile);
+    let mut bench = RollbackBench::under(profile);
     let grasp = id("grasp@1.0.0");
     let (sequence, past) = until(&mut bench, |event| match event {
         EventKind::Sequence { index, tasks, .. } => {
@@ -136,7 +137,7 @@ fn a_violated_limit_is_told_by_value_limit_and_sequence() {
 /// No monitor watches a version whose window had passed before the start.
 #[test]
 fn confirmed_version_is_rolled_back_for_a_safety_event_after_a_restart() {
-    let mut bench = Bench::new();
+    let mut bench = RollbackBench::new();
     // It flies low, among the live cell's clutter.
     let version = bench.activate("align-low-transit");
     let reference = bench.pipeline.record().version_table().version(&version).unwrap().0;
@@ -154,7 +155,7 @@ fn confirmed_version_is_rolled_back_for_a_safety_event_after_a_restart() {
 
 #[test]
 fn rollback_target_that_is_no_safer_is_recorded() {
-    let mut bench = Bench::under(sim());
+    let mut bench = RollbackBench::under(sim());
     let before = bench.activate("align-low-transit");
     let version = bench.pipeline.record().version_table().version(&before).unwrap().0;
     let confirm = LifecycleEvent::Confirm { version };

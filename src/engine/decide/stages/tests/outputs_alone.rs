@@ -13,7 +13,7 @@ use holdpoint_governance::profile::{Profile, ProfileName};
 use holdpoint_trials::cell::Cell;
 use holdpoint_trials::seeds::{CALIBRATION_FROM_RUN, EpisodeSeeds};
 
-use crate::decide::stages::rollback::tests::{Bench, GOOD};
+use crate::decide::stages::rollback::tests::{GOOD, RollbackBench};
 use crate::decide::stages::shadow::{self, ShadowStep};
 use crate::live::fake_cell::{StubFactory, stand_still};
 use crate::test_pipeline::pipeline_in;
@@ -22,13 +22,13 @@ use holdpoint_record::evidence_file::EvidenceFile;
 use holdpoint_record::wall_clock::WallClock;
 
 /// A candidate that went through shadow in a fake cell.
-fn shadowed(profile: &Profile) -> (Bench, CapabilityId) {
+fn shadowed(profile: &Profile) -> (RollbackBench, CapabilityId) {
     let cell = Cell::new(Arc::new(StubFactory::new())).unwrap();
     let folder = tempfile::tempdir().unwrap();
     let seeds = EpisodeSeeds::OfRun(CALIBRATION_FROM_RUN);
     let wall = |_| WallClock::scripted(0, None);
     let pipeline = pipeline_in(folder.path(), profile.clone(), cell.clone(), seeds, wall);
-    let mut bench = Bench { folder, pipeline };
+    let mut bench = RollbackBench { folder, pipeline };
     let id = bench.pass("grasp-improved", &[Stage::Validation, Stage::Sandbox]);
     let live = bench.pipeline.live();
     live.evidence_files.edit(&id).kappas = Some(Kappas {
@@ -53,7 +53,7 @@ fn shadowed(profile: &Profile) -> (Bench, CapabilityId) {
     (bench, id)
 }
 
-fn result(bench: &mut Bench, id: &CapabilityId) -> (State, EvidenceFile) {
+fn result(bench: &mut RollbackBench, id: &CapabilityId) -> (State, EvidenceFile) {
     let state = bench.pipeline.record().version_table().version(id).unwrap().1.state;
     (state, bench.pipeline.live().evidence_files.of(id).unwrap().clone())
 }

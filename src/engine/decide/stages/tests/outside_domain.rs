@@ -12,7 +12,7 @@ use holdpoint_governance::start_domain::{
 };
 use holdpoint_runtime::agent::dispatcher::DispatchRefusal;
 
-use crate::decide::stages::rollback::tests::Bench;
+use crate::decide::stages::rollback::tests::RollbackBench;
 use crate::live::station::SequenceReport;
 use holdpoint_record::evidence_binding::{binding, start_domain};
 
@@ -30,11 +30,11 @@ fn responding(outside: OutsideResponse) -> Profile {
     profile
 }
 
-fn alarm<'a>(bench: &'a Bench, id: &CapabilityId) -> Option<&'a Alarm> {
+fn alarm<'a>(bench: &'a RollbackBench, id: &CapabilityId) -> Option<&'a Alarm> {
     bench.pipeline.record().alarms().get(&AlarmKey::OutsideDomain(id.clone()))
 }
 
-fn run(bench: &mut Bench) -> SequenceReport {
+fn run(bench: &mut RollbackBench) -> SequenceReport {
     bench.pipeline.live().sequence(None).unwrap()
 }
 
@@ -44,11 +44,11 @@ fn is_outside(report: &SequenceReport) -> bool {
 
 #[test]
 fn unchanged_cell_raises_no_alarm_and_a_shift_raises_it_at_its_first_task() {
-    let mut bench = Bench::new();
+    let mut bench = RollbackBench::new();
     let report = run(&mut bench);
     assert!(report.tasks.iter().all(|done| done.record.uncovered.is_none()), "{:?}", report.tasks);
     assert!(alarm(&bench, &baseline()).is_none());
-    let mut bench = Bench::new();
+    let mut bench = RollbackBench::new();
     bench.pipeline.live().world.cell.set_drift(Some(SHIFT)).unwrap();
     let report = run(&mut bench);
     let grasp = report.task(TaskKind::Grasp).unwrap();
@@ -67,7 +67,7 @@ fn unchanged_cell_raises_no_alarm_and_a_shift_raises_it_at_its_first_task() {
 
 #[test]
 fn beside_people_the_task_is_refused_and_a_covered_one_runs() {
-    let mut bench = Bench::under(Profile::builtin(ProfileName::Human).unwrap());
+    let mut bench = RollbackBench::under(Profile::builtin(ProfileName::Human).unwrap());
     bench.pipeline.live().world.cell.set_drift(Some(SHIFT)).unwrap();
     let report = run(&mut bench);
     assert!(is_outside(&report) && report.tasks.is_empty(), "{report:?}");
@@ -91,7 +91,7 @@ fn beside_people_the_task_is_refused_and_a_covered_one_runs() {
 fn the_newest_earlier_version_that_covers_the_start_runs_the_task() {
     let nowhere = StartBound { quantity: StartQuantity::ObjectX, low: 0.0, high: 0.1 };
     let nowhere = StartDomain { bounds: vec![nowhere] };
-    let mut bench = Bench::under(responding(OutsideResponse::LastCovering));
+    let mut bench = RollbackBench::under(responding(OutsideResponse::LastCovering));
     let id = bench.activate("grasp-improved");
     bench.pipeline.live().evidence_files.edit(&id).domain = Some(nowhere.clone());
     let report = run(&mut bench);
@@ -111,7 +111,7 @@ fn the_newest_earlier_version_that_covers_the_start_runs_the_task() {
 
 #[test]
 fn evidence_of_another_cell_that_declares_no_domain_covers_no_start() {
-    let mut bench = Bench::under(responding(OutsideResponse::Refuse));
+    let mut bench = RollbackBench::under(responding(OutsideResponse::Refuse));
     let id = bench.activate("grasp-improved");
     let live = bench.pipeline.live();
     let version = live.record.active_of(&id.family).unwrap();

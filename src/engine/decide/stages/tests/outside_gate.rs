@@ -10,13 +10,13 @@ use super::state_verb_table::{CANDIDATE, done, operation};
 use crate::decide::people::persons::enrolled;
 use crate::decide::people::signers::tests::signed;
 use crate::decide::stages::activation::tests::{package, request_activation};
-use crate::decide::stages::rollback::tests::Bench;
+use crate::decide::stages::rollback::tests::RollbackBench;
 use crate::live::stop_mark::OwnStopMark;
 use crate::live::stop_switch::StopRequest;
 use crate::test_pipeline::pipeline;
 use crate::tests::at_the_gate;
 
-fn refusal_text(bench: &mut Bench, command: Command) -> String {
+fn refusal_text(bench: &mut RollbackBench, command: Command) -> String {
     match bench.pipeline.command(command.clone()) {
         Reply::Refused { text, .. } => text,
         other => panic!("{command:?}: {other:?}"),
@@ -26,7 +26,7 @@ fn refusal_text(bench: &mut Bench, command: Command) -> String {
 /// Regression: a version became active during a person's stop, and the start of the cell did not report it.
 #[test]
 fn stopped_cell_activates_no_version_outside_the_gate() {
-    let mut bench = Bench::new();
+    let mut bench = RollbackBench::new();
     let id = request_activation(&mut bench.pipeline, package(CANDIDATE, &[]));
     let dora = enrolled(bench.pipeline.live().record, "dora", Role::Safety, KeyEncoding::Plain);
     let family = "grasp@1.0.0".parse().unwrap();

@@ -14,7 +14,7 @@ use holdpoint_wording::command_effect::{EngineEffect, VersionEffect, engine_effe
 
 use crate::decide::pipeline::SliceOutcome;
 use crate::decide::stages::activation::tests::{package, request_activation};
-use crate::decide::stages::rollback::tests::Bench;
+use crate::decide::stages::rollback::tests::RollbackBench;
 use holdpoint_record::version_table::TransitionNote;
 
 const CANDIDATE: &str = "align-improved";
@@ -23,25 +23,25 @@ fn operation(version: &CapabilityId) -> Operation {
     Operation { version: version.clone(), by: "ada".to_owned(), reason: "a test".to_owned() }
 }
 
-fn done(bench: &mut Bench, command: Command) {
+fn done(bench: &mut RollbackBench, command: Command) {
     let reply = bench.pipeline.command(command.clone());
     assert!(matches!(reply, Reply::Accepted { .. }), "{command:?}: {reply:?}");
 }
 
-fn pause(bench: &mut Bench, id: &CapabilityId) {
+fn pause(bench: &mut RollbackBench, id: &CapabilityId) {
     done(bench, Command::Pause(operation(id)));
 }
 
-fn resume(bench: &mut Bench, id: &CapabilityId) {
+fn resume(bench: &mut RollbackBench, id: &CapabilityId) {
     done(bench, Command::Resume(operation(id)));
 }
 
-fn state_of(bench: &Bench, id: &CapabilityId) -> (State, VersionFlags) {
+fn state_of(bench: &RollbackBench, id: &CapabilityId) -> (State, VersionFlags) {
     let (_, lifecycle, _) = bench.pipeline.record().version_table().version(id).unwrap();
     (lifecycle.state, lifecycle.flags)
 }
 
-fn transition(bench: &mut Bench, id: &CapabilityId, event: LifecycleEvent) {
+fn transition(bench: &mut RollbackBench, id: &CapabilityId, event: LifecycleEvent) {
     bench
         .pipeline
         .live()
@@ -51,7 +51,7 @@ fn transition(bench: &mut Bench, id: &CapabilityId, event: LifecycleEvent) {
 }
 
 /// The pipeline does what it does by itself, and never holds.
-fn work(bench: &mut Bench, slices: usize) {
+fn work(bench: &mut RollbackBench, slices: usize) {
     for _ in 0..slices {
         let progress = bench.pipeline.advance();
         assert_eq!(bench.pipeline.record().holding(), None);
@@ -62,12 +62,12 @@ fn work(bench: &mut Bench, slices: usize) {
 }
 
 /// No question is open, neither here nor in the store.
-fn no_request_is_open(bench: &Bench) -> bool {
+fn no_request_is_open(bench: &RollbackBench) -> bool {
     let open = bench.pipeline.record().version_table().store().views().unwrap().open_requests().unwrap();
     open.is_empty() && bench.pipeline.snapshot().prompts.is_empty()
 }
 
-fn begins_the_gate(bench: &mut Bench, id: &CapabilityId) -> bool {
+fn begins_the_gate(bench: &mut RollbackBench, id: &CapabilityId) -> bool {
     bench.pipeline.drain_events();
     work(bench, 3);
     let begun = |event: &EventKind| matches!(event, EventKind::StageStarted { version, stage: Stage::Activation, .. } if version == id);
@@ -77,12 +77,13 @@ fn begins_the_gate(bench: &mut Bench, id: &CapabilityId) -> bool {
 /// The window of a paused version ended in a confirmation that the lifecycle refuses, and the engine held.
 #[test]
 fn paused_active_version_keeps_running_and_is_confirmed_on_resume() {
-    let mut bench = Bench::new();
+    let mut bench = RollbackBench::new();
     let id = bench.activate(CANDIDATE);
     let reply = bench.pipeline.command(Command::Pause(operation(&id)));
     let Reply::Accepted { text, .. } = &reply else { panic!("{reply:?}") };
     assert_eq!(*text, version_effect(&id, &VersionEffect::PromotionPaused));
-    let over = |bench: &mut Bench| bench.pipeline.live().monitors.of(&id).unwrap().monitor.is_confirmed();
+    let over =
+        |bench: &mut RollbackBench| bench.pipeline.live().monitors.of(&id).unwrap().monitor.is_confirmed();
     for _ in 0..200 {
         work(&mut bench, 1);
         if over(&mut bench) {
@@ -104,7 +105,7 @@ fn paused_active_version_keeps_running_and_is_confirmed_on_resume() {
 /// A pause of a confirmed version was accepted and changed nothing.
 #[test]
 fn pausing_a_confirmed_version_is_refused_with_a_hint() {
-    let mut bench = Bench::new();
+    let mut bench = RollbackBench::new();
     let id = bench.activate(CANDIDATE);
     let version = bench.pipeline.record().version_table().version(&id).unwrap().0;
     transition(&mut bench, &id, LifecycleEvent::Confirm { version });
@@ -117,11 +118,11 @@ fn pausing_a_confirmed_version_is_refused_with_a_hint() {
 /// The sandbox of a paused version was worked to its end, which the lifecycle refuses, and the engine held.
 #[test]
 fn stage_of_a_paused_version_waits_and_resumes() {
-    let mut bench = Bench::new();
+    let mut bench = RollbackBench::new();
     let id = bench.pass(CANDIDATE, &Stage::ALL[..1]);
     work(&mut bench, 3);
     assert_eq!(state_of(&bench, &id).1.running, Some(Stage::Sandbox));
-    let done = |bench: &Bench| {
+    let done = |bench: &RollbackBench| {
         let candidates = bench.pipeline.snapshot().candidates;
         candidates.into_iter().find(|view| view.version == id).unwrap().progress.unwrap().done
     };
@@ -142,14 +143,14 @@ fn stage_of_a_paused_version_waits_and_resumes() {
     assert_eq!(state_of(&bench, &id).1.running, Some(Stage::Sandbox));
 }
 
-fn reject(bench: &mut Bench, id: &CapabilityId) {
+fn reject(bench: &mut RollbackBench, id: &CapabilityId) {
     done(bench, Command::Reject(operation(id)));
 }
 
 /// Regression: an answer over a changed row was refused, the question was gone, and no one could be asked again.
 #[test]
 fn a_pause_voids_a_request_and_the_gate_asks_again() {
-    let mut bench = Bench::new();
+    let mut bench = RollbackBench::new();
     let id = request_activation(&mut bench.pipeline, package(CANDIDATE, &[]));
     assert!(!no_request_is_open(&bench));
     bench.pipeline.drain_events();
@@ -170,7 +171,7 @@ fn a_pause_voids_a_request_and_the_gate_asks_again() {
 #[test]
 fn pause_voids_an_approval_that_waits_for_the_end_of_a_sequence() {
     for by_command in [true, false] {
-        let mut bench = Bench::new();
+        let mut bench = RollbackBench::new();
         let id = request_activation(&mut bench.pipeline, package(CANDIDATE, &[]));
         bench.pipeline.activation().approvals.grant_later(&id);
         if by_command {
@@ -193,7 +194,7 @@ fn pause_voids_an_approval_that_waits_for_the_end_of_a_sequence() {
 /// A block under a profile changes the version's row as well.
 #[test]
 fn a_block_voids_an_approval_request() {
-    let mut bench = Bench::new();
+    let mut bench = RollbackBench::new();
     let id = request_activation(&mut bench.pipeline, package(CANDIDATE, &[]));
     done(&mut bench, Command::Demote { operation: operation(&id), profiles: vec![ProfileName::Human] });
     assert!(no_request_is_open(&bench));
@@ -203,7 +204,7 @@ fn a_block_voids_an_approval_request() {
 /// Regression: a request beside the version that took over never ended; at its deadline the engine halted.
 #[test]
 fn a_request_beside_an_activated_version_is_repeated() {
-    let mut bench = Bench::new();
+    let mut bench = RollbackBench::new();
     let id = request_activation(&mut bench.pipeline, package(CANDIDATE, &[]));
     let deadline_ms = bench.pipeline.record().engine_ms_at(bench.pipeline.snapshot().prompts[0].until);
     bench.activate("align-low-transit");
@@ -219,12 +220,12 @@ fn a_request_beside_an_activated_version_is_repeated() {
 #[test]
 fn the_stage_of_a_rejection_is_on_record() {
     for repeated in [Stage::Sandbox, Stage::Shadow] {
-        let mut bench = Bench::new();
+        let mut bench = RollbackBench::new();
         let id = bench.pass(CANDIDATE, &Stage::ALL[..3]);
         done(&mut bench, Command::Repeat { operation: operation(&id), stage: repeated });
         let version = bench.pipeline.record().version_table().version(&id).unwrap().0;
         transition(&mut bench, &id, LifecycleEvent::Reject { version });
-        let ran = |bench: &Bench| {
+        let ran = |bench: &RollbackBench| {
             let candidates = bench.pipeline.snapshot().candidates;
             let view = candidates.into_iter().find(|view| view.version == id).unwrap();
             (view.left, view.ran)
@@ -238,7 +239,7 @@ fn the_stage_of_a_rejection_is_on_record() {
 /// The end of a drift, and of a fault, was answered as if one had set in.
 #[test]
 fn end_of_a_drift_or_fault_has_its_own_answer() {
-    let mut bench = Bench::new();
+    let mut bench = RollbackBench::new();
     let mut reply_text = |command: Command| match bench.pipeline.command(command) {
         Reply::Accepted { text, .. } => text,
         other => panic!("{other:?}"),
@@ -255,7 +256,7 @@ fn end_of_a_drift_or_fault_has_its_own_answer() {
 /// A reason of zero-width characters passed for a reason.
 #[test]
 fn every_command_refuses_an_unreadable_reason() {
-    let mut bench = Bench::new();
+    let mut bench = RollbackBench::new();
     let id = bench.activate(CANDIDATE);
     for unseen in ["\u{200b}", " \u{2060}\u{feff}", "\u{3164}", "\t"] {
         let (by, reason) = ("ada".to_owned(), unseen.to_owned());
@@ -285,7 +286,7 @@ fn every_command_refuses_an_unreadable_reason() {
 /// Regression: the reason of a pause was nowhere in the store.
 #[test]
 fn a_pause_and_its_end_are_on_record_with_person_and_reason() {
-    let mut bench = Bench::new();
+    let mut bench = RollbackBench::new();
     let id = bench.pass(CANDIDATE, &Stage::ALL[..1]);
     pause(&mut bench, &id);
     resume(&mut bench, &id);

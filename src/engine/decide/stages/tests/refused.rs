@@ -15,7 +15,7 @@ use holdpoint_trials::episodes::{alone, pair};
 use holdpoint_trials::undisturbed_run::{TrialCase, UndisturbedRun};
 use holdpoint_trials::worker::Worker;
 
-use crate::decide::stages::rollback::tests::Bench;
+use crate::decide::stages::rollback::tests::RollbackBench;
 use crate::live::listener::Listener as _;
 use crate::live::shadow::Shadow;
 use holdpoint_trials::past_limit::MeasuredTask;
@@ -35,7 +35,7 @@ fn never_admitted() -> Package {
 
 #[test]
 fn a_version_whose_calls_are_refused_is_rolled_back() {
-    let mut bench = Bench::new();
+    let mut bench = RollbackBench::new();
     let checked = Condition::CheckedCall { fields: vec!["tool-height".to_owned()] };
     let id = bench.activate_package(never_admitted(), &[checked]);
     let (mut alarm_raised, mut failed, mut rollback) = (false, 0, None);
@@ -64,7 +64,7 @@ fn a_version_whose_calls_are_refused_is_rolled_back() {
 #[test]
 fn refusals_and_simulator_failures_degrade_the_family() {
     for lost in [TaskRecord::refused, TaskRecord::invalid] {
-        let mut bench = Bench::new();
+        let mut bench = RollbackBench::new();
         let id = "align@1.0.0".parse().unwrap();
         let live = bench.pipeline.live();
         for seed in 0..FEW as u64 {
@@ -79,7 +79,7 @@ fn refusals_and_simulator_failures_degrade_the_family() {
 
 #[test]
 fn sandbox_drill_and_twin_call_the_version_like_the_dispatcher() {
-    let mut bench = Bench::new();
+    let mut bench = RollbackBench::new();
     let live = bench.pipeline.live();
     let (cell, terms) = (live.context.cell.clone(), live.context.terms());
     let strict = Capability::load("test", never_admitted()).unwrap();

@@ -14,7 +14,7 @@ use holdpoint_protocol::event::EventKind;
 use holdpoint_runtime::capability::{self, Capability};
 
 use crate::decide::pipeline::SliceOutcome;
-use crate::decide::stages::rollback::tests::Bench;
+use crate::decide::stages::rollback::tests::RollbackBench;
 use holdpoint_record::version_table::TransitionNote;
 
 /// A version under the next number, with nothing else changed.
@@ -25,7 +25,7 @@ fn renumbered(folder: &str, from: &str, to: &str) -> Package {
 }
 
 /// Confirms an activated version without its window.
-fn confirm(bench: &mut Bench, id: &CapabilityId) {
+fn confirm(bench: &mut RollbackBench, id: &CapabilityId) {
     let version = bench.pipeline.record().version_table().version(id).unwrap().0;
     let note = TransitionNote::because(Notice::StageBegins);
     let live = bench.pipeline.live();
@@ -33,7 +33,7 @@ fn confirm(bench: &mut Bench, id: &CapabilityId) {
 }
 
 /// Runs until a version is rolled back.
-fn rollback_of(bench: &mut Bench, id: &CapabilityId) -> RollbackRecord {
+fn rollback_of(bench: &mut RollbackBench, id: &CapabilityId) -> RollbackRecord {
     for _ in 0..60 {
         assert_eq!(bench.pipeline.advance(), SliceOutcome::Ran);
         for event in bench.pipeline.drain_events() {
@@ -49,7 +49,7 @@ fn rollback_of(bench: &mut Bench, id: &CapabilityId) -> RollbackRecord {
 
 #[test]
 fn version_whose_rollback_target_has_the_same_event_is_demoted() {
-    let mut bench = Bench::new();
+    let mut bench = RollbackBench::new();
     // It flies low, among the live cell's clutter.
     let before = bench.activate("align-low-transit");
     confirm(&mut bench, &before);
@@ -69,7 +69,7 @@ fn version_whose_rollback_target_has_the_same_event_is_demoted() {
 
 #[test]
 fn version_whose_rollback_target_is_safe_in_the_same_task_is_rolled_back() {
-    let mut bench = Bench::new();
+    let mut bench = RollbackBench::new();
     let id = bench.activate("align-low-transit");
     let record = rollback_of(&mut bench, &id);
     assert_eq!((record.post_status, record.shared), (PostStatus::RolledBack, None));
@@ -80,7 +80,7 @@ fn version_whose_rollback_target_is_safe_in_the_same_task_is_rolled_back() {
 /// version under another number was rejected for it.
 #[test]
 fn commissioned_version_is_not_rejected_for_a_person_who_reaches_onto_the_arm() {
-    let mut bench = Bench::seeded(55);
+    let mut bench = RollbackBench::seeded(55);
     let package = renumbered("grasp/1.0.0", "1.0.0", "1.0.1");
     let id = Capability::load("test", package.clone()).unwrap().id();
     let reply = bench.pipeline.command(Command::Register { package, name: "again".to_owned(), by: None });

@@ -20,7 +20,7 @@ use holdpoint_registry::AuditFilter;
 
 use crate::decide::people::persons::enrolled;
 use crate::decide::stages::activation::tests::{package, request_activation};
-use crate::decide::stages::rollback::tests::Bench;
+use crate::decide::stages::rollback::tests::RollbackBench;
 use crate::live::{monitors::terms_of, station::LiveFault};
 use holdpoint_record::evidence_binding::trial_subject;
 use holdpoint_record::version_table::TransitionNote;
@@ -56,11 +56,11 @@ const VERBS: [NamedOperation; 15] = [
     ("anchor", Command::Anchor),
 ];
 
-pub(super) type Setting = (&'static str, fn(&mut Bench) -> CapabilityId);
+pub(super) type Setting = (&'static str, fn(&mut RollbackBench) -> CapabilityId);
 
 pub(super) const CANDIDATE: &str = "align-improved";
 
-fn apply(bench: &mut Bench, id: &CapabilityId, event: LifecycleEvent) {
+fn apply(bench: &mut RollbackBench, id: &CapabilityId, event: LifecycleEvent) {
     bench
         .pipeline
         .live()
@@ -69,12 +69,12 @@ fn apply(bench: &mut Bench, id: &CapabilityId, event: LifecycleEvent) {
         .unwrap();
 }
 
-pub(super) fn done(bench: &mut Bench, command: Command) {
+pub(super) fn done(bench: &mut RollbackBench, command: Command) {
     let reply = bench.pipeline.command(command.clone());
     assert!(matches!(reply, Reply::Accepted { .. }), "{command:?}: {reply:?}");
 }
 
-fn number(bench: &Bench, id: &CapabilityId) -> holdpoint_governance::lifecycle::VersionRef {
+fn number(bench: &RollbackBench, id: &CapabilityId) -> holdpoint_governance::lifecycle::VersionRef {
     bench.pipeline.record().version_table().version(id).unwrap().0
 }
 
@@ -158,7 +158,7 @@ pub(super) const SETTINGS: [Setting; 29] = [
     }),
     ("active, restricted, people are asked to lift the restriction", |bench| {
         let id = bench.activate(CANDIDATE);
-        *bench = std::mem::replace(bench, Bench::new()).reopened(profile_with_approvers());
+        *bench = std::mem::replace(bench, RollbackBench::new()).reopened(profile_with_approvers());
         done(bench, Command::Restrict(operation(&id)));
         done(bench, Command::Release { operation: operation(&id), profiles: Vec::new() });
         id
@@ -245,7 +245,7 @@ struct ObservedState {
     anchor: bool,
 }
 
-fn observed_state(bench: &mut Bench, id: &CapabilityId) -> ObservedState {
+fn observed_state(bench: &mut RollbackBench, id: &CapabilityId) -> ObservedState {
     let live = bench.pipeline.live();
     let entry = live.record.version_table().family(&id.family).unwrap();
     let (_, version, _) = entry.find(id).unwrap();
@@ -299,9 +299,9 @@ struct TableRow {
     refused: Vec<&'static str>,
 }
 
-fn row(name: &'static str, set: fn(&mut Bench) -> CapabilityId) -> TableRow {
+fn row(name: &'static str, set: fn(&mut RollbackBench) -> CapabilityId) -> TableRow {
     let mut row = TableRow { state: name, done: Vec::new(), needs_option: Vec::new(), refused: Vec::new() };
-    let mut bench = Bench::new();
+    let mut bench = RollbackBench::new();
     let mut id = set(&mut bench);
     for (verb, command) in VERBS {
         let before = observed_state(&mut bench, &id);
@@ -310,7 +310,7 @@ fn row(name: &'static str, set: fn(&mut Bench) -> CapabilityId) -> TableRow {
                 let moved = change(&before, &observed_state(&mut bench, &id));
                 assert!(!moved.is_empty(), "{verb} on {name} is accepted and changes nothing");
                 row.done.push((verb, moved));
-                bench = Bench::new();
+                bench = RollbackBench::new();
                 id = set(&mut bench);
             }
             Reply::Refused { text, hint, .. } => {
@@ -378,7 +378,7 @@ fn the_guide_lists_what_every_verb_does_in_every_state() {
     assert_eq!(found.trim(), table.trim(), "HOLDPOINT_WRITE_STANDINGS=1 rewrites the guide's table");
 }
 
-fn records(bench: &Bench, kind: RecordKind) -> usize {
+fn records(bench: &RollbackBench, kind: RecordKind) -> usize {
     let filter = AuditFilter { kind: Some(kind), ..AuditFilter::default() };
     bench.pipeline.record().version_table().store().views().unwrap().audit(&filter).unwrap().len()
 }
@@ -386,7 +386,7 @@ fn records(bench: &Bench, kind: RecordKind) -> usize {
 /// Regression: a restriction could not be lifted, so the version could never be confirmed.
 #[test]
 fn unrestricted_version_is_confirmed_after_a_new_provisional_window() {
-    let mut bench = Bench::new();
+    let mut bench = RollbackBench::new();
     let id = bench.activate(CANDIDATE);
     done(&mut bench, Command::Restrict(operation(&id)));
     assert!(bench.pipeline.live().monitors.of(&id).unwrap().restricted);
@@ -409,18 +409,19 @@ fn unrestricted_version_is_confirmed_after_a_new_provisional_window() {
 /// Where activations are bound to people, a restriction is lifted by them alone: none of their answers is left out.
 #[test]
 fn approvers_lift_a_restriction_where_activations_need_them() {
-    let mut bench = Bench::new();
+    let mut bench = RollbackBench::new();
     let id = bench.activate(CANDIDATE);
     let mut bench = bench.reopened(profile_with_approvers());
     done(&mut bench, Command::Restrict(operation(&id)));
-    let restricted =
-        |bench: &Bench| bench.pipeline.record().version_table().version(&id).unwrap().1.flags.restricted;
+    let restricted = |bench: &RollbackBench| {
+        bench.pipeline.record().version_table().version(&id).unwrap().1.flags.restricted
+    };
     let release = || Command::Release { operation: operation(&id), profiles: Vec::new() };
     let people: Vec<Identity> = ["carl", "dora", "emil"]
         .into_iter()
         .map(|name| enrolled(bench.pipeline.live().record, name, Role::Safety, KeyEncoding::Plain))
         .collect();
-    let answer = |bench: &mut Bench, who: &Identity, answer: ApprovalDecision| {
+    let answer = |bench: &mut RollbackBench, who: &Identity, answer: ApprovalDecision| {
         let requests = bench.pipeline.snapshot().prompts;
         assert_eq!(requests.iter().map(|prompt| prompt.purpose).collect::<Vec<_>>(), [RequestKind::Release]);
         let command =
@@ -455,7 +456,7 @@ fn approvers_lift_a_restriction_where_activations_need_them() {
 /// behind its telemetry, and rolled it back.
 #[test]
 fn version_that_runs_last_is_not_counted_as_silent() {
-    let mut bench = Bench::new();
+    let mut bench = RollbackBench::new();
     let id = bench.activate("place-robust");
     for _ in 0..60 {
         bench.pipeline.advance();
@@ -472,7 +473,7 @@ fn version_that_runs_last_is_not_counted_as_silent() {
 /// A profile demotion was in memory alone: an engine that came up again knew nothing of it.
 #[test]
 fn blocked_profile_is_recorded_and_blocked_after_a_restart() {
-    let mut bench = Bench::new();
+    let mut bench = RollbackBench::new();
     let id = bench.pass(CANDIDATE, &Stage::ALL[..3]);
     let close = |profiles| Command::Demote { operation: operation(&id), profiles };
     done(&mut bench, close(vec![ProfileName::Real, ProfileName::Human]));
@@ -481,7 +482,7 @@ fn blocked_profile_is_recorded_and_blocked_after_a_restart() {
     let reply = bench.pipeline.command(close(vec![ProfileName::Human]));
     assert!(matches!(reply, Reply::Refused { .. }), "{reply:?}");
     let mut bench = bench.restart();
-    let closed = |bench: &Bench| {
+    let closed = |bench: &RollbackBench| {
         let candidates = bench.pipeline.snapshot().candidates;
         candidates.into_iter().find(|view| view.version == id).unwrap().closed
     };
@@ -493,7 +494,7 @@ fn blocked_profile_is_recorded_and_blocked_after_a_restart() {
 /// Regression: one command deactivated the last version of a family.
 #[test]
 fn only_one_verb_deactivates_the_last_version() {
-    let mut bench = Bench::new();
+    let mut bench = RollbackBench::new();
     let id = bench.activate(CANDIDATE);
     done(&mut bench, Command::Demote { operation: operation(&id), profiles: Vec::new() });
     for command in [
@@ -519,7 +520,7 @@ fn only_one_verb_deactivates_the_last_version() {
 /// Regression: without an answer the version was put on hold, and `resume` was refused.
 #[test]
 fn a_version_on_hold_can_be_resumed() {
-    let mut bench = Bench::new();
+    let mut bench = RollbackBench::new();
     let id = bench.pass(CANDIDATE, &Stage::ALL[..3]);
     bench.pipeline.live().evidence_files.edit(&id).held = true;
     done(&mut bench, Command::Resume(operation(&id)));
@@ -532,10 +533,10 @@ fn a_version_on_hold_can_be_resumed() {
 /// Regression: a restriction was reported as done although no monitor watched the version.
 #[test]
 fn an_unmonitored_version_can_be_restricted() {
-    let mut bench = Bench::new();
+    let mut bench = RollbackBench::new();
     let id = bench.activate(CANDIDATE);
     bench.pipeline.live().monitors.remove(&id.family);
-    let speed = |bench: &mut Bench| {
+    let speed = |bench: &mut RollbackBench| {
         let live = bench.pipeline.live();
         let version = live.record.capability(&id).unwrap();
         let version_table = live.record.version_table();
@@ -543,7 +544,7 @@ fn an_unmonitored_version_can_be_restricted() {
         terms.envelope().tool_speed_max_m_s
     };
     let full = speed(&mut bench);
-    let measured = |bench: &mut Bench| {
+    let measured = |bench: &mut RollbackBench| {
         let live = bench.pipeline.live();
         let version = live.record.capability(&id).unwrap();
         trial_subject(live.context, live.record.version_table(), live.evidence_files, &version)
@@ -564,7 +565,7 @@ fn an_unmonitored_version_can_be_restricted() {
 /// A version not reviewed by its deadline is rolled back; the review stays open, over a restart too, and blocks.
 #[test]
 fn a_late_review_demotes_the_version_and_stays_open() {
-    let mut bench = Bench::new();
+    let mut bench = RollbackBench::new();
     let id = bench.pass(CANDIDATE, &Stage::ALL);
     let until = bench.pipeline.record().wall_now().plus_ms(5_000);
     bench.enter(&id, |version| LifecycleEvent::ActivateUnreviewed { version, until });
@@ -575,7 +576,7 @@ fn a_late_review_demotes_the_version_and_stays_open() {
     let until_ms = bench.pipeline.record().engine_ms_at(until);
     bench.pipeline.jump_to(until_ms);
     while bench.pipeline.look_at_deadlines().unwrap() {}
-    let review_state = |bench: &Bench| {
+    let review_state = |bench: &RollbackBench| {
         let state = bench.pipeline.record().version_table().version(&id).unwrap().1.state;
         let snapshot = bench.pipeline.snapshot();
         let review = snapshot.families[0].review.clone().unwrap();

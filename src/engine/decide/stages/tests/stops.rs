@@ -6,10 +6,10 @@ use holdpoint_registry::AuditFilter;
 
 use super::state_verb_table::done;
 
-use crate::decide::stages::rollback::tests::Bench;
+use crate::decide::stages::rollback::tests::RollbackBench;
 use crate::live::stop_switch::StopRequest;
 
-fn stop(bench: &mut Bench, id: &str, uid: u32, by: &str) -> String {
+fn stop(bench: &mut RollbackBench, id: &str, uid: u32, by: &str) -> String {
     let caller = Caller::Process { uid, user: None, process: Some(5) };
     let request = StopRequest { id: id.to_owned(), by: by.to_owned(), reason: String::new(), caller };
     match bench.pipeline.halt(request) {
@@ -21,7 +21,7 @@ fn stop(bench: &mut Bench, id: &str, uid: u32, by: &str) -> String {
 /// The answer to a stop contained the name that another account had stated: `the cell is stopped, by …; start it now`.
 #[test]
 fn the_answer_to_a_stop_contains_no_text_of_another_account() {
-    let mut bench = Bench::new();
+    let mut bench = RollbackBench::new();
     let first = stop(&mut bench, "1", 61_008, "ana; the fence is closed");
     let second = stop(&mut bench, "2", 61_009, "bert");
     assert!(first.starts_with("the cell is stopped; it stays"), "{first}");
@@ -32,7 +32,7 @@ fn the_answer_to_a_stop_contains_no_text_of_another_account() {
 /// An observer wrote 360 records in 8 s, and no person could follow the number of stops that `start` asks for.
 #[test]
 fn stops_of_one_account_without_end_are_recorded_as_a_sum() {
-    let mut bench = Bench::new();
+    let mut bench = RollbackBench::new();
     for nth in 0..100 {
         stop(&mut bench, &nth.to_string(), 61_008, "ana");
     }

@@ -14,7 +14,7 @@ use holdpoint_runtime::capability::{self, Capability};
 use holdpoint_trials::tick_time::median_tick_us;
 
 use crate::decide::pipeline::SliceOutcome;
-use crate::decide::stages::rollback::tests::Bench;
+use crate::decide::stages::rollback::tests::RollbackBench;
 use holdpoint_explain::store_metrics::{Since, observe};
 
 /// The most slices until a candidate is on hold, or in its sandbox.
@@ -100,20 +100,20 @@ fn slow_grasp() -> Package {
     grasp_with(chain_of_cache_misses(&serde_json::to_string(&grasp.bundle.interface()).unwrap()))
 }
 
-fn register(bench: &mut Bench, package: Package) -> CapabilityId {
+fn register(bench: &mut RollbackBench, package: Package) -> CapabilityId {
     let reply = bench.pipeline.command(Command::Register { package, name: "test".to_owned(), by: None });
     let Reply::Accepted { version: Some(id), .. } = reply else { panic!("{reply:?}") };
     id
 }
 
-fn repeat_sandbox(bench: &mut Bench, id: &CapabilityId) {
+fn repeat_sandbox(bench: &mut RollbackBench, id: &CapabilityId) {
     let operation = Operation { version: id.clone(), by: "ada".to_owned(), reason: "a test".to_owned() };
     let reply = bench.pipeline.command(Command::Repeat { operation, stage: Stage::Sandbox });
     assert!(matches!(reply, Reply::Accepted { .. }), "{reply:?}");
 }
 
 /// Runs until a version is in this state and this stage of it runs.
-fn run_until(bench: &mut Bench, id: &CapabilityId, state: State, running: Option<Stage>) {
+fn run_until(bench: &mut RollbackBench, id: &CapabilityId, state: State, running: Option<Stage>) {
     for _ in 0..SLICES_MAX {
         assert_eq!(bench.pipeline.advance(), SliceOutcome::Ran);
         assert_eq!(bench.pipeline.record().holding(), None);
@@ -126,7 +126,7 @@ fn run_until(bench: &mut Bench, id: &CapabilityId, state: State, running: Option
 }
 
 /// Each decision on the version is replayed from its record.
-fn assert_replays(bench: &mut Bench, id: &CapabilityId) {
+fn assert_replays(bench: &mut RollbackBench, id: &CapabilityId) {
     let environment = bench.pipeline.live().context.cell.digest();
     let views = bench.pipeline.record().version_table().store().views().unwrap();
     let found = observe(&views, None, Since::Record(1), environment).unwrap();
@@ -137,7 +137,7 @@ fn assert_replays(bench: &mut Bench, id: &CapabilityId) {
 
 #[test]
 fn a_chain_of_cache_misses_is_put_on_hold_before_any_episode() {
-    let mut bench = Bench::new();
+    let mut bench = RollbackBench::new();
     let id = register(&mut bench, slow_grasp());
     run_until(&mut bench, &id, State::Demoted, None);
     assert_replays(&mut bench, &id);
@@ -155,7 +155,7 @@ fn a_chain_of_cache_misses_is_put_on_hold_before_any_episode() {
 
 #[test]
 fn an_ordinary_component_takes_no_excess_and_compiled_code_is_not_timed() {
-    let mut bench = Bench::new();
+    let mut bench = RollbackBench::new();
     let live = bench.pipeline.live();
     let terms = live.context.terms();
     let built_in = Capability::load("test", read("candidates/grasp-improved")).unwrap();
@@ -172,7 +172,7 @@ fn an_ordinary_component_takes_no_excess_and_compiled_code_is_not_timed() {
 
 #[test]
 fn an_evaluation_that_takes_too_long_is_put_on_hold_and_the_next_candidate_proceeds() {
-    let mut bench = Bench::new();
+    let mut bench = RollbackBench::new();
     let first = register(&mut bench, read("candidates/align-improved"));
     let second = register(&mut bench, read("candidates/grasp-improved"));
     run_until(&mut bench, &first, State::Validated, Some(Stage::Sandbox));
@@ -183,7 +183,7 @@ fn an_evaluation_that_takes_too_long_is_put_on_hold_and_the_next_candidate_proce
     for _ in 0..3 {
         assert_eq!(bench.pipeline.advance(), SliceOutcome::Ran);
     }
-    let running = |bench: &Bench, id: &CapabilityId| {
+    let running = |bench: &RollbackBench, id: &CapabilityId| {
         bench.pipeline.record().version_table().version(id).unwrap().1.flags.running
     };
     assert_eq!(running(&bench, &first), Some(Stage::Sandbox), "a millisecond is left");

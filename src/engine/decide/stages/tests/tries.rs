@@ -16,7 +16,7 @@ use holdpoint_runtime::capability;
 use super::cell_faults::{operation, register};
 use crate::decide::operations::has_tried;
 use crate::decide::pipeline::SliceOutcome;
-use crate::decide::stages::rollback::tests::Bench;
+use crate::decide::stages::rollback::tests::RollbackBench;
 use holdpoint_explain::store_metrics::{Since, observe};
 use holdpoint_record::evidence_file::EvidenceFile;
 
@@ -27,12 +27,12 @@ fn candidate(name: &str) -> Package {
     capability::read(&Path::new(crate::MANIFESTS).join("candidates").join(name)).unwrap()
 }
 
-fn retry(bench: &mut Bench, id: &CapabilityId) {
+fn retry(bench: &mut RollbackBench, id: &CapabilityId) {
     let repeat = Command::Repeat { operation: operation(id), stage: Stage::Sandbox };
     assert!(matches!(bench.pipeline.command(repeat), Reply::Accepted { .. }));
 }
 
-fn advance_until(bench: &mut Bench, is_reached: impl Fn(&mut Bench) -> bool) {
+fn advance_until(bench: &mut RollbackBench, is_reached: impl Fn(&mut RollbackBench) -> bool) {
     for _ in 0..SLICES_MAX {
         if is_reached(bench) {
             return;
@@ -44,16 +44,16 @@ fn advance_until(bench: &mut Bench, is_reached: impl Fn(&mut Bench) -> bool) {
 }
 
 /// Whether a version is in a state, and no stage of it runs.
-fn rests(bench: &Bench, id: &CapabilityId, state: State) -> bool {
+fn rests(bench: &RollbackBench, id: &CapabilityId, state: State) -> bool {
     let version = bench.pipeline.record().version_table().version(id).unwrap().1;
     version.state == state && version.flags.running.is_none()
 }
 
-fn evidence(bench: &mut Bench, id: &CapabilityId) -> EvidenceFile {
+fn evidence(bench: &mut RollbackBench, id: &CapabilityId) -> EvidenceFile {
     bench.pipeline.live().evidence_files.of(id).cloned().unwrap_or_default()
 }
 
-fn recorded(bench: &Bench) -> Vec<(String, CountedTry)> {
+fn recorded(bench: &RollbackBench) -> Vec<(String, CountedTry)> {
     let filter = AuditFilter { kind: Some(RecordKind::TryCounted), ..AuditFilter::default() };
     let records = bench.pipeline.record().version_table().store().views().unwrap().audit(&filter).unwrap();
     let read = |body: &str| serde_json::from_str(body).unwrap();
@@ -61,7 +61,7 @@ fn recorded(bench: &Bench) -> Vec<(String, CountedTry)> {
 }
 
 /// A record as if a version had been tried once more.
-fn record_try(bench: &mut Bench, id: &CapabilityId, number: u32) {
+fn record_try(bench: &mut RollbackBench, id: &CapabilityId, number: u32) {
     let counted = CountedTry {
         subject: Digest::of_parts("test", &[&number.to_le_bytes()]),
         drawn: None,
@@ -82,7 +82,7 @@ fn names(evidence_file: &EvidenceFile, finding: &Finding) -> bool {
 
 #[test]
 fn a_try_is_counted_once_with_its_first_pair() {
-    let mut bench = Bench::new();
+    let mut bench = RollbackBench::new();
     // A formal rejection costs nothing.
     let formal = register(&mut bench, candidate("grasp-tool-frame"));
     advance_until(&mut bench, |bench| rests(bench, &formal, State::Rejected));
@@ -109,7 +109,7 @@ fn a_try_is_counted_once_with_its_first_pair() {
 
 #[test]
 fn spent_tries_wait_for_a_review() {
-    let mut bench = Bench::new();
+    let mut bench = RollbackBench::new();
     let first: CapabilityId = "grasp@1.0.0".parse().unwrap();
     let spent = bench.pipeline.live().context.profile.tries.per_author;
     for number in 1..=spent {
@@ -132,7 +132,7 @@ fn spent_tries_wait_for_a_review() {
         // Without a review the next one ends likewise.
         retry(&mut bench, &id);
     }
-    let review = |bench: &mut Bench| bench.pipeline.command(Command::ReviewTries(operation(&id)));
+    let review = |bench: &mut RollbackBench| bench.pipeline.command(Command::ReviewTries(operation(&id)));
     assert!(matches!(review(&mut bench), Reply::Accepted { .. }));
     let again = review(&mut bench);
     assert!(matches!(again, Reply::Refused { code: Refusal::NotNow, .. }), "nothing is counted: {again:?}");
@@ -153,7 +153,7 @@ fn renumbered(package: &Package) -> Package {
 /// A version on hold passes its verdict on: another number gives the content no other draw.
 #[test]
 fn the_same_content_under_another_number_is_on_hold_too() {
-    let mut bench = Bench::new();
+    let mut bench = RollbackBench::new();
     let package = candidate("grasp-improved");
     let first = register(&mut bench, package.clone());
     advance_until(&mut bench, |bench| !evidence(bench, &first).pairs.is_empty());
@@ -173,7 +173,7 @@ fn the_same_content_under_another_number_is_on_hold_too() {
 
 #[test]
 fn the_same_content_under_another_number_has_its_verdict() {
-    let mut bench = Bench::new();
+    let mut bench = RollbackBench::new();
     let package = candidate("align-no-stop");
     let renumbered = renumbered(&package);
     let first = register(&mut bench, package);
@@ -199,11 +199,12 @@ fn the_same_content_under_another_number_has_its_verdict() {
 
 #[test]
 fn who_tried_is_known_by_version() {
-    let mut bench = Bench::new();
+    let mut bench = RollbackBench::new();
     let id = register(&mut bench, candidate("grasp-improved"));
     let author = bench.pipeline.record().capability(&id).unwrap().submission.author.clone();
     let baseline: CapabilityId = "grasp@1.0.0".parse().unwrap();
-    let has_tried = |bench: &Bench, who: &str| has_tried(bench.pipeline.record(), &baseline, who).unwrap();
+    let has_tried =
+        |bench: &RollbackBench, who: &str| has_tried(bench.pipeline.record(), &baseline, who).unwrap();
     let by_author = has_tried(&bench, &author);
     record_try(&mut bench, &id, 1);
     let bench = bench.restart();

@@ -4,7 +4,7 @@ use holdpoint_governance::version_status::{StatusFacts, VersionCondition, Versio
 use holdpoint_wording::explanation_summary::summary_lines;
 
 use super::state_verb_table::SETTINGS;
-use crate::decide::stages::rollback::tests::Bench;
+use crate::decide::stages::rollback::tests::RollbackBench;
 use holdpoint_explain::why::summarize;
 
 /// What the version of each setting is, in the order of [`SETTINGS`].
@@ -44,7 +44,7 @@ const CONDITIONS: [VersionCondition; SETTINGS.len()] = [
 #[test]
 fn engine_and_store_give_every_version_the_same_status() {
     for ((name, set), expected) in SETTINGS.iter().zip(CONDITIONS) {
-        let mut bench = Bench::new();
+        let mut bench = RollbackBench::new();
         let id = set(&mut bench);
         let held = bench.pipeline.live().evidence_files.is_held(&id);
         let now = bench.pipeline.snapshot();

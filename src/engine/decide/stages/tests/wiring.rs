@@ -6,16 +6,16 @@ use holdpoint_protocol::command::{Caller, Command, Reply};
 use holdpoint_text::Hint;
 
 use super::state_verb_table::{CANDIDATE, operation};
-use crate::decide::stages::rollback::tests::Bench;
+use crate::decide::stages::rollback::tests::RollbackBench;
 use crate::live::monitors::terms_of;
 use holdpoint_record::evidence_binding::measured_terms_of;
 
 /// A tighter envelope binds where the version is measured and where it has the arm.
 #[test]
 fn a_tighter_envelope_binds_in_the_sandbox_and_on_the_arm() {
-    let mut bench = Bench::new();
+    let mut bench = RollbackBench::new();
     let id = bench.activate(CANDIDATE);
-    let limits = |bench: &mut Bench| {
+    let limits = |bench: &mut RollbackBench| {
         let live = bench.pipeline.live();
         let version = live.record.capability(&id).unwrap();
         let measured = measured_terms_of(live.context, live.evidence_files, &version);
@@ -38,9 +38,9 @@ fn a_tighter_envelope_binds_in_the_sandbox_and_on_the_arm() {
 /// A manual restriction of an active version counts as an intervention, and its monitor knows.
 #[test]
 fn a_restriction_by_a_person_reaches_the_chart_of_interventions() {
-    let mut bench = Bench::new();
+    let mut bench = RollbackBench::new();
     let id = bench.activate(CANDIDATE);
-    let charted = |bench: &mut Bench| {
+    let charted = |bench: &mut RollbackBench| {
         let live = bench.pipeline.live();
         let monitor = &live.monitors.of(&id).unwrap().monitor;
         monitor.charts().filter(|(rate, ..)| *rate == Rate::Intervention).map(|(_, _, at, _)| at).sum::<f64>()
@@ -55,7 +55,7 @@ fn a_restriction_by_a_person_reaches_the_chart_of_interventions() {
 /// What was done is never told to be refused, whatever comes after it.
 #[test]
 fn unrecordable_caller_halts_the_engine() {
-    let mut bench = Bench::new();
+    let mut bench = RollbackBench::new();
     let id = bench.activate(CANDIDATE);
     let caller = Caller::Process { uid: 7, user: None, process: Some(7) };
     let database = bench.pipeline.record().version_table().store().layout().database();
