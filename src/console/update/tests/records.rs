@@ -343,7 +343,7 @@ fn every_marked_alarm_is_acknowledged_by_one_key() {
     console.keys("5g");
     console.keys("mmm");
     assert_eq!(console.model.view_state.marked.len(), 3);
-    assert!(screen(&console, 100, 30).contains("LOWM"), "{}", screen(&console, 100, 30));
+    assert!(screen(&console, 100, 30).contains("LOW M"), "{}", screen(&console, 100, 30));
     let effects = console.keys(" ");
     let named: Vec<&str> = effects
         .iter()

@@ -590,8 +590,7 @@ fn a_late_review_demotes_the_version_and_stays_open() {
     assert_eq!(views.open_reviews().unwrap(), [(id.clone(), until)]);
     drop(views);
     let other = bench.pass("align-low-transit", &Stage::ALL);
-    let version = number(&bench, &other);
-    let event = LifecycleEvent::Activate { version };
+    let event = LifecycleEvent::Activate { version: number(&bench, &other) };
     let refused = bench.pipeline.live().record.transition(
         &id.family,
         event,
