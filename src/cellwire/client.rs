@@ -39,7 +39,7 @@ impl Default for Deadlines {
         Self {
             step: Duration::from_millis(250),
             call: Duration::from_secs(10),
-            work: Duration::from_secs(600),
+            work: Duration::from_mins(10),
         }
     }
 }

@@ -8,7 +8,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use super::form::DismissedForm;
 use super::line::EditLine;
 use super::operator::Operator;
-use super::secret::{PassphraseEntry as _, Signing};
+use super::secret::{PassphraseEntry, Signing};
 use holdpoint_governance::approval::ApprovalDecision;
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_protocol::approval_document::{ApprovalDocument, ApprovalFacts};
@@ -402,7 +402,7 @@ impl ApprovalScreen {
                 self.dismissed = Some(DismissedForm::new("it closed while you typed".to_owned(), now_ms));
             }
             // Drops the passphrase field of a void answer; an answer already handed over gets its reply.
-            self.signing = self.signing.take().filter(|signing| signing.is_checked());
+            self.signing = self.signing.take().filter(PassphraseEntry::is_checked);
             self.focus = ApprovalFocus::Later;
         }
         if self.stale.is_some() {

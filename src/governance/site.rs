@@ -140,7 +140,7 @@ impl Site {
             }
             Some(_) | None => {}
         }
-        let cells = self.check_cell("live", &self.live).and_then(|()| self.check_trial());
+        let cells = check_cell("live", &self.live).and_then(|()| self.check_trial());
         if let Err((field, value, allowed)) = cells {
             return refuse(&field, &value, allowed);
         }
@@ -162,22 +162,9 @@ impl Site {
         Ok(())
     }
 
-    /// Field, value and what is allowed of the problem of a cell.
-    fn check_cell(&self, name: &str, cell: &SiteCell) -> Result<(), (String, String, &'static str)> {
-        let problem = |value: &str, allowed| Err((format!("{name}.endpoint"), value.to_owned(), allowed));
-        match (cell.kind, cell.endpoint.as_deref()) {
-            (CellKind::Simulated, None) => Ok(()),
-            (CellKind::Simulated, Some(endpoint)) => {
-                problem(endpoint, "none: a simulated cell has no endpoint")
-            }
-            (CellKind::Wire, Some(endpoint)) if is_endpoint(endpoint) => Ok(()),
-            (CellKind::Wire, endpoint) => problem(endpoint.unwrap_or("none"), ENDPOINT_ALLOWED),
-        }
-    }
-
-    /// As [`Self::check_cell`]: trial cells continue from states of the live cell, so both are at one place.
+    /// As [`check_cell`]: trial cells continue from states of the live cell, so both are at one place.
     fn check_trial(&self) -> Result<(), (String, String, &'static str)> {
-        self.check_cell("trial", &self.trial)?;
+        check_cell("trial", &self.trial)?;
         if self.trial.kind != self.live.kind {
             return Err(("trial.kind".to_owned(), self.trial.kind.to_string(), "the kind of the live cell"));
         }
@@ -266,6 +253,17 @@ fn path_allowed() -> String {
 fn names<'a>(families: impl Iterator<Item = &'a Family>) -> String {
     let names: Vec<&str> = families.map(Family::as_str).collect();
     if names.is_empty() { "none".to_owned() } else { names.join(", ") }
+}
+
+/// Field, value and what is allowed of the problem of a cell.
+fn check_cell(name: &str, cell: &SiteCell) -> Result<(), (String, String, &'static str)> {
+    let problem = |value: &str, allowed| Err((format!("{name}.endpoint"), value.to_owned(), allowed));
+    match (cell.kind, cell.endpoint.as_deref()) {
+        (CellKind::Simulated, None) => Ok(()),
+        (CellKind::Simulated, Some(endpoint)) => problem(endpoint, "none: a simulated cell has no endpoint"),
+        (CellKind::Wire, Some(endpoint)) if is_endpoint(endpoint) => Ok(()),
+        (CellKind::Wire, endpoint) => problem(endpoint.unwrap_or("none"), ENDPOINT_ALLOWED),
+    }
 }
 
 #[cfg(test)]

@@ -197,11 +197,11 @@ fn what_is_not_known_is_no_message() {
     struct More<'a> {
         sequence: u64,
         call: &'a str,
-        more: bool,
+        unknown: bool,
     }
-    let known = encode(&More { sequence: 1, call: "scenery", more: true }).unwrap();
+    let known = encode(&More { sequence: 1, call: "scenery", unknown: true }).unwrap();
     assert!(
-        matches!(decode::<CellRequest>(&known), Err(WireError::Malformed(text)) if text.contains("more"))
+        matches!(decode::<CellRequest>(&known), Err(WireError::Malformed(text)) if text.contains("unknown"))
     );
     let mut bytes = encode(&hello(Role::Trial)).unwrap();
     assert_eq!(decode::<Hello>(&bytes), Ok(hello(Role::Trial)));

@@ -18,7 +18,7 @@ const STILL_RAD_S: f64 = 0.02;
 const BRAKE_TICKS: u64 = RATE_HZ as u64;
 
 /// How long a connection without a watchdog waits at a time.
-const WITHOUT: Duration = Duration::from_secs(3600);
+const WITHOUT: Duration = Duration::from_hours(1);
 
 /// Looks for a standstill.
 #[derive(Default)]
