@@ -1,9 +1,10 @@
 //! All actions of the keyboard: one table that makes the help, the palette, the guide's keys and the default keymap.
+//! The action that shows a view has these facts in the view's description.
 //!
 //! An action is what the operator asks for; `update` decides whether it is possible and what it does. An action without
 //! a help line or without a decision about its keys does not compile.
 
-use serde::{Deserialize, Serialize};
+use super::views::View;
 
 /// Where an action applies.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -44,59 +45,57 @@ impl Scope {
 macro_rules! actions {
     ($($(#[doc = $help:literal])+ $variant:ident = $name:literal, $scope:ident, [$($key:literal),*];)*) => {
         /// The actions.
-        #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+        #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
         pub enum Action {
-            $($(#[doc = $help])+ #[serde(rename = $name)] $variant,)*
+            /// Shows a view, whose description has its name, help and keys.
+            Show(View),
+            $($(#[doc = $help])+ $variant,)*
         }
 
         impl Action {
-            /// Every action, in the order of help and README.
-            pub const ALL: &'static [Self] = &[$(Self::$variant),*];
+            /// Every action but those that show a view.
+            const OTHERS: &'static [Self] = &[$(Self::$variant),*];
 
             /// Its name on the command line and in the keymap file.
             #[must_use]
-            pub const fn name(self) -> &'static str {
-                match self { $(Self::$variant => $name,)* }
+            pub fn name(self) -> &'static str {
+                match self {
+                    Self::Show(view) => view.description().action,
+                    $(Self::$variant => $name,)*
+                }
             }
 
             /// What it does, one sentence without a period.
             #[must_use]
             pub fn help(self) -> &'static str {
-                match self { $(Self::$variant => concat!($($help),+).trim(),)* }
+                match self {
+                    Self::Show(view) => view.description().help,
+                    $(Self::$variant => concat!($($help),+).trim(),)*
+                }
             }
 
             /// Where it applies.
             #[must_use]
             pub const fn scope(self) -> Scope {
-                match self { $(Self::$variant => Scope::$scope,)* }
+                match self {
+                    Self::Show(_) => Scope::Everywhere,
+                    $(Self::$variant => Scope::$scope,)*
+                }
             }
 
             /// Its keys unless the keymap file says otherwise.
             #[must_use]
-            pub const fn default_keys(self) -> &'static [&'static str] {
-                match self { $(Self::$variant => &[$($key),*],)* }
+            pub fn default_keys(self) -> &'static [&'static str] {
+                match self {
+                    Self::Show(view) => view.description().keys,
+                    $(Self::$variant => &[$($key),*],)*
+                }
             }
         }
     };
 }
 
 actions! {
-    /// Overview: robot, active versions, pipeline
-    ShowOverview = "overview", Everywhere, ["1"];
-    /// Registry: families and versions
-    ShowRegistry = "registry", Everywhere, ["2"];
-    /// Candidate: every check and its evidence
-    ShowCandidate = "candidate", Everywhere, ["3"];
-    /// Shadow: twin against live
-    ShowShadow = "shadow", Everywhere, ["4"];
-    /// Alarms
-    ShowAlarms = "alarms", Everywhere, ["5"];
-    /// Approvals that wait
-    ShowApprovals = "approvals", Everywhere, ["6", "a"];
-    /// Audit log
-    ShowAudit = "audit", Everywhere, ["7"];
-    /// Health: success, violations, time and force over hours and days
-    ShowHealth = "health", Everywhere, ["8"];
     /// Stop the arm at once, whatever is under way; no question is asked
     Stop = "stop", Everywhere, ["X", "f9"];
     /// Start the stopped cell, reason required
@@ -222,6 +221,23 @@ actions! {
 }
 
 impl Action {
+    const EACH: [Self; View::ALL.len() + Self::OTHERS.len()] = {
+        let mut each = [Self::Stop; View::ALL.len() + Self::OTHERS.len()];
+        let mut at = 0;
+        while at < each.len() {
+            each[at] = if at < View::ALL.len() {
+                Self::Show(View::ALL[at])
+            } else {
+                Self::OTHERS[at - View::ALL.len()]
+            };
+            at += 1;
+        }
+        each
+    };
+
+    /// Every action, in the order of help and README: first the views.
+    pub const ALL: &'static [Self] = &Self::EACH;
+
     /// The action of a name.
     #[must_use]
     pub fn parse(name: &str) -> Option<Self> {
@@ -332,14 +348,7 @@ impl Action {
             | Self::Reject => true,
             // Every user who sees the screen may stop.
             Self::Stop
-            | Self::ShowOverview
-            | Self::ShowRegistry
-            | Self::ShowCandidate
-            | Self::ShowShadow
-            | Self::ShowAlarms
-            | Self::ShowApprovals
-            | Self::ShowAudit
-            | Self::ShowHealth
+            | Self::Show(_)
             | Self::JumpToAlarm
             | Self::Help
             | Self::CommandLine

@@ -229,12 +229,13 @@ pub fn complete(typed: &str, known: &KnownNames<'_>) -> Vec<String> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::model::View;
 
     #[test]
     fn command_lines_are_parsed_or_refused_with_the_allowed_values() {
         let version: CapabilityId = "grasp@1.2.0".parse().unwrap();
         for (text, command) in [
-            ("alarms", ConsoleCommand::Action(Action::ShowAlarms)),
+            ("alarms", ConsoleCommand::Action(Action::Show(View::Alarms))),
             (":q", ConsoleCommand::Action(Action::Quit)),
             ("demo", ConsoleCommand::Demo(None)),
             ("demo grasp-improved", ConsoleCommand::Demo(Some("grasp-improved".to_owned()))),
@@ -242,7 +243,7 @@ mod tests {
             ("pace max", ConsoleCommand::Pace(None)),
             ("pace 2.5", ConsoleCommand::Pace(Some(2.5))),
             ("candidate grasp@1.2.0", ConsoleCommand::Candidate(version)),
-            ("candidate", ConsoleCommand::Action(Action::ShowCandidate)),
+            ("candidate", ConsoleCommand::Action(Action::Show(View::Candidate))),
             ("drift off", ConsoleCommand::Drift(None)),
             ("goal align", ConsoleCommand::Goal("align".to_owned())),
             ("confirm-time", ConsoleCommand::ConfirmTime),

@@ -15,7 +15,7 @@ use ratatui::layout::{Position, Rect};
 
 use super::approval_screen::VisibleRows;
 use super::look::{Look, ThemeRole};
-use super::model::{ConsoleModel, Overlay, View};
+use super::model::{ConsoleModel, Overlay};
 use super::views;
 use super::widgets::pen::{Fit, Hit, Pen, above, below};
 use super::widgets::row::Row;
@@ -154,16 +154,7 @@ fn under(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) -> Rect {
         let row = Row::of(ThemeRole::Notice, &views::short(sentence, room)).with(ThemeRole::Muted, &tail);
         pen.row(line, 0, &row);
     }
-    match model.view_state.view {
-        View::Overview => views::overview::draw(model, pen, body),
-        View::Registry => views::registry::draw(model, pen, body),
-        View::Candidate => views::candidate::draw(model, pen, body),
-        View::Shadow => views::shadow::draw(model, pen, body),
-        View::Alarms => views::alarms::draw(model, pen, body),
-        View::Approvals => views::approvals::draw(model, pen, body),
-        View::Audit => views::audit::draw(model, pen, body),
-        View::Health => views::health::draw(model, pen, body),
-    }
+    model.view_state.view.behavior().draw(model, pen, body);
     views::dim_if_old(model, pen, body);
     body
 }

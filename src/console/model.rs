@@ -28,8 +28,10 @@ pub use stage_progress::StageProgress;
 pub use undo::{UndoChange, UndoList, UndoableAction};
 pub use view_state::{
     EVENT_LOG_PANE, FrozenView, HEALTH_WIDTH, HISTORY_PANE, HealthViewState, ItemKey, ListCursor,
-    MONITORS_PANE, OpenedRecord, View, ViewState,
+    MONITORS_PANE, OpenedRecord, ViewState,
 };
+
+pub use super::views::View;
 
 use super::action::Action;
 use super::formatters::{seconds, time_of_day};

@@ -4,9 +4,8 @@ use std::fmt::Write as _;
 
 use super::audit::{self, AuditGroup, AuditItem};
 use super::formatters::state_label;
-use super::model::{ConsoleModel, EVENT_LOG_PANE, EventLogLine, HISTORY_PANE, ItemKey, MONITORS_PANE, View};
+use super::model::{ConsoleModel, EventLogLine, ItemKey, View};
 use super::state_filter::StateFilterFacts;
-use super::waiting_rows::WaitingRow;
 use holdpoint_governance::alarms::{AlarmState, Priority};
 use holdpoint_governance::behavior::component_of;
 use holdpoint_governance::condition::Condition;
@@ -18,7 +17,6 @@ use holdpoint_governance::version_status::VersionCondition;
 use holdpoint_protocol::detail::{Detail, DrillView, FieldDiff, MeasuredValue};
 use holdpoint_protocol::event::DimensionResult;
 use holdpoint_protocol::explanation::DecisionExplanation;
-use holdpoint_protocol::health::AlarmEpisode;
 use holdpoint_protocol::snapshot::{AlarmView, CandidateView, Disagreement, current_progress};
 
 /// A row of the registry's tree.
@@ -309,87 +307,19 @@ impl ConsoleModel {
     /// How many rows the present view and pane has.
     #[must_use]
     pub fn row_count(&self) -> usize {
-        match (self.view_state.view, self.view_state.pane()) {
-            (View::Overview, EVENT_LOG_PANE) => self.event_log_rows().len(),
-            (View::Overview, _) => self.pipeline_rows().len(),
-            (View::Registry, _) => self.registry_rows().len(),
-            (View::Candidate, pane) => self.candidate_rows(pane).len(),
-            (View::Shadow, MONITORS_PANE) => 0,
-            (View::Shadow, _) => self.disagreement_rows().len(),
-            (View::Alarms, HISTORY_PANE) => self.alarm_spells().len(),
-            (View::Alarms, _) => self.alarm_rows().len(),
-            (View::Health, _) => self.health_families().len(),
-            (View::Approvals, _) => self.waiting_rows().len(),
-            (View::Audit, _) => self.audit_rows().len(),
-        }
+        self.view_state.view.behavior().row_count(self)
     }
 
     /// The subject of a row of the present view and pane.
     #[must_use]
     pub fn item_key(&self, row: usize) -> Option<ItemKey> {
-        match (self.view_state.view, self.view_state.pane()) {
-            (View::Overview, EVENT_LOG_PANE) => {
-                self.event_log_rows().get(row).map(|line| ItemKey::Event(line.seq))
-            }
-            (View::Overview, _) => {
-                self.pipeline_rows().get(row).map(|row| ItemKey::Version(row.version.clone()))
-            }
-            (View::Registry, _) => self.registry_rows().get(row).map(|item| match item {
-                RegistryItem::Family { family, .. } => ItemKey::Family((*family).clone()),
-                RegistryItem::Version(row) => ItemKey::Version(row.version.clone()),
-            }),
-            (View::Candidate, pane) => row_keys(&self.candidate_rows(pane)).into_iter().nth(row),
-            (View::Shadow, _) => {
-                self.disagreement_rows().get(row).map(|row| ItemKey::Disagreement(row.index))
-            }
-            (View::Health, _) => self.health_families().into_iter().nth(row).map(ItemKey::Family),
-            (View::Alarms, HISTORY_PANE) => {
-                self.alarm_spells().get(row).map(|spell| ItemKey::Text(spell_name(spell)))
-            }
-            (View::Alarms, _) => {
-                self.alarm_rows().get(row).map(|row| ItemKey::Alarm(row.alarm().alarm.clone()))
-            }
-            (View::Approvals, _) => self.waiting_rows().get(row).map(WaitingRow::item_key),
-            (View::Audit, _) => self.audit_rows().get(row).map(|row| ItemKey::Record(row.record.seq)),
-        }
+        self.view_state.view.behavior().item_key(self, row)
     }
 
     /// The current place of an item in the present view and pane; absent if it is gone.
     #[must_use]
     pub fn row_of(&self, key: &ItemKey) -> Option<usize> {
-        match (self.view_state.view, self.view_state.pane(), key) {
-            (View::Overview, EVENT_LOG_PANE, ItemKey::Event(seq)) => {
-                self.event_log_rows().iter().position(|line| line.seq == *seq)
-            }
-            (View::Overview, _, ItemKey::Version(id)) => {
-                self.pipeline_rows().iter().position(|row| row.version == *id)
-            }
-            (View::Registry, _, key) => self.registry_rows().iter().position(|item| match (item, key) {
-                (RegistryItem::Family { family, .. }, ItemKey::Family(of)) => *family == of,
-                (RegistryItem::Version(row), ItemKey::Version(id)) => row.version == *id,
-                (RegistryItem::Family { .. } | RegistryItem::Version(_), _) => false,
-            }),
-            (View::Candidate, pane, key) => {
-                row_keys(&self.candidate_rows(pane)).iter().position(|item| item == key)
-            }
-            (View::Shadow, _, ItemKey::Disagreement(index)) => {
-                self.disagreement_rows().iter().position(|row| row.index == *index)
-            }
-            (View::Health, _, ItemKey::Family(of)) => {
-                self.health_families().iter().position(|family| family == of)
-            }
-            (View::Alarms, HISTORY_PANE, ItemKey::Text(name)) => {
-                self.alarm_spells().iter().position(|spell| spell_name(spell) == *name)
-            }
-            (View::Alarms, _, ItemKey::Alarm(name)) => {
-                self.alarm_rows().iter().position(|row| row.alarm().alarm == *name)
-            }
-            (View::Approvals, _, key) => self.waiting_rows().iter().position(|row| row.item_key() == *key),
-            (View::Audit, _, ItemKey::Record(seq)) => {
-                self.audit_rows().iter().position(|row| row.record.seq == *seq)
-            }
-            _ => None,
-        }
+        self.view_state.view.behavior().row_of(self, key)
     }
 
     /// The row under the cursor, within the list.
@@ -401,51 +331,14 @@ impl ConsoleModel {
     /// The length of the list with the keys, and the version under its cursor; the rows are made only once.
     #[must_use]
     pub fn rows_and_version(&self) -> (usize, Option<CapabilityId>) {
-        if self.view_state.view != View::Registry {
-            return (self.row_count(), self.version_here());
-        }
-        let rows = self.registry_rows();
-        let at = self.view_state.cursor().min(rows.len().saturating_sub(1));
-        (rows.len(), rows.get(at).and_then(|item| self.registry_version(item)))
-    }
-
-    fn registry_version(&self, item: &RegistryItem<'_>) -> Option<CapabilityId> {
-        match item {
-            RegistryItem::Version(row) => Some(row.version.clone()),
-            // The row of a family means its active version.
-            RegistryItem::Family { family, .. } => {
-                let families = &self.engine_data.snapshot.as_ref()?.families;
-                families.iter().find(|known| known.family == **family)?.active.clone()
-            }
-        }
+        self.view_state.view.behavior().rows_and_version(self)
     }
 
     /// The version under the cursor, or the one of the view.
     #[must_use]
     pub fn version_here(&self) -> Option<CapabilityId> {
-        match (self.view_state.view, self.view_state.pane()) {
-            (View::Overview, EVENT_LOG_PANE) => None,
-            (View::Overview, _) => self.pipeline_rows().get(self.row()).map(|row| row.version.clone()),
-            (View::Registry, _) => self.rows_and_version().1,
-            (View::Candidate | View::Shadow, _) => self.subject(),
-            (View::Health, _) => self.health_version(),
-            (View::Alarms, HISTORY_PANE) => {
-                let spells = self.alarm_spells();
-                spells.get(self.row())?.alarm.rsplit(':').next()?.parse().ok()
-            }
-            (View::Alarms, _) => {
-                let rows = self.alarm_rows();
-                rows.get(self.row())?.alarm().alarm.rsplit(':').next()?.parse().ok()
-            }
-            (View::Approvals, _) => self.waiting_rows().get(self.row()).map(|row| row.version().clone()),
-            (View::Audit, _) => self.audit_rows().get(self.row())?.record.subject.parse().ok(),
-        }
+        self.view_state.view.behavior().version_here(self)
     }
-}
-
-/// Identifies one course of an alarm.
-fn spell_name(spell: &AlarmEpisode) -> String {
-    format!("{} {}", spell.alarm, spell.raised.at_ms)
 }
 
 /// The identifying text of a row of the candidate view, without headings and values.
@@ -502,7 +395,8 @@ fn unproven<'a>(detail: &'a Detail, reason: &Reason) -> Option<&'a MeasuredValue
 }
 
 /// The rows by their text; a measured value by its mode as well.
-fn row_keys(rows: &[CandidateItem<'_>]) -> Vec<ItemKey> {
+#[must_use]
+pub fn row_keys(rows: &[CandidateItem<'_>]) -> Vec<ItemKey> {
     let mut mode = "";
     let mut keys = Vec::with_capacity(rows.len());
     for item in rows {

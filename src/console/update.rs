@@ -7,20 +7,20 @@ pub mod availability;
 mod cell_restart;
 mod engine_requests;
 mod engine_updates;
-mod event_screen;
+pub(super) mod event_screen;
 mod find_in_view;
-mod health;
+pub(super) mod health;
 mod identity_offer;
 mod key_log;
 mod mouse;
-mod navigation;
+pub(super) mod navigation;
 mod operations;
 mod overlays;
 mod recording;
-mod selection;
+pub(super) mod selection;
 mod text_entry;
 mod undo;
-mod why;
+pub(super) mod why;
 
 use ratatui::crossterm::event::{KeyCode, KeyEvent, KeyEventKind, KeyModifiers};
 
@@ -268,14 +268,8 @@ fn carry_out(model: &mut ConsoleModel, action: Action) -> Vec<Effect> {
         );
     }
     match action {
-        Action::ShowOverview => show(model, View::Overview),
-        Action::ShowRegistry => show(model, View::Registry),
-        Action::ShowCandidate => show_about(model, View::Candidate),
-        Action::ShowShadow => show_about(model, View::Shadow),
-        Action::ShowAlarms => show(model, View::Alarms),
-        Action::ShowApprovals => show(model, View::Approvals),
-        Action::ShowAudit => show(model, View::Audit),
-        Action::ShowHealth => show(model, View::Health),
+        Action::Show(view) if view.description().is_about_version => show_about(model, view),
+        Action::Show(view) => show(model, view),
         Action::JumpToAlarm => navigation::jump_to_alarm(model),
         Action::Help => {
             let bare = model.bare_absence().is_some();
@@ -314,7 +308,7 @@ fn carry_out(model: &mut ConsoleModel, action: Action) -> Vec<Effect> {
             show_message(model, text, false);
             vec![Effect::TakeMouse(model.settings.mouse)]
         }
-        Action::Copy => match navigation::copied(model) {
+        Action::Copy => match model.view_state.view.behavior().copied(model) {
             Some(text) => vec![Effect::Copy(text)],
             None => refuse(model, "there is nothing under the cursor to copy"),
         },
@@ -361,12 +355,9 @@ fn carry_out(model: &mut ConsoleModel, action: Action) -> Vec<Effect> {
             operations::on_alarm(model, action)
         }
         Action::Freeze => freeze(model),
-        Action::ZoomIn | Action::ZoomOut | Action::ZoomReset if model.view_state.view == View::Health => {
-            health::zoom(model, action)
+        Action::ZoomIn | Action::ZoomOut | Action::ZoomReset => {
+            model.view_state.view.behavior().zoom(model, action)
         }
-        Action::ZoomIn => zoom(model, model.view_state.zoom.saturating_add(1)),
-        Action::ZoomOut => zoom(model, model.view_state.zoom.saturating_sub(1)),
-        Action::ZoomReset => zoom(model, 0),
         // Without an open prompt these decide nothing.
         Action::Approve | Action::Reject | Action::Reread => {
             refuse(model, "open the waiting approval first (a, then Enter)")
@@ -401,9 +392,9 @@ pub fn means_something(view: View, action: Action) -> bool {
     use super::action::Scope;
     match action.scope() {
         Scope::Everywhere | Scope::Lists => true,
-        Scope::Version => view != View::Alarms,
-        Scope::Alarms => view == View::Alarms,
-        Scope::Charts => matches!(view, View::Shadow | View::Overview | View::Health),
+        scope @ (Scope::Version | Scope::Alarms | Scope::Charts) => {
+            view.description().scopes.contains(&scope)
+        }
         Scope::Prompt => false,
     }
 }
@@ -421,13 +412,13 @@ const fn help_rank(action: Action) -> u8 {
     }
 }
 
-fn refuse(model: &mut ConsoleModel, why: &str) -> Vec<Effect> {
+pub(super) fn refuse(model: &mut ConsoleModel, why: &str) -> Vec<Effect> {
     show_message(model, why, true);
     Vec::new()
 }
 
 /// Goes to a view and requests its data.
-fn show(model: &mut ConsoleModel, view: View) -> Vec<Effect> {
+pub(super) fn show(model: &mut ConsoleModel, view: View) -> Vec<Effect> {
     if model.view_state.view != view {
         model.view_state.back.retain(|known| *known != model.view_state.view);
         model.view_state.back.push(model.view_state.view);
@@ -499,8 +490,15 @@ fn freeze(model: &mut ConsoleModel) -> Vec<Effect> {
     Vec::new()
 }
 
-const fn zoom(model: &mut ConsoleModel, halvings: u8) -> Vec<Effect> {
-    model.view_state.zoom = if halvings > ZOOM_MAX { ZOOM_MAX } else { halvings };
+/// Halves or doubles the range of the charts, or shows all of it.
+pub(super) fn zoom(model: &mut ConsoleModel, action: Action) -> Vec<Effect> {
+    let halvings = model.view_state.zoom;
+    let halvings = match action {
+        Action::ZoomIn => halvings.saturating_add(1),
+        Action::ZoomOut => halvings.saturating_sub(1),
+        _ => 0,
+    };
+    model.view_state.zoom = halvings.min(ZOOM_MAX);
     Vec::new()
 }
 

@@ -1,4 +1,6 @@
-//! The screens. Each reads the model and draws; none changes anything or decides about keys.
+//! The screens, and the list of the views.
+//!
+//! A view's file has the whole of the view: [`ConsoleView`]. Drawing reads the model and changes nothing.
 
 pub mod alarm_history;
 pub mod alarms;
@@ -8,11 +10,13 @@ pub mod audit;
 pub mod banner;
 pub mod candidate;
 mod candidate_rows;
+pub mod console_view;
 pub mod event_log;
 pub mod families;
 pub mod film;
 pub mod form;
 pub mod health;
+mod health_quantity;
 pub mod hints;
 pub mod key_log;
 pub mod menu;
@@ -35,6 +39,7 @@ pub mod why;
 use ratatui::layout::Rect;
 use unicode_width::{UnicodeWidthChar as _, UnicodeWidthStr as _};
 
+use self::console_view::{ConsoleView, ViewDescription};
 use super::action::Action;
 use super::formatters::seconds;
 use super::look::{Glyph, Look, ThemeRole};
@@ -45,6 +50,60 @@ use super::widgets::pen::{Pen, below};
 use super::widgets::row::{Row, safe, wrap};
 use holdpoint_governance::lifecycle::{State, VersionFlags};
 use holdpoint_text::WIDTH_MAX;
+
+macro_rules! views {
+    ($($(#[$attribute:meta])* $view:ident: $behavior:path;)+) => {
+        #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
+        pub enum View { $($(#[$attribute])* $view),+ }
+
+        impl View {
+            /// Every view, in the order of the tabs.
+            pub const ALL: [Self; [$(stringify!($view)),+].len()] = [$(Self::$view),+];
+
+            /// What the view is and does.
+            #[must_use]
+            pub fn behavior(self) -> &'static dyn ConsoleView {
+                match self { $(Self::$view => &$behavior),+ }
+            }
+        }
+    };
+}
+
+// One line for each view: its name, and the type that implements it.
+views! {
+    /// Robot, active versions, pipeline.
+    #[default]
+    Overview: overview::OverviewBehavior;
+    Registry: registry::RegistryBehavior;
+    /// One version in full.
+    Candidate: candidate::CandidateBehavior;
+    Shadow: shadow::ShadowBehavior;
+    /// Alarms, the most serious first.
+    Alarms: alarms::AlarmsBehavior;
+    /// Requests that wait for people.
+    Approvals: approvals::ApprovalsBehavior;
+    Audit: audit::AuditBehavior;
+    /// The results of live tasks, over hours and days.
+    Health: health::HealthBehavior;
+}
+
+impl View {
+    #[must_use]
+    pub fn description(self) -> &'static ViewDescription {
+        self.behavior().description()
+    }
+
+    #[must_use]
+    pub fn title(self) -> &'static str {
+        self.description().title
+    }
+
+    /// Its panes, in the order of Tab; at least one.
+    #[must_use]
+    pub fn panes(self) -> &'static [&'static str] {
+        self.description().panes
+    }
+}
 
 /// Foreign text on one line of at most `width` columns.
 #[must_use]
@@ -165,6 +224,8 @@ pub fn window(pen: &mut Pen<'_>, area: Rect, width_max: u16, height: u16, title:
 
 #[cfg(test)]
 mod tests {
+    use std::collections::BTreeSet;
+
     use super::*;
 
     #[test]
@@ -182,6 +243,23 @@ mod tests {
             let row = named(&name, Row::of(ThemeRole::Running, "o active, provisional"), width);
             let text: String = row.parts().map(|(text, _)| text).collect();
             assert!(row.width() <= width.max(23) && text.ends_with("  o active, provisional"), "{text}");
+        }
+    }
+
+    #[test]
+    fn titles_actions_and_keys_of_views_are_unique() {
+        let descriptions = View::ALL.map(View::description);
+        let titles: BTreeSet<&str> = descriptions.iter().map(|view| view.title).collect();
+        let actions: BTreeSet<&str> = descriptions.iter().map(|view| view.action).collect();
+        let keys: Vec<&str> = descriptions.iter().flat_map(|view| view.keys).copied().collect();
+        let unique: BTreeSet<&str> = keys.iter().copied().collect();
+        assert_eq!(
+            (titles.len(), actions.len(), unique.len()),
+            (View::ALL.len(), View::ALL.len(), keys.len())
+        );
+        for (view, description) in View::ALL.into_iter().zip(descriptions) {
+            assert_eq!(Action::parse(description.action), Some(Action::Show(view)));
+            assert!(!description.panes.is_empty() && !description.keys.is_empty(), "{view:?}");
         }
     }
 }

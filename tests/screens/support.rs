@@ -70,7 +70,7 @@ pub fn at(view: View) -> ConsoleModel {
         }
         View::Shadow => model.view_state.chosen = Some(id("place@1.1.0")),
         View::Health => model.engine_data.health = Some((Arc::new(health()), model.now_ms)),
-        View::Overview | View::Registry | View::Alarms | View::Approvals | View::Audit => {}
+        _ => {}
     }
     model
 }

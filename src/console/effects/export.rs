@@ -13,7 +13,7 @@ use ratatui::layout::Rect;
 
 use crate::frame;
 use crate::look::{Look, LookOptions};
-use crate::model::{ConsoleModel, HISTORY_PANE, InputState, View};
+use crate::model::{ConsoleModel, InputState, View};
 use holdpoint_explain::health_series;
 use holdpoint_text::{Hint, Untrusted, escape_json};
 
@@ -124,18 +124,7 @@ fn lines(buffer: &Buffer) -> String {
 
 /// The data behind a view.
 fn json(view: View, model: &ConsoleModel) -> Result<String, String> {
-    let value = match view {
-        View::Registry => serde_json::to_value(&*model.engine_data.registry.page),
-        View::Candidate => serde_json::to_value(model.engine_data.detail.as_deref()),
-        View::Audit => serde_json::to_value(&*model.engine_data.audit),
-        View::Health => serde_json::to_value(model.engine_data.health.as_ref().map(|(series, _)| &**series)),
-        View::Alarms if model.view_state.pane_of(View::Alarms) == HISTORY_PANE => {
-            serde_json::to_value(model.engine_data.alarm_history.as_ref().map(|series| &series.alarms))
-        }
-        View::Overview | View::Shadow | View::Alarms | View::Approvals => {
-            serde_json::to_value(model.engine_data.snapshot.as_deref())
-        }
-    };
+    let value = view.behavior().data(model);
     let text = value.and_then(|value| serde_json::to_string(&value)).map_err(|error| error.to_string())?;
     Ok(format!("{}\n", escape_json(&text)))
 }

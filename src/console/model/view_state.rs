@@ -5,71 +5,11 @@ use std::sync::Arc;
 
 use super::engine_data::EventLogLine;
 use crate::state_filter::StateFilter;
+use crate::views::View;
 
 use holdpoint_governance::ids::{CapabilityId, Family};
 use holdpoint_protocol::health::{BUCKET_MS_MAX, BUCKET_WIDTHS_MS};
 use holdpoint_protocol::snapshot::Snapshot;
-
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub enum View {
-    /// Robot, active versions, pipeline.
-    #[default]
-    Overview,
-    Registry,
-    /// One version in full.
-    Candidate,
-    Shadow,
-    /// Alarms, the most serious first.
-    Alarms,
-    /// Requests that wait for people.
-    Approvals,
-    Audit,
-    /// The results of live tasks, over hours and days.
-    Health,
-}
-
-impl View {
-    /// In the order of their keys.
-    pub const ALL: [Self; 8] = [
-        Self::Overview,
-        Self::Registry,
-        Self::Candidate,
-        Self::Shadow,
-        Self::Alarms,
-        Self::Approvals,
-        Self::Audit,
-        Self::Health,
-    ];
-
-    #[must_use]
-    pub const fn title(self) -> &'static str {
-        match self {
-            Self::Overview => "Overview",
-            Self::Registry => "Registry",
-            Self::Candidate => "Candidate",
-            Self::Shadow => "Shadow",
-            Self::Alarms => "Alarms",
-            Self::Approvals => "Approvals",
-            Self::Audit => "Audit",
-            Self::Health => "Health",
-        }
-    }
-
-    /// Its panes, in the order of Tab; at least one.
-    #[must_use]
-    pub const fn panes(self) -> &'static [&'static str] {
-        match self {
-            Self::Overview => &["Pipeline", "Robot", "Events"],
-            Self::Registry => &["All", "Active", "Candidates", "History"],
-            Self::Candidate => &["Checks", "Difference", "Sandbox", "Drills", "Timeline", "Audit"],
-            Self::Shadow => &["Charts", "Disagreements", "Monitors"],
-            Self::Alarms => &["Open", "History"],
-            Self::Health => &["Success", "Violations", "Time", "Force"],
-            Self::Approvals => &["List"],
-            Self::Audit => &["Events", "People", "Alarms", "Store", "All"],
-        }
-    }
-}
 
 /// The frozen parts: shadow's charts and disagreements, and the event log. Active versions, alarms, stops, holds and
 /// requests are never frozen.
@@ -162,7 +102,7 @@ pub struct ViewState {
     /// The views to which Esc and `q` return, the nearest last.
     pub back: Vec<View>,
     /// The pane of each view.
-    pub panes: [usize; 8],
+    pub panes: [usize; View::ALL.len()],
     /// The cursor of each view and pane.
     pub cursors: BTreeMap<(View, usize), ListCursor>,
     /// Console time at which the item under the cursor left the list by itself, ms; briefly no key acts on an item.
@@ -212,13 +152,7 @@ impl ViewState {
     /// Whether the list that has the keys is one of versions, in which some can be marked.
     #[must_use]
     pub fn lists_versions(&self) -> bool {
-        match self.view {
-            View::Overview => !self.is_in_event_log(),
-            View::Registry => true,
-            View::Candidate | View::Shadow | View::Alarms | View::Approvals | View::Audit | View::Health => {
-                false
-            }
-        }
+        self.view.behavior().lists_versions(self.pane())
     }
 
     /// The filter of the list that has the keys; empty for none.

@@ -95,19 +95,11 @@ impl<'a> ActionAvailability<'a> {
             return false;
         }
         let useful = match action {
-            A::Open => match model.view_state.view {
-                View::Overview if model.view_state.is_in_event_log() => self.rows > 0,
-                View::Overview => self.here.is_some(),
-                View::Alarms => self.here.is_some() || selection::group_here(model).is_some(),
-                View::Registry | View::Approvals | View::Audit => self.rows > 0,
-                View::Shadow => self.here.is_some(),
-                View::Candidate => model.subject_detail().is_some_and(|detail| !detail.why.is_empty()),
-                View::Health => false,
-            },
+            A::Open => model.view_state.view.behavior().can_open(model, self.rows, self.here.as_ref()),
             A::NextPane => model.view_state.view.panes().len() > 1,
-            A::ShowApprovals => !model.waiting_rows().is_empty(),
+            A::Show(View::Approvals) => !model.waiting_rows().is_empty(),
             A::JumpToAlarm => model.alarm_rows().iter().any(|item| item.alarm().state.calls()),
-            A::Copy => navigation::copied(model).is_some(),
+            A::Copy => model.view_state.view.behavior().copied(model).is_some(),
             A::Filter => self.rows > 1 || !model.view_state.filter().is_empty(),
             A::Freeze => model.engine_data.snapshot.is_some(),
             A::Mark => self.rows > 1,

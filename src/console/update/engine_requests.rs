@@ -1,13 +1,10 @@
 //! The console's queries to the engine: on entering a view, and again after a change.
 
 use super::{health, operations, overlays, show_message, undo};
-use crate::audit::AuditGroup;
 use crate::effect::{Effect, EngineQuery};
 use crate::model::{
-    ConsoleModel, EngineState, HISTORY_PANE, Overlay, PendingRequest, PendingStop, RequestSubject,
-    UndoChange, View,
+    ConsoleModel, EngineState, Overlay, PendingRequest, PendingStop, RequestSubject, UndoChange,
 };
-use holdpoint_governance::record::VersionGroup;
 use holdpoint_text::Hint as _;
 
 /// The most requests without an answer; far below the engine's own limit.
@@ -135,25 +132,7 @@ pub(super) fn refresh(model: &mut ConsoleModel) -> Vec<Effect> {
 }
 
 fn view_query(model: &ConsoleModel) -> Option<EngineQuery> {
-    match model.view_state.view {
-        View::Health => Some(EngineQuery::Health(health::health_query(model))),
-        View::Alarms if model.view_state.pane() == HISTORY_PANE => {
-            Some(EngineQuery::AlarmHistory(health::HISTORY))
-        }
-        View::Overview | View::Alarms | View::Approvals => None,
-        View::Registry => Some(EngineQuery::Registry { group: registry_group(model), text: String::new() }),
-        View::Candidate | View::Shadow => Some(EngineQuery::Detail(model.subject()?)),
-        View::Audit => Some(EngineQuery::Audit(AuditGroup::of_pane(model.view_state.pane_of(View::Audit)))),
-    }
-}
-
-fn registry_group(model: &ConsoleModel) -> VersionGroup {
-    match model.view_state.pane_of(View::Registry) {
-        1 => VersionGroup::Active,
-        2 => VersionGroup::Candidate,
-        3 => VersionGroup::History,
-        _ => VersionGroup::All,
-    }
+    model.view_state.view.behavior().query(model)
 }
 
 /// Requests a check of the whole audit chain.

@@ -10,7 +10,7 @@ use crate::views::event_log::lines_in_full;
 const PAGE_ROWS: usize = 10;
 
 /// Opens the event under the cursor.
-pub(super) fn open(model: &mut ConsoleModel) -> Vec<Effect> {
+pub(crate) fn open(model: &mut ConsoleModel) -> Vec<Effect> {
     let line = model.event_log_rows().get(model.row()).map(|line| (*line).clone());
     if let Some(line) = line {
         model.input.overlay = Some(Overlay::Event(EventScreen { line, scroll: 0 }));

@@ -2,14 +2,9 @@
 
 use super::navigation::set_row;
 use super::refuse;
-use crate::audit::{self, AuditItem};
+use crate::audit;
 use crate::effect::Effect;
-use crate::formatters::state_label;
-use crate::model::{ConsoleModel, HISTORY_PANE, OpenedRecord, Typing, View};
-use crate::rows::{RegistryItem, search_text};
-use holdpoint_protocol::health::AlarmEpisode;
-use holdpoint_protocol::snapshot::CandidateView;
-use holdpoint_wording::notice;
+use crate::model::{ConsoleModel, OpenedRecord, Typing};
 
 /// Moves the cursor to the next row that contains the typed text, from its place and then from the top. It stays if
 /// there is none.
@@ -71,46 +66,5 @@ fn find_row(model: &ConsoleModel, text: &str) -> Option<usize> {
 
 /// The text of each row of the view.
 fn texts(model: &ConsoleModel) -> Vec<String> {
-    match model.view_state.view {
-        View::Alarms if model.view_state.pane() == HISTORY_PANE => {
-            let episode_text = |spell: &AlarmEpisode| {
-                format!("{} {}", spell.alarm, spell.text.as_ref().map(notice).unwrap_or_default())
-            };
-            model.alarm_spells().into_iter().map(episode_text).collect()
-        }
-        View::Health => model.health_families().iter().map(ToString::to_string).collect(),
-        View::Alarms => {
-            let rows = model.alarm_rows();
-            let alarms = rows.iter().map(|row| row.alarm());
-            alarms.map(|alarm| format!("{} {} {}", alarm.alarm, alarm.subject, notice(&alarm.text))).collect()
-        }
-        View::Approvals => model.waiting_rows().iter().map(|row| row.version().to_string()).collect(),
-        View::Candidate => model.candidate_rows(model.view_state.pane()).iter().map(search_text).collect(),
-        View::Shadow => model.disagreement_rows().iter().map(|row| row.text.clone()).collect(),
-        View::Overview if model.view_state.is_in_event_log() => {
-            model.event_log_rows().iter().map(|line| line.text.clone()).collect()
-        }
-        View::Overview => {
-            let text = |row: &&CandidateView| {
-                format!("{} {} {}", row.version, row.author, state_label(row.state, &row.flags))
-            };
-            model.pipeline_rows().iter().map(text).collect()
-        }
-        View::Registry => {
-            let text = |row: &RegistryItem<'_>| match row {
-                RegistryItem::Family { family, .. } => family.to_string(),
-                RegistryItem::Version(row) => {
-                    format!("{} {} {}", row.version, row.author, state_label(row.state, &row.flags))
-                }
-            };
-            model.registry_rows().iter().map(text).collect()
-        }
-        View::Audit => {
-            let text = |row: &AuditItem<'_>| {
-                let record = row.record;
-                format!("{} {} {}", record.kind, record.subject, audit::sentence(record))
-            };
-            model.audit_rows().iter().map(text).collect()
-        }
-    }
+    model.view_state.view.behavior().row_texts(model)
 }

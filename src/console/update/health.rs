@@ -17,11 +17,11 @@ const READ_AGAIN_MS: u64 = 15_000;
 const READ_MS_MIN: u64 = 5_000;
 
 /// The span of the alarm history: 30 days.
-pub(super) const HISTORY: HealthQuery =
+pub(crate) const HISTORY: HealthQuery =
     HealthQuery { clock: None, until_ms: None, only_alarms: true, bucket_ms: 86_400_000, buckets: 30 };
 
 /// Each column stands for a bucket, so the query has one for each column.
-pub(super) fn health_query(model: &ConsoleModel) -> HealthQuery {
+pub(crate) fn health_query(model: &ConsoleModel) -> HealthQuery {
     let columns = model.size.0.saturating_sub(SCALE).clamp(BUCKETS_MIN, BUCKETS_MAX);
     HealthQuery { bucket_ms: model.view_state.health.bucket_ms(), buckets: columns, ..HealthQuery::default() }
 }
@@ -43,7 +43,7 @@ pub(super) fn is_fresh(model: &ConsoleModel, unchanged: bool) -> bool {
 }
 
 /// Narrower or wider buckets; the cursor stays at its moment.
-pub(super) fn zoom(model: &mut ConsoleModel, action: Action) -> Vec<Effect> {
+pub(crate) fn zoom(model: &mut ConsoleModel, action: Action) -> Vec<Effect> {
     let width = model.view_state.health.width;
     let next = match action {
         Action::ZoomIn => width.checked_sub(1),
@@ -63,7 +63,7 @@ pub(super) fn zoom(model: &mut ConsoleModel, action: Action) -> Vec<Effect> {
 }
 
 /// One bucket to the left or to the right; at the right end the cursor stays with the newest.
-pub(super) fn step(model: &mut ConsoleModel, right: bool) -> Vec<Effect> {
+pub(crate) fn step(model: &mut ConsoleModel, right: bool) -> Vec<Effect> {
     let (Some(bucket), Some((series, _))) = (model.health_bucket(), model.engine_data.health.clone()) else {
         return refuse(model, "nothing has been read yet");
     };

@@ -1,20 +1,14 @@
-//! Navigation: cursors, panes, branches, and the effect of Enter.
+//! Navigation: cursors, panes, the order and the filter by state.
 
-use super::{engine_requests, event_screen, refuse, selection, show, why};
+use super::{engine_requests, refuse, show};
 use crate::action::Action;
-use crate::approval_screen::ApprovalScreen;
 use crate::audit;
 use crate::effect::Effect;
 use crate::form::NO_IDENTITY_TEXT;
-use crate::model::{
-    ConsoleModel, EVENT_LOG_PANE, HISTORY_PANE, ListCursor, OpenedRecord, Overlay, SortOrder, View,
-};
+use crate::model::{ConsoleModel, ListCursor, SortOrder, View};
 use crate::rows::RegistryItem;
 use crate::state_filter::StateFilter;
-use crate::waiting_rows::WaitingRow;
 use holdpoint_governance::ids::Family;
-use holdpoint_protocol::snapshot::AlarmView;
-use holdpoint_wording::notice;
 
 /// How long keys for an item wait after another item moved under the cursor, ms: the user may have decided on the key
 /// before.
@@ -37,11 +31,11 @@ pub(super) fn go(model: &mut ConsoleModel, action: Action) -> Vec<Effect> {
         Action::PageDown => set_row(model, row.saturating_add(page).min(last)),
         Action::Top => set_row(model, 0),
         Action::Bottom => set_row(model, last),
-        Action::Left => return sideways(model, false),
-        Action::Right => return sideways(model, true),
+        Action::Left => return model.view_state.view.behavior().sideways(model, false),
+        Action::Right => return model.view_state.view.behavior().sideways(model, true),
         Action::NextPane => return step_pane(model, true),
         Action::PreviousPane => return step_pane(model, false),
-        _ => return open(model),
+        _ => return model.view_state.view.behavior().open(model),
     }
     Vec::new()
 }
@@ -75,7 +69,7 @@ pub(super) fn wheel(model: &mut ConsoleModel, rows: i32) -> Vec<Effect> {
     Vec::new()
 }
 
-pub(super) fn set_row(model: &mut ConsoleModel, row: usize) {
+pub(crate) fn set_row(model: &mut ConsoleModel, row: usize) {
     let item = model.item_key(row);
     model.view_state.cursors.insert(model.view_state.list(), ListCursor { row, item });
 }
@@ -90,12 +84,7 @@ pub(super) fn follow(model: &mut ConsoleModel, by_itself: bool) {
         return;
     }
     // A cursor at the newest end of a time-ordered list stays at the newest item.
-    let tells_of_time = match (model.view_state.view, model.view_state.pane()) {
-        (View::Overview, pane) => pane == EVENT_LOG_PANE,
-        (View::Audit, _) => true,
-        (View::Alarms, pane) => pane == HISTORY_PANE,
-        (View::Registry | View::Candidate | View::Shadow | View::Approvals | View::Health, _) => false,
-    };
+    let tells_of_time = model.view_state.view.behavior().is_in_order_of_time(model.view_state.pane());
     let at = item.as_ref().filter(|_| row > 0 || !tells_of_time).and_then(|item| model.row_of(item));
     if at.is_none() && item.is_some() && by_itself && !tells_of_time {
         model.view_state.slipped_ms = Some(model.now_ms);
@@ -156,32 +145,8 @@ pub(super) fn not_filtered_by_state(model: &ConsoleModel) -> Option<&'static str
 }
 
 /// Why the view's list cannot be sorted; absent if it can.
-pub(super) const fn unsorted(model: &ConsoleModel) -> Option<&'static str> {
-    match model.view_state.view {
-        View::Registry => None,
-        View::Alarms => Some("alarms stand in the order of attention"),
-        View::Approvals => Some("what waits stands in the order of its deadlines"),
-        View::Overview | View::Candidate | View::Shadow | View::Audit | View::Health => {
-            Some("this list stands in the order in which things happened; the registry can be sorted")
-        }
-    }
-}
-
-/// In the registry the branch opens and closes; elsewhere the pane changes.
-fn sideways(model: &mut ConsoleModel, right: bool) -> Vec<Effect> {
-    if model.view_state.view == View::Health {
-        return super::health::step(model, right);
-    }
-    if model.view_state.view != View::Registry || model.engine_data.registry.is_flat() {
-        return step_pane(model, right);
-    }
-    let family = match model.registry_rows().get(model.row()) {
-        Some(RegistryItem::Family { family, .. }) => (*family).clone(),
-        Some(RegistryItem::Version(row)) => row.version.family.clone(),
-        None => return Vec::new(),
-    };
-    set_branch(model, family, right);
-    Vec::new()
+pub(super) fn unsorted(model: &ConsoleModel) -> Option<&'static str> {
+    model.view_state.view.description().fixed_order
 }
 
 /// The family under the registry's cursor, if the row is that of a family.
@@ -195,21 +160,8 @@ pub(super) fn family_here(model: &ConsoleModel) -> Option<Family> {
     }
 }
 
-fn set_branch(model: &mut ConsoleModel, family: Family, open: bool) {
-    if open {
-        model.engine_data.registry.closed.remove(&family);
-        return;
-    }
-    model.engine_data.registry.closed.insert(family.clone());
-    // The cursor goes to the closed branch.
-    let is_it =
-        |item: &RegistryItem<'_>| matches!(item, RegistryItem::Family { family: of, .. } if **of == family);
-    if let Some(row) = model.registry_rows().iter().position(is_it) {
-        set_row(model, row);
-    }
-}
-
-fn step_pane(model: &mut ConsoleModel, forward: bool) -> Vec<Effect> {
+/// Gives the next pane of the view the keys, or the one before.
+pub(crate) fn step_pane(model: &mut ConsoleModel, forward: bool) -> Vec<Effect> {
     let count = model.view_state.view.panes().len().max(1);
     let next =
         if forward { model.view_state.pane() + 1 } else { model.view_state.pane() + count - 1 } % count;
@@ -221,84 +173,21 @@ pub(super) fn to_pane(model: &mut ConsoleModel, next: usize) -> Vec<Effect> {
     if let Some(pane) = model.view_state.panes.get_mut(model.view_state.view as usize) {
         *pane = next;
     }
-    if matches!(model.view_state.view, View::Registry | View::Alarms | View::Audit) {
+    if model.view_state.view.description().queries_by_pane {
         engine_requests::refresh_now(model)
     } else {
         Vec::new()
     }
 }
 
-/// Enter: opens what is under the cursor. It changes nothing outside this console.
-fn open(model: &mut ConsoleModel) -> Vec<Effect> {
-    match model.view_state.view {
-        View::Registry => {
-            if let Some(RegistryItem::Family { family, open, .. }) = model.registry_rows().get(model.row()) {
-                let (family, open) = ((*family).clone(), *open);
-                set_branch(model, family, !open);
-                return Vec::new();
-            }
-            choose(model)
-        }
-        View::Overview if model.view_state.is_in_event_log() => event_screen::open(model),
-        View::Overview => choose(model),
-        View::Audit => {
-            let seq = model.audit_rows().get(model.row()).map(|row| row.record.seq);
-            model.view_state.opened = seq.map(|seq| OpenedRecord { seq, scroll: 0 });
-            Vec::new()
-        }
-        View::Shadow => show(model, View::Candidate),
-        View::Candidate => {
-            if why::open(model) {
-                return Vec::new();
-            }
-            step_pane(model, true)
-        }
-        View::Alarms => {
-            if let Some(subject) = selection::group_here(model) {
-                let opened = &mut model.view_state.opened_groups;
-                if !opened.remove(&subject) {
-                    opened.insert(subject);
-                }
-                return Vec::new();
-            }
-            choose(model)
-        }
-        View::Health => choose(model),
-        View::Approvals => open_waiting(model),
-    }
-}
-
-fn choose(model: &mut ConsoleModel) -> Vec<Effect> {
+/// Shows the version under the cursor.
+pub(crate) fn choose(model: &mut ConsoleModel) -> Vec<Effect> {
     match model.version_here() {
         Some(version) => {
             model.view_state.chosen = Some(version);
             show(model, View::Candidate)
         }
         None => Vec::new(),
-    }
-}
-
-/// Opens the prompt of a waiting approval, or the card of a version with keys of its own: a monitor asks about it, or it
-/// stands until a person acts.
-fn open_waiting(model: &mut ConsoleModel) -> Vec<Effect> {
-    let prompt = match model.waiting_rows().get(model.row()) {
-        Some(WaitingRow::Approval(question)) => model
-            .engine_data
-            .snapshot
-            .as_ref()
-            .map(|snapshot| ApprovalScreen::open(question, snapshot, model.now_ms)),
-        Some(row @ (WaitingRow::MonitorQuestion(_) | WaitingRow::Standing(_))) => {
-            model.view_state.chosen = Some(row.version().clone());
-            return show(model, View::Candidate);
-        }
-        None => return refuse(model, "nothing waits for people"),
-    };
-    match prompt {
-        Some(prompt) => {
-            model.input.overlay = Some(Overlay::Approval(Box::new(prompt)));
-            Vec::new()
-        }
-        None => refuse(model, "the candidate is gone"),
     }
 }
 
@@ -320,51 +209,4 @@ pub(super) fn jump_to_alarm(model: &mut ConsoleModel) -> Vec<Effect> {
         None => super::show_message(model, "every alarm is acknowledged", false),
     }
     effects
-}
-
-/// The value for Copy: the one that a person would paste elsewhere.
-pub(super) fn copied(model: &ConsoleModel) -> Option<String> {
-    match model.view_state.view {
-        View::Health => {
-            model.health_verdict().map(|verdict| holdpoint_wording::health::health_verdict(&verdict))
-        }
-        View::Alarms if model.view_state.pane() == HISTORY_PANE => {
-            let spell = model.alarm_spells().get(model.row()).copied()?;
-            Some(format!(
-                "{} {}: {}",
-                spell.alarm,
-                spell.state,
-                spell.text.as_ref().map(notice).unwrap_or_default()
-            ))
-        }
-        View::Alarms => {
-            let rows = model.alarm_rows();
-            let summary = |alarm: &AlarmView| {
-                format!("{} {} {}: {}", alarm.priority, alarm.state, alarm.alarm, notice(&alarm.text))
-            };
-            let of_marked = model.engine_data.snapshot.iter().flat_map(|now| &now.alarms);
-            let of_marked = of_marked.filter(|alarm| model.view_state.marked.contains(&alarm.alarm));
-            let marked: Vec<String> = of_marked.map(summary).collect();
-            if marked.is_empty() {
-                Some(summary(rows.get(model.row())?.alarm()))
-            } else {
-                Some(marked.join("\n"))
-            }
-        }
-        View::Audit => {
-            let rows = model.audit_rows();
-            let row = model.opened_record().or_else(|| rows.get(model.row()).map(|row| row.record))?;
-            Some(format!("{} {} {} {} {}", row.seq, row.kind, row.subject, row.hash, row.body))
-        }
-        View::Overview if model.view_state.pane() == EVENT_LOG_PANE => {
-            model.event_log_rows().get(model.row()).map(|line| line.text.clone())
-        }
-        View::Overview | View::Registry | View::Candidate | View::Shadow | View::Approvals => {
-            let marked: Vec<String> = selection::versions(model).iter().map(ToString::to_string).collect();
-            if marked.is_empty() {
-                return model.version_here().map(|version| version.to_string());
-            }
-            Some(marked.join("\n"))
-        }
-    }
 }

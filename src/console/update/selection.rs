@@ -21,12 +21,7 @@ const QUESTION_ROWS: usize = 9;
 /// The item under the cursor, if it can be marked.
 pub(super) fn markable(model: &ConsoleModel) -> Option<ItemKey> {
     let item = model.item_key(model.row())?;
-    match (&item, model.view_state.view) {
-        (ItemKey::Version(_), View::Overview | View::Registry) | (ItemKey::Alarm(_), View::Alarms) => {
-            Some(item)
-        }
-        _ => None,
-    }
+    model.view_state.view.behavior().can_mark(&item).then_some(item)
 }
 
 /// Marks or unmarks the item under the cursor, and moves to the next.
@@ -89,6 +84,15 @@ pub(super) fn versions(model: &ConsoleModel) -> Vec<CapabilityId> {
     marked.into_iter().flatten().filter(|id| model.version_state(id).is_some()).cloned().collect()
 }
 
+/// The names of the marked versions, else of the one under the cursor.
+pub(crate) fn copied(model: &ConsoleModel) -> Option<String> {
+    let marked: Vec<String> = versions(model).iter().map(ToString::to_string).collect();
+    if marked.is_empty() {
+        return model.version_here().map(|version| version.to_string());
+    }
+    Some(marked.join("\n"))
+}
+
 /// Applies an action to every marked version. `None` if none is marked, or if the action stops a version: that one
 /// applies to the version under the cursor, whatever is marked.
 pub(super) fn on_versions(model: &mut ConsoleModel, action: Action) -> Option<Vec<Effect>> {
@@ -148,7 +152,7 @@ pub(super) fn lines(model: &ConsoleModel, each: &[Intent]) -> Result<Vec<String>
 }
 
 /// The subject of the group under the cursor; absent on an alarm by itself.
-pub(super) fn group_here(model: &ConsoleModel) -> Option<String> {
+pub(crate) fn group_here(model: &ConsoleModel) -> Option<String> {
     if model.view_state.view != View::Alarms || model.view_state.pane() == HISTORY_PANE {
         return None;
     }

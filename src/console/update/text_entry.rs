@@ -24,13 +24,9 @@ pub(super) fn begin_command(model: &mut ConsoleModel) -> Vec<Effect> {
 /// Filters narrow long lists. Alarms, waiting requests and decisions are never narrowed: there the cursor moves to
 /// the typed text. The line begins empty; Up brings the last text back.
 pub(super) fn begin_filter(model: &mut ConsoleModel) -> Vec<Effect> {
-    model.input.typing = Some(match model.view_state.view {
-        View::Audit if model.view_state.opened.is_some() => Typing::Find(EditLine::default()),
-        View::Overview | View::Registry | View::Audit => Typing::Filter(EditLine::default()),
-        View::Candidate | View::Shadow | View::Alarms | View::Approvals | View::Health => {
-            Typing::Find(EditLine::default())
-        }
-    });
+    let line = EditLine::default();
+    let narrows = model.view_state.view.behavior().is_filtered(model);
+    model.input.typing = Some(if narrows { Typing::Filter(line) } else { Typing::Find(line) });
     Vec::new()
 }
 

@@ -14,7 +14,7 @@ use holdpoint_governance::decision::Dimension;
 use holdpoint_protocol::film::{Film, FilmRequest, FilmSubject};
 
 /// Opens the explanation of the item under the cursor of the candidate view. Returns whether there is one.
-pub(super) fn open(model: &mut ConsoleModel) -> bool {
+pub(crate) fn open(model: &mut ConsoleModel) -> bool {
     if model.view_state.view != View::Candidate {
         return false;
     }
@@ -62,20 +62,7 @@ pub(super) fn why_key(model: &mut ConsoleModel, key: KeyEvent, action: Option<Ac
 
 /// Whether an action goes to another view, or to its help.
 const fn leads_elsewhere(action: Action) -> bool {
-    matches!(
-        action,
-        Action::ShowOverview
-            | Action::ShowRegistry
-            | Action::ShowCandidate
-            | Action::ShowShadow
-            | Action::ShowAlarms
-            | Action::ShowApprovals
-            | Action::ShowAudit
-            | Action::ShowHealth
-            | Action::JumpToAlarm
-            | Action::CommandLine
-            | Action::Help
-    )
+    matches!(action, Action::Show(_) | Action::JumpToAlarm | Action::CommandLine | Action::Help)
 }
 
 /// Closes the overlay, then carries out the action.

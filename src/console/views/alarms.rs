@@ -13,17 +13,23 @@
 
 use ratatui::layout::Rect;
 
+use super::console_view::{ConsoleView, ViewDescription};
+use super::small_window;
 use super::status::priority_label;
-use crate::action::Action;
+use crate::action::{Action, Scope};
+use crate::effect::{Effect, EngineQuery};
 use crate::formatters::duration;
 use crate::look::{Glyph, Look, ThemeRole};
-use crate::model::{ConsoleModel, HISTORY_PANE};
+use crate::model::{ConsoleModel, HISTORY_PANE, ItemKey, View};
 use crate::rows::AlarmItem;
 use crate::theme::StateMark;
+use crate::update::{health, navigation, selection};
 use crate::widgets::list::place;
 use crate::widgets::pen::{Pen, below, cut};
 use crate::widgets::row::Row;
 use holdpoint_governance::alarms::{AlarmKey, AlarmState, AlarmSummary, FLOOD_START};
+use holdpoint_governance::ids::CapabilityId;
+use holdpoint_protocol::health::AlarmEpisode;
 use holdpoint_protocol::snapshot::AlarmView;
 use holdpoint_wording::{alarm as wording, notice};
 
@@ -33,7 +39,158 @@ const PRIORITY: usize = 10;
 /// Lines for the alarm under the cursor.
 const DETAIL_ROWS: u16 = 9;
 
-pub fn draw(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
+/// View 5.
+pub struct AlarmsBehavior;
+
+impl ConsoleView for AlarmsBehavior {
+    fn description(&self) -> &'static ViewDescription {
+        &ViewDescription {
+            title: "Alarms",
+            brief_title: "Alarms",
+            action: "alarms",
+            keys: &["5"],
+            help: "Alarms",
+            tour: "Space says that you have seen an alarm, and resumes nothing",
+            panes: &["Open", "History"],
+            scopes: &[Scope::Alarms],
+            fixed_order: Some("alarms stand in the order of attention"),
+            queries_by_pane: true,
+            is_about_version: false,
+        }
+    }
+
+    fn row_count(&self, model: &ConsoleModel) -> usize {
+        match model.view_state.pane() {
+            HISTORY_PANE => model.alarm_spells().len(),
+            _ => model.alarm_rows().len(),
+        }
+    }
+
+    fn item_key(&self, model: &ConsoleModel, row: usize) -> Option<ItemKey> {
+        match model.view_state.pane() {
+            HISTORY_PANE => model.alarm_spells().get(row).map(|spell| ItemKey::Text(spell_name(spell))),
+            _ => model.alarm_rows().get(row).map(|row| ItemKey::Alarm(row.alarm().alarm.clone())),
+        }
+    }
+
+    fn row_of(&self, model: &ConsoleModel, key: &ItemKey) -> Option<usize> {
+        match (model.view_state.pane(), key) {
+            (HISTORY_PANE, ItemKey::Text(name)) => {
+                model.alarm_spells().iter().position(|spell| spell_name(spell) == *name)
+            }
+            (_, ItemKey::Alarm(name)) => model.alarm_rows().iter().position(|row| row.alarm().alarm == *name),
+            _ => None,
+        }
+    }
+
+    fn version_here(&self, model: &ConsoleModel) -> Option<CapabilityId> {
+        if model.view_state.pane() == HISTORY_PANE {
+            let spells = model.alarm_spells();
+            return spells.get(model.row())?.alarm.rsplit(':').next()?.parse().ok();
+        }
+        let rows = model.alarm_rows();
+        rows.get(model.row())?.alarm().alarm.rsplit(':').next()?.parse().ok()
+    }
+
+    fn row_texts(&self, model: &ConsoleModel) -> Vec<String> {
+        if model.view_state.pane() == HISTORY_PANE {
+            let text = |spell: &AlarmEpisode| {
+                format!("{} {}", spell.alarm, spell.text.as_ref().map(notice).unwrap_or_default())
+            };
+            return model.alarm_spells().into_iter().map(text).collect();
+        }
+        let rows = model.alarm_rows();
+        let alarms = rows.iter().map(|row| row.alarm());
+        alarms.map(|alarm| format!("{} {} {}", alarm.alarm, alarm.subject, notice(&alarm.text))).collect()
+    }
+
+    fn is_in_order_of_time(&self, pane: usize) -> bool {
+        pane == HISTORY_PANE
+    }
+
+    fn can_mark(&self, item: &ItemKey) -> bool {
+        matches!(item, ItemKey::Alarm(_))
+    }
+
+    fn hints(&self, model: &ConsoleModel) -> &'static [Action] {
+        if model.view_state.pane() == HISTORY_PANE {
+            return &[Action::NextPane, Action::Open, Action::Copy];
+        }
+        &[
+            Action::Acknowledge,
+            Action::Mark,
+            Action::Shelve,
+            Action::Unshelve,
+            Action::ResetAlarm,
+            Action::Open,
+            Action::Abort,
+        ]
+    }
+
+    fn hint_label(&self, model: &ConsoleModel, action: Action) -> Option<&'static str> {
+        let other = if model.view_state.pane() == HISTORY_PANE { "open alarms" } else { "history" };
+        (action == Action::NextPane).then_some(other)
+    }
+
+    fn can_open(&self, model: &ConsoleModel, _rows: usize, version: Option<&CapabilityId>) -> bool {
+        version.is_some() || selection::group_here(model).is_some()
+    }
+
+    fn copied(&self, model: &ConsoleModel) -> Option<String> {
+        if model.view_state.pane() == HISTORY_PANE {
+            let spell = model.alarm_spells().get(model.row()).copied()?;
+            let text = spell.text.as_ref().map(notice).unwrap_or_default();
+            return Some(format!("{} {}: {text}", spell.alarm, spell.state));
+        }
+        let summary = |alarm: &AlarmView| {
+            format!("{} {} {}: {}", alarm.priority, alarm.state, alarm.alarm, notice(&alarm.text))
+        };
+        let of_marked = model.engine_data.snapshot.iter().flat_map(|now| &now.alarms);
+        let of_marked = of_marked.filter(|alarm| model.view_state.marked.contains(&alarm.alarm));
+        let marked: Vec<String> = of_marked.map(summary).collect();
+        if marked.is_empty() {
+            return Some(summary(model.alarm_rows().get(model.row())?.alarm()));
+        }
+        Some(marked.join("\n"))
+    }
+
+    fn query(&self, model: &ConsoleModel) -> Option<EngineQuery> {
+        (model.view_state.pane() == HISTORY_PANE).then_some(EngineQuery::AlarmHistory(health::HISTORY))
+    }
+
+    fn data(&self, model: &ConsoleModel) -> serde_json::Result<serde_json::Value> {
+        if model.view_state.pane_of(View::Alarms) == HISTORY_PANE {
+            let series = model.engine_data.alarm_history.as_ref();
+            return serde_json::to_value(series.map(|series| &series.alarms));
+        }
+        serde_json::to_value(model.engine_data.snapshot.as_deref())
+    }
+
+    /// Opens the group under the cursor or closes it, or shows the version of the alarm.
+    fn open(&self, model: &mut ConsoleModel) -> Vec<Effect> {
+        let Some(subject) = selection::group_here(model) else { return navigation::choose(model) };
+        let opened = &mut model.view_state.opened_groups;
+        if !opened.remove(&subject) {
+            opened.insert(subject);
+        }
+        Vec::new()
+    }
+
+    fn draw(&self, model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
+        draw(model, pen, area);
+    }
+
+    fn small_rows(&self, model: &ConsoleModel, pen: &Pen<'_>, _width: usize) -> Vec<Row> {
+        model.alarm_rows().iter().map(|item| small_window::alarm(*item, pen)).collect()
+    }
+}
+
+/// Identifies one course of an alarm.
+fn spell_name(spell: &AlarmEpisode) -> String {
+    format!("{} {}", spell.alarm, spell.raised.at_ms)
+}
+
+fn draw(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
     if model.view_state.pane() == HISTORY_PANE {
         super::alarm_history::draw(model, pen, area);
         return;

@@ -11,19 +11,101 @@
 
 use ratatui::layout::Rect;
 
+use super::console_view::{ConsoleView, ViewDescription};
 use super::overview::{time_left, waiting_row};
-use crate::action::Action;
+use crate::action::{Action, Scope};
+use crate::approval_screen::ApprovalScreen;
+use crate::effect::Effect;
 use crate::formatters::reason_line;
 use crate::look::ThemeRole;
-use crate::model::ConsoleModel;
+use crate::model::{ConsoleModel, ItemKey, Overlay, View};
+use crate::update;
 use crate::waiting_rows::{WaitingRow, standing};
 use crate::widgets::list::{GUTTER, place};
 use crate::widgets::pen::{Pen, cut};
 use crate::widgets::row::{Row, wrap};
+use holdpoint_governance::ids::CapabilityId;
 use holdpoint_protocol::snapshot::{CandidateView, EscalationView};
 use holdpoint_text::Untrusted;
 
-pub fn draw(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
+/// View 6.
+pub struct ApprovalsBehavior;
+
+impl ConsoleView for ApprovalsBehavior {
+    fn description(&self) -> &'static ViewDescription {
+        &ViewDescription {
+            title: "Approvals",
+            brief_title: "Approve",
+            action: "approvals",
+            keys: &["6", "a"],
+            help: "Approvals that wait",
+            tour: "What waits for a person: enter opens it, and never approves",
+            panes: &["List"],
+            scopes: &[Scope::Version],
+            fixed_order: Some("what waits stands in the order of its deadlines"),
+            queries_by_pane: false,
+            is_about_version: false,
+        }
+    }
+
+    fn row_count(&self, model: &ConsoleModel) -> usize {
+        model.waiting_rows().len()
+    }
+
+    fn item_key(&self, model: &ConsoleModel, row: usize) -> Option<ItemKey> {
+        model.waiting_rows().get(row).map(WaitingRow::item_key)
+    }
+
+    fn row_of(&self, model: &ConsoleModel, key: &ItemKey) -> Option<usize> {
+        model.waiting_rows().iter().position(|row| row.item_key() == *key)
+    }
+
+    fn version_here(&self, model: &ConsoleModel) -> Option<CapabilityId> {
+        model.waiting_rows().get(model.row()).map(|row| row.version().clone())
+    }
+
+    fn row_texts(&self, model: &ConsoleModel) -> Vec<String> {
+        model.waiting_rows().iter().map(|row| row.version().to_string()).collect()
+    }
+
+    fn hints(&self, _model: &ConsoleModel) -> &'static [Action] {
+        &[Action::Open, Action::Continue, Action::Resume, Action::Repeat, Action::Rollback, Action::Abort]
+    }
+
+    /// Opens the prompt of a waiting approval, or the card of a version with keys of its own: a monitor asks about it,
+    /// or it stands until a person acts.
+    fn open(&self, model: &mut ConsoleModel) -> Vec<Effect> {
+        let prompt = match model.waiting_rows().get(model.row()) {
+            Some(WaitingRow::Approval(question)) => model
+                .engine_data
+                .snapshot
+                .as_ref()
+                .map(|snapshot| ApprovalScreen::open(question, snapshot, model.now_ms)),
+            Some(row @ (WaitingRow::MonitorQuestion(_) | WaitingRow::Standing(_))) => {
+                model.view_state.chosen = Some(row.version().clone());
+                return update::show(model, View::Candidate);
+            }
+            None => return update::refuse(model, "nothing waits for people"),
+        };
+        match prompt {
+            Some(prompt) => {
+                model.input.overlay = Some(Overlay::Approval(Box::new(prompt)));
+                Vec::new()
+            }
+            None => update::refuse(model, "the candidate is gone"),
+        }
+    }
+
+    fn draw(&self, model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
+        draw(model, pen, area);
+    }
+
+    fn small_rows(&self, model: &ConsoleModel, pen: &Pen<'_>, width: usize) -> Vec<Row> {
+        model.waiting_rows().iter().map(|item| waiting_row(model, item, pen, width)).collect()
+    }
+}
+
+fn draw(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
     let items = model.waiting_rows();
     let height = u16::try_from(items.len() + 2).unwrap_or(u16::MAX).clamp(3, (area.height / 2).max(3));
     let (upper, lower) = cut(area, height);

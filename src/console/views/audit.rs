@@ -11,15 +11,18 @@
 
 use ratatui::layout::Rect;
 
+use super::console_view::{ConsoleView, ORDER_OF_TIME, ViewDescription};
 use super::tabs;
-use crate::action::Action;
-use crate::audit::{self, AuditItem, sentence};
+use crate::action::{Action, Scope};
+use crate::audit::{self, AuditGroup, AuditItem, sentence};
+use crate::effect::{Effect, EngineQuery};
 use crate::formatters::{record_moment, record_time, seconds};
 use crate::look::{Glyph, ThemeRole};
-use crate::model::ConsoleModel;
+use crate::model::{ConsoleModel, ItemKey, OpenedRecord, View};
 use crate::widgets::list::{GUTTER, place};
 use crate::widgets::pen::{Fit, Pen, below, cut};
 use crate::widgets::row::{Row, wrap};
+use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::metrics::store_metrics::ObservedCounts;
 use holdpoint_governance::record::AuditRecord;
 
@@ -29,7 +32,97 @@ const DETAIL_ROWS_MAX: u16 = 8;
 /// Lines of one wrapped line of a raw record.
 const RAW_WRAP_ROWS: usize = 12;
 
-pub fn draw(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
+/// View 7.
+pub struct AuditBehavior;
+
+impl ConsoleView for AuditBehavior {
+    fn description(&self) -> &'static ViewDescription {
+        &ViewDescription {
+            title: "Audit",
+            brief_title: "Audit",
+            action: "audit",
+            keys: &["7"],
+            help: "Audit log",
+            tour: "Each record has the hash of the one before; v checks them",
+            panes: &["Events", "People", "Alarms", "Store", "All"],
+            scopes: &[Scope::Version],
+            fixed_order: Some(ORDER_OF_TIME),
+            queries_by_pane: true,
+            is_about_version: false,
+        }
+    }
+
+    fn row_count(&self, model: &ConsoleModel) -> usize {
+        model.audit_rows().len()
+    }
+
+    fn item_key(&self, model: &ConsoleModel, row: usize) -> Option<ItemKey> {
+        model.audit_rows().get(row).map(|row| ItemKey::Record(row.record.seq))
+    }
+
+    fn row_of(&self, model: &ConsoleModel, key: &ItemKey) -> Option<usize> {
+        let ItemKey::Record(seq) = key else { return None };
+        model.audit_rows().iter().position(|row| row.record.seq == *seq)
+    }
+
+    fn version_here(&self, model: &ConsoleModel) -> Option<CapabilityId> {
+        model.audit_rows().get(model.row())?.record.subject.parse().ok()
+    }
+
+    fn row_texts(&self, model: &ConsoleModel) -> Vec<String> {
+        let text = |row: &AuditItem<'_>| {
+            let record = row.record;
+            format!("{} {} {}", record.kind, record.subject, sentence(record))
+        };
+        model.audit_rows().iter().map(text).collect()
+    }
+
+    fn is_in_order_of_time(&self, _pane: usize) -> bool {
+        true
+    }
+
+    fn is_filtered(&self, model: &ConsoleModel) -> bool {
+        model.view_state.opened.is_none()
+    }
+
+    fn hints(&self, _model: &ConsoleModel) -> &'static [Action] {
+        &[Action::Open, Action::NextPane, Action::Verify, Action::Filter, Action::Copy, Action::Export]
+    }
+
+    fn hint_label(&self, _model: &ConsoleModel, action: Action) -> Option<&'static str> {
+        (action == Action::Open).then_some("raw record")
+    }
+
+    fn copied(&self, model: &ConsoleModel) -> Option<String> {
+        let rows = model.audit_rows();
+        let row = model.opened_record().or_else(|| rows.get(model.row()).map(|row| row.record))?;
+        Some(format!("{} {} {} {} {}", row.seq, row.kind, row.subject, row.hash, row.body))
+    }
+
+    fn query(&self, model: &ConsoleModel) -> Option<EngineQuery> {
+        Some(EngineQuery::Audit(AuditGroup::of_pane(model.view_state.pane_of(View::Audit))))
+    }
+
+    fn data(&self, model: &ConsoleModel) -> serde_json::Result<serde_json::Value> {
+        serde_json::to_value(&*model.engine_data.audit)
+    }
+
+    fn open(&self, model: &mut ConsoleModel) -> Vec<Effect> {
+        let seq = model.audit_rows().get(model.row()).map(|row| row.record.seq);
+        model.view_state.opened = seq.map(|seq| OpenedRecord { seq, scroll: 0 });
+        Vec::new()
+    }
+
+    fn draw(&self, model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
+        draw(model, pen, area);
+    }
+
+    fn small_rows(&self, model: &ConsoleModel, _pen: &Pen<'_>, _width: usize) -> Vec<Row> {
+        model.audit_rows().iter().map(brief).collect()
+    }
+}
+
+fn draw(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
     if let Some(record) = model.opened_record() {
         return raw(model, record, pen, area);
     }
@@ -126,7 +219,7 @@ fn summary(row: &AuditItem<'_>) -> String {
 
 /// One line of the log for the smallest windows.
 #[must_use]
-pub fn brief(row: &AuditItem<'_>) -> Row {
+fn brief(row: &AuditItem<'_>) -> Row {
     line(row, &AuditColumns::of(Fit::Tiny))
 }
 

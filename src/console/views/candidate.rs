@@ -12,18 +12,22 @@ use ratatui::layout::Rect;
 use unicode_width::UnicodeWidthStr as _;
 
 use super::candidate_rows::item;
+use super::console_view::{ConsoleView, ORDER_OF_TIME, ViewDescription};
 use super::status::priority_label;
 use super::watched::below_limit;
 use super::{pipeline, tabs};
-use crate::action::Action;
+use crate::action::{Action, Scope};
+use crate::effect::{Effect, EngineQuery};
 use crate::formatters::origin;
 use crate::look::{Glyph, Look, ThemeRole};
-use crate::model::{ConsoleModel, View};
-use crate::rows::CandidateItem;
+use crate::model::{ConsoleModel, ItemKey, View};
+use crate::rows::{CandidateItem, row_keys, search_text};
+use crate::update::{navigation, why};
 use crate::widgets::list::place;
 use crate::widgets::pen::{Fit, Hit, Pen, below, cut};
 use crate::widgets::row::{Row, wrap};
 use holdpoint_governance::alarms::AlarmKey;
+use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::lifecycle::State;
 use holdpoint_governance::record::{AuditRecord, RecordKind};
 use holdpoint_protocol::detail::Detail;
@@ -48,7 +52,96 @@ const AGAINST_MIN: usize = 16;
 /// Columns from which the timeline stands beside the checks.
 const BESIDE_WIDTH: u16 = 110;
 
-pub fn draw(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
+/// View 3.
+pub struct CandidateBehavior;
+
+impl ConsoleView for CandidateBehavior {
+    fn description(&self) -> &'static ViewDescription {
+        &ViewDescription {
+            title: "Candidate",
+            brief_title: "Candid.",
+            action: "candidate",
+            keys: &["3"],
+            help: "Candidate: every check and its evidence",
+            tour: "Why it is in this state; tab leads on to the evidence",
+            panes: &["Checks", "Difference", "Sandbox", "Drills", "Timeline", "Audit"],
+            scopes: &[Scope::Version],
+            fixed_order: Some(ORDER_OF_TIME),
+            queries_by_pane: false,
+            is_about_version: true,
+        }
+    }
+
+    fn row_count(&self, model: &ConsoleModel) -> usize {
+        model.candidate_rows(model.view_state.pane()).len()
+    }
+
+    fn item_key(&self, model: &ConsoleModel, row: usize) -> Option<ItemKey> {
+        row_keys(&model.candidate_rows(model.view_state.pane())).into_iter().nth(row)
+    }
+
+    fn row_of(&self, model: &ConsoleModel, key: &ItemKey) -> Option<usize> {
+        row_keys(&model.candidate_rows(model.view_state.pane())).iter().position(|item| item == key)
+    }
+
+    fn version_here(&self, model: &ConsoleModel) -> Option<CapabilityId> {
+        model.subject()
+    }
+
+    fn row_texts(&self, model: &ConsoleModel) -> Vec<String> {
+        model.candidate_rows(model.view_state.pane()).iter().map(search_text).collect()
+    }
+
+    fn hints(&self, _model: &ConsoleModel) -> &'static [Action] {
+        &[
+            Action::Open,
+            Action::NextPane,
+            Action::OpenRecording,
+            Action::Pause,
+            Action::Resume,
+            Action::Continue,
+            Action::Refuse,
+            Action::Rollback,
+            Action::Release,
+            Action::Repeat,
+            Action::Rearm,
+            Action::Abort,
+            Action::Copy,
+        ]
+    }
+
+    fn hint_label(&self, _model: &ConsoleModel, action: Action) -> Option<&'static str> {
+        (action == Action::Open).then_some("why")
+    }
+
+    fn can_open(&self, model: &ConsoleModel, _rows: usize, _version: Option<&CapabilityId>) -> bool {
+        model.subject_detail().is_some_and(|detail| !detail.why.is_empty())
+    }
+
+    fn query(&self, model: &ConsoleModel) -> Option<EngineQuery> {
+        model.subject().map(EngineQuery::Detail)
+    }
+
+    fn data(&self, model: &ConsoleModel) -> serde_json::Result<serde_json::Value> {
+        serde_json::to_value(model.engine_data.detail.as_deref())
+    }
+
+    fn open(&self, model: &mut ConsoleModel) -> Vec<Effect> {
+        if why::open(model) { Vec::new() } else { navigation::step_pane(model, true) }
+    }
+
+    fn draw(&self, model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
+        draw(model, pen, area);
+    }
+
+    fn small_rows(&self, model: &ConsoleModel, pen: &Pen<'_>, width: usize) -> Vec<Row> {
+        let rows = model.candidate_rows(model.view_state.pane());
+        let first = |row| item(model, row, pen.look, width).into_iter().next();
+        rows.iter().map(|row| first(row).unwrap_or_default()).collect()
+    }
+}
+
+fn draw(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
     let Some(subject) = model.subject() else {
         pen.text(
             area,
@@ -200,7 +293,7 @@ fn without_rows(model: &ConsoleModel, detail: &Detail, pane: usize, look: &Look)
         lines.push(format!("  without action: {}", wording::consequence(key.kind())));
         lines.push(format!("  look at: {}", wording::look_at(key.kind())));
     }
-    lines.push(format!("{} shows how its live tasks go", model.keymap.key(Action::ShowHealth)));
+    lines.push(format!("{} shows how its live tasks go", model.keymap.key(Action::Show(View::Health))));
     lines
 }
 

@@ -16,16 +16,21 @@ use std::collections::BTreeMap;
 
 use ratatui::layout::Rect;
 
+use super::console_view::{ConsoleView, ORDER_OF_TIME, ViewDescription};
+use super::health_quantity::{HealthQuantity, LABEL_WIDTH};
 use super::tabs;
+use crate::action::{Action, Scope};
+use crate::effect::{Effect, EngineQuery};
 use crate::formatters::seconds;
 use crate::look::{Glyph, ThemeRole};
-use crate::model::ConsoleModel;
+use crate::model::{ConsoleModel, ItemKey};
 use crate::trend::SCALE;
+use crate::update::{health, navigation};
 use crate::widgets::dots::{ACROSS, DOWN, Dots, Ink};
 use crate::widgets::pen::{Fit, Pen, above, below, cut};
 use crate::widgets::row::{Row, wrap};
 use holdpoint_governance::calendar;
-use holdpoint_governance::ids::Family;
+use holdpoint_governance::ids::{CapabilityId, Family};
 use holdpoint_protocol::health::{
     HealthClock, HealthMark, HealthPoint, HealthSeries, MarkKind, Trend, together,
 };
@@ -46,80 +51,112 @@ const MARKS_LEAST: usize = 4;
 const NUMBERS_FROM: usize = 5;
 const WHOLE_FROM: usize = 8;
 
-/// Columns of a number at the axis.
-const LABEL_WIDTH: usize = SCALE as usize - 2;
-
 /// Columns between two times at the axis at least.
 const TIME_APART: u32 = 14;
 
-/// The quantity of a pane.
-#[derive(Clone, Copy, PartialEq, Eq)]
-enum HealthQuantity {
-    Success,
-    Violations,
-    Time,
-    Force,
+/// View 8.
+pub struct HealthBehavior;
+
+impl ConsoleView for HealthBehavior {
+    fn description(&self) -> &'static ViewDescription {
+        &ViewDescription {
+            title: "Health",
+            brief_title: "Health",
+            action: "health",
+            keys: &["8"],
+            help: "Health: success, violations, time and force over hours and days",
+            tour: "Better or worse, and since when: tab turns on, + and - zoom",
+            panes: &["Success", "Violations", "Time", "Force"],
+            scopes: &[Scope::Version, Scope::Charts],
+            fixed_order: Some(ORDER_OF_TIME),
+            queries_by_pane: false,
+            is_about_version: false,
+        }
+    }
+
+    fn row_count(&self, model: &ConsoleModel) -> usize {
+        model.health_families().len()
+    }
+
+    fn item_key(&self, model: &ConsoleModel, row: usize) -> Option<ItemKey> {
+        model.health_families().into_iter().nth(row).map(ItemKey::Family)
+    }
+
+    fn row_of(&self, model: &ConsoleModel, key: &ItemKey) -> Option<usize> {
+        let ItemKey::Family(of) = key else { return None };
+        model.health_families().iter().position(|family| family == of)
+    }
+
+    fn version_here(&self, model: &ConsoleModel) -> Option<CapabilityId> {
+        model.health_version()
+    }
+
+    fn row_texts(&self, model: &ConsoleModel) -> Vec<String> {
+        model.health_families().iter().map(ToString::to_string).collect()
+    }
+
+    fn hints(&self, _model: &ConsoleModel) -> &'static [Action] {
+        &[
+            Action::NextPane,
+            Action::ZoomIn,
+            Action::ZoomOut,
+            Action::Left,
+            Action::Right,
+            Action::Export,
+            Action::Freeze,
+        ]
+    }
+
+    fn hint_label(&self, _model: &ConsoleModel, action: Action) -> Option<&'static str> {
+        (action == Action::NextPane).then_some("next quantity")
+    }
+
+    fn can_open(&self, _model: &ConsoleModel, _rows: usize, _version: Option<&CapabilityId>) -> bool {
+        false
+    }
+
+    fn copied(&self, model: &ConsoleModel) -> Option<String> {
+        model.health_verdict().map(|verdict| holdpoint_wording::health::health_verdict(&verdict))
+    }
+
+    fn query(&self, model: &ConsoleModel) -> Option<EngineQuery> {
+        Some(EngineQuery::Health(health::health_query(model)))
+    }
+
+    fn data(&self, model: &ConsoleModel) -> serde_json::Result<serde_json::Value> {
+        serde_json::to_value(model.engine_data.health.as_ref().map(|(series, _)| &**series))
+    }
+
+    fn open(&self, model: &mut ConsoleModel) -> Vec<Effect> {
+        navigation::choose(model)
+    }
+
+    /// The cursor goes one column to the left or to the right.
+    fn sideways(&self, model: &mut ConsoleModel, right: bool) -> Vec<Effect> {
+        health::step(model, right)
+    }
+
+    fn zoom(&self, model: &mut ConsoleModel, action: Action) -> Vec<Effect> {
+        health::zoom(model, action)
+    }
+
+    fn draw(&self, model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
+        draw(model, pen, area);
+    }
+
+    /// Without the tabs; the description gets a third of the room.
+    fn draw_small(&self, model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
+        let area = super::frozen(model, pen, area);
+        let Some(series) = model.health() else {
+            pen.row(area, 0, &Row::of(ThemeRole::Muted, "The record is being read"));
+            return;
+        };
+        let quantity = HealthQuantity::of(model.view_state.pane());
+        charts_pane(model, series, quantity, pen, area, area.height.div_ceil(3));
+    }
 }
 
-impl HealthQuantity {
-    const fn of(pane: usize) -> Self {
-        match pane {
-            1 => Self::Violations,
-            2 => Self::Time,
-            3 => Self::Force,
-            _ => Self::Success,
-        }
-    }
-
-    /// Value and band of a family's results in one bucket, in the unit of the axis.
-    fn of_points(self, points: &[&HealthPoint]) -> Option<(f64, [f64; 2])> {
-        let tasks: u64 = points.iter().map(|point| point.tasks).sum();
-        let share = |count: u64| 100.0 * count as f64 / tasks.max(1) as f64;
-        // Medians cannot be averaged: of several versions in a bucket, the one with the most episodes is shown.
-        let most = points.iter().max_by_key(|point| point.tasks)?;
-        Some(match self {
-            Self::Success => {
-                let (tasks, done, interval) = together(points.iter().copied())?;
-                (100.0 * done as f64 / tasks as f64, interval.map(|end| 100.0 * end))
-            }
-            Self::Violations => {
-                let violated = share(points.iter().map(|point| point.violated).sum());
-                (violated, [violated, share(points.iter().map(|point| point.near).sum())])
-            }
-            Self::Time => (most.time_s[0], most.time_s),
-            Self::Force => (most.force_n[0], most.force_n),
-        })
-    }
-
-    /// The unit of the axis.
-    const fn unit(self) -> &'static str {
-        match self {
-            Self::Success | Self::Violations => "%",
-            Self::Time => "s",
-            Self::Force => "N",
-        }
-    }
-
-    /// A number of the axis with its unit, in the columns beside a chart.
-    fn label(self, value: f64) -> String {
-        let (number, unit) =
-            (if value < 10.0 { format!("{value:.1}") } else { format!("{value:.0}") }, self.unit());
-        let label = format!("{number} {unit}");
-        if label.len() <= LABEL_WIDTH { label } else { format!("{number}{unit}") }
-    }
-
-    /// The meaning of the dots and the band.
-    const fn legend(self) -> &'static str {
-        match self {
-            Self::Success => "% done, band: 95 % interval",
-            Self::Violations => "% with a violation, band: with those close to a limit",
-            Self::Time => "s, median, band: to the 95th percentile",
-            Self::Force => "N, median of the largest, band: to the 95th percentile",
-        }
-    }
-}
-
-pub fn draw(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
+fn draw(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
     let head = tabs::panes(model);
     let area = super::frozen(model, pen, area);
     let Some(series) = model.health() else {
@@ -134,24 +171,6 @@ pub fn draw(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
     pen.row(area, 0, &row);
     let area = below(area, 1);
     charts_pane(model, series, quantity, pen, area, (area.height / 2).min(BELOW_ROWS_MAX));
-}
-
-/// The same without its tabs, for the smallest windows: the description gets a third of the room.
-pub fn draw_small(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
-    let area = super::frozen(model, pen, area);
-    match model.health() {
-        Some(series) => {
-            charts_pane(
-                model,
-                series,
-                HealthQuantity::of(model.view_state.pane()),
-                pen,
-                area,
-                area.height.div_ceil(3),
-            );
-        }
-        None => pen.row(area, 0, &Row::of(ThemeRole::Muted, "The record is being read")),
-    }
 }
 
 /// Charts, marks and times, and below them a description of at most `foot` lines.

@@ -9,7 +9,7 @@ use ratatui::layout::Rect;
 use crate::action::Action;
 use crate::approval_screen::{ApprovalFocus, ApprovalScreen, DecisionObstacle};
 use crate::look::{Glyph, ThemeRole};
-use crate::model::{ConsoleModel, ConsoleNotice, EngineLink, HISTORY_PANE, Overlay, Typing, View};
+use crate::model::{ConsoleModel, ConsoleNotice, Overlay, Typing};
 use crate::update::availability::ActionAvailability;
 use crate::widgets::pen::{Fit, Pen, below};
 use crate::widgets::row::{Row, wrap};
@@ -212,56 +212,7 @@ pub fn actions(model: &ConsoleModel) -> Vec<Action> {
         (Some(Overlay::Why(_) | Overlay::Film(_) | Overlay::Replay(_)), _) => &[A::Back],
         (Some(Overlay::KeyLog(_)), _) => &[A::Up, A::Down, A::Back],
         (Some(Overlay::Event(_)), _) => &[A::Up, A::Down, A::Copy, A::Back],
-        (None, View::Overview) => &[
-            A::Go,
-            A::Open,
-            A::Abort,
-            A::Pause,
-            A::Resume,
-            A::ShowApprovals,
-            A::NextPane,
-            A::Freeze,
-            A::Filter,
-        ],
-        (None, View::Registry) => &[
-            A::Open,
-            A::NextPane,
-            A::Filter,
-            A::Sort,
-            A::Rollback,
-            A::Resume,
-            A::Demote,
-            A::Repeat,
-            A::Release,
-            A::Rearm,
-        ],
-        (None, View::Candidate) => &[
-            A::Open,
-            A::NextPane,
-            A::OpenRecording,
-            A::Pause,
-            A::Resume,
-            A::Continue,
-            A::Refuse,
-            A::Rollback,
-            A::Release,
-            A::Repeat,
-            A::Rearm,
-            A::Abort,
-            A::Copy,
-        ],
-        (None, View::Shadow) => {
-            &[A::Freeze, A::ZoomIn, A::ZoomOut, A::NextPane, A::OpenRecording, A::Resume, A::Abort]
-        }
-        (None, View::Alarms) if model.view_state.pane() == HISTORY_PANE => &[A::NextPane, A::Open, A::Copy],
-        (None, View::Alarms) => {
-            &[A::Acknowledge, A::Mark, A::Shelve, A::Unshelve, A::ResetAlarm, A::Open, A::Abort]
-        }
-        (None, View::Approvals) => &[A::Open, A::Continue, A::Resume, A::Repeat, A::Rollback, A::Abort],
-        (None, View::Health) => {
-            &[A::NextPane, A::ZoomIn, A::ZoomOut, A::Left, A::Right, A::Export, A::Freeze]
-        }
-        (None, View::Audit) => &[A::Open, A::NextPane, A::Verify, A::Filter, A::Copy, A::Export],
+        (None, view) => view.behavior().hints(model),
     };
     if model.bare_absence().is_some() && model.input.overlay.is_none() {
         return vec![A::CommandLine, A::Help, A::Quit];
@@ -338,20 +289,17 @@ fn hint(model: &ConsoleModel, action: Action) -> Row {
 
 /// The word for an action in a hint.
 fn label(model: &ConsoleModel, action: Action) -> String {
-    match (action, &model.input.overlay, model.view_state.view) {
+    let own = model.view_state.view.behavior().hint_label(model, action);
+    match (action, &model.input.overlay, own) {
         (Action::NextPane, Some(_), _) => "next field",
         (Action::Open, Some(Overlay::Palette(_)), _) => "runs it",
         (Action::Open, Some(_), _) => "presses the button",
-        (Action::Open, None, View::Candidate) => "why",
         (Action::Back, Some(Overlay::Approval(prompt)), _) if prompt.focus != ApprovalFocus::Later => {
             "leave the field"
         }
         (Action::Back, Some(Overlay::Approval(prompt)), _) if prompt.closed || prompt.seen.granted => "close",
         (Action::Back, Some(Overlay::Approval(_)), _) => "decide later",
         (Action::Back, Some(_), _) => "close",
-        (Action::NextPane, None, View::Health) => "next quantity",
-        (Action::NextPane, None, View::Alarms) if model.view_state.pane() == HISTORY_PANE => "open alarms",
-        (Action::NextPane, None, View::Alarms) => "history",
         (Action::PageDown, _, _) => "more",
         (Action::JumpToAlarm, _, _) => "alarm",
         (Action::CommandLine, _, _) => "command",
@@ -359,14 +307,9 @@ fn label(model: &ConsoleModel, action: Action) -> String {
         (Action::ResetAlarm, _, _) => "reset",
         (Action::Go, _, _) => "start the cell",
         (Action::Freeze, _, _) if model.view_state.frozen.is_some() => "let run",
-        (Action::Open, None, View::Audit) => "raw record",
         (Action::Resume, _, _) => "resume",
         (Action::Quit, None, _) if model.absence().is_some() => "quit",
-        (Action::Quit, None, View::Overview) if !model.ends_engine() => "leave it on",
-        (Action::Quit, None, View::Overview) if model.engine_data.link == EngineLink::Attached => {
-            "end engine"
-        }
-        (Action::Quit, None, View::Overview) => "quit",
+        (_, None, Some(own)) => own,
         (Action::Quit, _, _) => "back",
         (other, _, _) => return other.name().replace('-', " "),
     }

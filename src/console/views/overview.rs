@@ -15,18 +15,26 @@
 use ratatui::layout::Rect;
 use unicode_width::UnicodeWidthStr as _;
 
+use super::console_view::{ConsoleView, ORDER_OF_TIME, ViewDescription};
 use super::{event_log, families, pipeline, robot, status, tabs, waits};
-use crate::formatters::{approvals, duration};
+use crate::action::{Action, Scope};
+use crate::effect::Effect;
+use crate::formatters::{approvals, duration, state_label};
 use crate::look::{Glyph, ThemeRole};
-use crate::model::{ConsoleModel, EVENT_LOG_PANE};
+use crate::model::{ConsoleModel, EVENT_LOG_PANE, EngineLink, ItemKey, View};
 use crate::rows::{AlarmItem, CandidateItem};
+use crate::state_filter::StateFilter;
 use crate::theme::StateMark;
+use crate::update::{event_screen, navigation, selection};
 use crate::waiting_rows::{WaitingRow, standing};
+use crate::widgets::list::place;
 use crate::widgets::pen::{Fit, Hit, Pen, below, cut};
 use crate::widgets::row::Row;
+use holdpoint_governance::ids::CapabilityId;
+use holdpoint_protocol::snapshot::CandidateView;
 
 const PIPELINE_PANE: usize = 0;
-pub(super) const ROBOT_PANE: usize = 1;
+const ROBOT_PANE: usize = 1;
 
 /// The size from which the view has room for the checks of the candidate under the cursor, below the pipeline.
 const WIDE_COLUMNS: u16 = 160;
@@ -42,11 +50,159 @@ const NAME_MIN: usize = 12;
 /// Lines that the pipeline keeps beside any number of families: its heading, two candidates, the queue.
 const PIPELINE_ROWS_MIN: u16 = 6;
 
-pub fn draw(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
-    match pen.fit {
-        Fit::Tiny | Fit::One => draw_one_pane(model, pen, area),
-        Fit::Two => draw_two_panes(model, pen, area),
-        Fit::Full => draw_all_panes(model, pen, area),
+/// View 1.
+pub struct OverviewBehavior;
+
+impl ConsoleView for OverviewBehavior {
+    fn description(&self) -> &'static ViewDescription {
+        &ViewDescription {
+            title: "Overview",
+            brief_title: "Overview",
+            action: "overview",
+            keys: &["1"],
+            help: "Overview: robot, active versions, pipeline",
+            tour: "Candidates walk seven stages beside the live arm; X stops it",
+            panes: &["Pipeline", "Robot", "Events"],
+            scopes: &[Scope::Version, Scope::Charts],
+            fixed_order: Some(ORDER_OF_TIME),
+            queries_by_pane: false,
+            is_about_version: false,
+        }
+    }
+
+    fn row_count(&self, model: &ConsoleModel) -> usize {
+        match model.view_state.pane() {
+            EVENT_LOG_PANE => model.event_log_rows().len(),
+            _ => model.pipeline_rows().len(),
+        }
+    }
+
+    fn item_key(&self, model: &ConsoleModel, row: usize) -> Option<ItemKey> {
+        match model.view_state.pane() {
+            EVENT_LOG_PANE => model.event_log_rows().get(row).map(|line| ItemKey::Event(line.seq)),
+            _ => model.pipeline_rows().get(row).map(|row| ItemKey::Version(row.version.clone())),
+        }
+    }
+
+    fn row_of(&self, model: &ConsoleModel, key: &ItemKey) -> Option<usize> {
+        match (model.view_state.pane(), key) {
+            (EVENT_LOG_PANE, ItemKey::Event(seq)) => {
+                model.event_log_rows().iter().position(|line| line.seq == *seq)
+            }
+            (_, ItemKey::Version(id)) => model.pipeline_rows().iter().position(|row| row.version == *id),
+            _ => None,
+        }
+    }
+
+    fn version_here(&self, model: &ConsoleModel) -> Option<CapabilityId> {
+        match model.view_state.pane() {
+            EVENT_LOG_PANE => None,
+            _ => model.pipeline_rows().get(model.row()).map(|row| row.version.clone()),
+        }
+    }
+
+    fn row_texts(&self, model: &ConsoleModel) -> Vec<String> {
+        if model.view_state.is_in_event_log() {
+            return model.event_log_rows().iter().map(|line| line.text.clone()).collect();
+        }
+        let text = |row: &&CandidateView| {
+            format!("{} {} {}", row.version, row.author, state_label(row.state, &row.flags))
+        };
+        model.pipeline_rows().iter().map(text).collect()
+    }
+
+    fn lists_versions(&self, pane: usize) -> bool {
+        pane != EVENT_LOG_PANE
+    }
+
+    fn is_in_order_of_time(&self, pane: usize) -> bool {
+        pane == EVENT_LOG_PANE
+    }
+
+    fn can_mark(&self, item: &ItemKey) -> bool {
+        matches!(item, ItemKey::Version(_))
+    }
+
+    fn is_filtered(&self, _model: &ConsoleModel) -> bool {
+        true
+    }
+
+    fn hints(&self, _model: &ConsoleModel) -> &'static [Action] {
+        &[
+            Action::Go,
+            Action::Open,
+            Action::Abort,
+            Action::Pause,
+            Action::Resume,
+            Action::Show(View::Approvals),
+            Action::NextPane,
+            Action::Freeze,
+            Action::Filter,
+        ]
+    }
+
+    fn hint_label(&self, model: &ConsoleModel, action: Action) -> Option<&'static str> {
+        match action {
+            Action::Quit if !model.ends_engine() => Some("leave it on"),
+            Action::Quit if model.engine_data.link == EngineLink::Attached => Some("end engine"),
+            Action::Quit => Some("quit"),
+            _ => None,
+        }
+    }
+
+    fn can_open(&self, model: &ConsoleModel, rows: usize, version: Option<&CapabilityId>) -> bool {
+        if model.view_state.is_in_event_log() { rows > 0 } else { version.is_some() }
+    }
+
+    fn copied(&self, model: &ConsoleModel) -> Option<String> {
+        if model.view_state.is_in_event_log() {
+            return model.event_log_rows().get(model.row()).map(|line| line.text.clone());
+        }
+        selection::copied(model)
+    }
+
+    fn open(&self, model: &mut ConsoleModel) -> Vec<Effect> {
+        if model.view_state.is_in_event_log() { event_screen::open(model) } else { navigation::choose(model) }
+    }
+
+    fn draw(&self, model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
+        match pen.fit {
+            Fit::Tiny | Fit::One => draw_one_pane(model, pen, area),
+            Fit::Two => draw_two_panes(model, pen, area),
+            Fit::Full => draw_all_panes(model, pen, area),
+        }
+    }
+
+    fn small_title(&self, model: &ConsoleModel) -> String {
+        let ViewDescription { title, panes, .. } = self.description();
+        let pane = panes.get(model.view_state.pane()).copied().unwrap_or("");
+        // The mark of a filter needs the space of the view's title.
+        if !model.filter().is_empty() || model.view_state.state_filter != StateFilter::All {
+            pane.to_owned()
+        } else {
+            format!("{title}: {pane}")
+        }
+    }
+
+    fn small_place(&self, model: &ConsoleModel, title: &str, width: u16) -> String {
+        match model.view_state.pane() {
+            ROBOT_PANE | EVENT_LOG_PANE => place(model.row_count(), model.row()),
+            _ => pipeline::extent(model, model.row(), title, width),
+        }
+    }
+
+    fn draw_small(&self, model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
+        match model.view_state.pane() {
+            ROBOT_PANE => robot::draw(model, pen, area),
+            EVENT_LOG_PANE => event_log::draw(model, pen, area, true),
+            _ => {
+                let active = families::rows(model, pen, usize::from(area.width));
+                let height = u16::try_from(active.len()).unwrap_or(u16::MAX).min(area.height / 2);
+                let (top, bottom) = cut(area, height);
+                pen.rows(top, 0, &active);
+                pipeline::draw(model, pen, bottom, true);
+            }
+        }
     }
 }
 
@@ -123,7 +279,7 @@ fn checks_under_cursor(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
         pen.pane(area, "Checks", false, "");
         return;
     };
-    let key = model.keymap.key(crate::action::Action::Open);
+    let key = model.keymap.key(Action::Open);
     let title = format!("Checks of {}", candidate.version);
     let inside = pen.pane(area, &title, false, &format!("{key} opens all of it"));
     let (look, width) = (pen.look, usize::from(inside.width));
@@ -182,7 +338,7 @@ fn alarms_pane(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
     if items.is_empty() {
         return;
     }
-    let key = model.keymap.key(crate::action::Action::ShowAlarms);
+    let key = model.keymap.key(Action::Show(View::Alarms));
     let inside = pen.pane(area, &format!("Alarms ({})", items.len()), false, &format!("{key} opens"));
     let rows: Vec<Row> = items.iter().map(|item| alarm_row(model, *item, pen)).collect();
     pen.rows(inside, 0, &rows);

@@ -10,18 +10,23 @@
 
 use ratatui::layout::Rect;
 
+use super::console_view::{ConsoleView, ViewDescription};
 use super::tabs;
+use crate::action::{Action, Scope};
+use crate::effect::{Effect, EngineQuery};
 use crate::formatters::{duration, origin, reason_line, state_label};
 use crate::look::{Glyph, Look, ThemeRole};
-use crate::model::{ConsoleModel, SortBy, SortOrder};
+use crate::model::{ConsoleModel, ItemKey, SortBy, SortOrder, View};
 use crate::rows::RegistryItem;
 use crate::state_filter::{StateFilter, counts_and_place};
+use crate::update::navigation;
 use crate::widgets::bar::against_limit;
 use crate::widgets::list::{GUTTER, place};
-use crate::widgets::pen::{Fit, Pen, below, cut};
+use crate::widgets::pen::{Fit, Pen, below, cut, heading_room};
 use crate::widgets::row::Row;
 use holdpoint_governance::decision::Dimension;
-use holdpoint_governance::record::VersionSummary;
+use holdpoint_governance::ids::{CapabilityId, Family};
+use holdpoint_governance::record::{VersionGroup, VersionSummary};
 use holdpoint_governance::version_status::{RecordedChanges, StatusFacts, VersionStatus};
 
 /// Lines for the description of the version under the cursor.
@@ -66,7 +71,185 @@ impl RegistryColumns {
     }
 }
 
-pub fn draw(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
+/// View 2.
+pub struct RegistryBehavior;
+
+impl ConsoleView for RegistryBehavior {
+    fn description(&self) -> &'static ViewDescription {
+        &ViewDescription {
+            title: "Registry",
+            brief_title: "Registry",
+            action: "registry",
+            keys: &["2"],
+            help: "Registry: families and versions",
+            tour: "Bars: the four values against their limits; l opens a family",
+            panes: &["All", "Active", "Candidates", "History"],
+            scopes: &[Scope::Version],
+            fixed_order: None,
+            queries_by_pane: true,
+            is_about_version: false,
+        }
+    }
+
+    fn row_count(&self, model: &ConsoleModel) -> usize {
+        model.registry_rows().len()
+    }
+
+    fn item_key(&self, model: &ConsoleModel, row: usize) -> Option<ItemKey> {
+        model.registry_rows().get(row).map(|item| match item {
+            RegistryItem::Family { family, .. } => ItemKey::Family((*family).clone()),
+            RegistryItem::Version(row) => ItemKey::Version(row.version.clone()),
+        })
+    }
+
+    fn row_of(&self, model: &ConsoleModel, key: &ItemKey) -> Option<usize> {
+        model.registry_rows().iter().position(|item| match (item, key) {
+            (RegistryItem::Family { family, .. }, ItemKey::Family(of)) => *family == of,
+            (RegistryItem::Version(row), ItemKey::Version(id)) => row.version == *id,
+            (RegistryItem::Family { .. } | RegistryItem::Version(_), _) => false,
+        })
+    }
+
+    fn version_here(&self, model: &ConsoleModel) -> Option<CapabilityId> {
+        self.rows_and_version(model).1
+    }
+
+    fn rows_and_version(&self, model: &ConsoleModel) -> (usize, Option<CapabilityId>) {
+        let rows = model.registry_rows();
+        let at = model.view_state.cursor().min(rows.len().saturating_sub(1));
+        (rows.len(), rows.get(at).and_then(|item| version_of(model, item)))
+    }
+
+    fn row_texts(&self, model: &ConsoleModel) -> Vec<String> {
+        let text = |row: &RegistryItem<'_>| match row {
+            RegistryItem::Family { family, .. } => family.to_string(),
+            RegistryItem::Version(row) => {
+                format!("{} {} {}", row.version, row.author, state_label(row.state, &row.flags))
+            }
+        };
+        model.registry_rows().iter().map(text).collect()
+    }
+
+    fn lists_versions(&self, _pane: usize) -> bool {
+        true
+    }
+
+    fn can_mark(&self, item: &ItemKey) -> bool {
+        matches!(item, ItemKey::Version(_))
+    }
+
+    fn is_filtered(&self, _model: &ConsoleModel) -> bool {
+        true
+    }
+
+    fn hints(&self, _model: &ConsoleModel) -> &'static [Action] {
+        &[
+            Action::Open,
+            Action::NextPane,
+            Action::Filter,
+            Action::Sort,
+            Action::Rollback,
+            Action::Resume,
+            Action::Demote,
+            Action::Repeat,
+            Action::Release,
+            Action::Rearm,
+        ]
+    }
+
+    fn query(&self, model: &ConsoleModel) -> Option<EngineQuery> {
+        let group = match model.view_state.pane_of(View::Registry) {
+            1 => VersionGroup::Active,
+            2 => VersionGroup::Candidate,
+            3 => VersionGroup::History,
+            _ => VersionGroup::All,
+        };
+        Some(EngineQuery::Registry { group, text: String::new() })
+    }
+
+    fn data(&self, model: &ConsoleModel) -> serde_json::Result<serde_json::Value> {
+        serde_json::to_value(&*model.engine_data.registry.page)
+    }
+
+    fn open(&self, model: &mut ConsoleModel) -> Vec<Effect> {
+        if let Some(RegistryItem::Family { family, open, .. }) = model.registry_rows().get(model.row()) {
+            let (family, open) = ((*family).clone(), *open);
+            set_branch(model, family, !open);
+            return Vec::new();
+        }
+        navigation::choose(model)
+    }
+
+    /// The branch opens and closes; in a list without branches the pane changes.
+    fn sideways(&self, model: &mut ConsoleModel, right: bool) -> Vec<Effect> {
+        if model.engine_data.registry.is_flat() {
+            return navigation::step_pane(model, right);
+        }
+        let family = match model.registry_rows().get(model.row()) {
+            Some(RegistryItem::Family { family, .. }) => (*family).clone(),
+            Some(RegistryItem::Version(row)) => row.version.family.clone(),
+            None => return Vec::new(),
+        };
+        set_branch(model, family, right);
+        Vec::new()
+    }
+
+    fn draw(&self, model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
+        draw(model, pen, area);
+    }
+
+    fn small_place(&self, model: &ConsoleModel, title: &str, width: u16) -> String {
+        let place = place(model.row_count(), model.row());
+        counts_and_place(model, &place, heading_room(title, width))
+    }
+
+    fn small_rows(&self, model: &ConsoleModel, pen: &Pen<'_>, width: usize) -> Vec<Row> {
+        model.registry_rows().iter().map(|item| small_row(model, item, pen, width)).collect()
+    }
+}
+
+/// The version of a row; that of a family means its active version.
+fn version_of(model: &ConsoleModel, item: &RegistryItem<'_>) -> Option<CapabilityId> {
+    match item {
+        RegistryItem::Version(row) => Some(row.version.clone()),
+        RegistryItem::Family { family, .. } => {
+            let families = &model.engine_data.snapshot.as_ref()?.families;
+            families.iter().find(|known| known.family == **family)?.active.clone()
+        }
+    }
+}
+
+fn set_branch(model: &mut ConsoleModel, family: Family, open: bool) {
+    if open {
+        model.engine_data.registry.closed.remove(&family);
+        return;
+    }
+    model.engine_data.registry.closed.insert(family.clone());
+    // The cursor goes to the closed branch.
+    let is_it =
+        |item: &RegistryItem<'_>| matches!(item, RegistryItem::Family { family: of, .. } if **of == family);
+    if let Some(row) = model.registry_rows().iter().position(is_it) {
+        navigation::set_row(model, row);
+    }
+}
+
+fn small_row(model: &ConsoleModel, item: &RegistryItem<'_>, pen: &Pen<'_>, width: usize) -> Row {
+    match item {
+        RegistryItem::Family { family, versions, open } => {
+            let glyph = pen.look.glyph(if *open { Glyph::Open } else { Glyph::Closed });
+            Row::of(ThemeRole::Title, &format!("{glyph} {family}"))
+                .with(ThemeRole::Muted, &format!("  {versions}"))
+        }
+        RegistryItem::Version(row) => {
+            let marked = model.view_state.marked_versions.contains(&row.version);
+            lead(marked, false, pen.look)
+                .cell(ThemeRole::Text, &super::cut_middle(&row.version.version.to_string(), 7), 8)
+                .and(super::state_row(row.state, &row.flags, width.saturating_sub(12), pen.look))
+        }
+    }
+}
+
+fn draw(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
     let items = model.registry_rows();
     // The rows are many: they are made only once.
     let cursor = model.view_state.cursor().min(items.len().saturating_sub(1));

@@ -11,20 +11,24 @@
 
 use ratatui::layout::Rect;
 
-use super::tabs;
-use crate::action::Action;
+use super::console_view::{ConsoleView, ORDER_OF_TIME, ViewDescription};
+use super::{small_window, tabs};
+use crate::action::{Action, Scope};
+use crate::effect::{Effect, EngineQuery};
 use crate::formatters::{reason_line, stage_place, stages_done};
 use crate::look::{Glyph, ThemeRole};
-use crate::model::{ConsoleModel, MONITORS_PANE};
+use crate::model::{ConsoleModel, ItemKey, MONITORS_PANE, View};
+use crate::update;
 use crate::widgets::bar::against_limit;
 use crate::widgets::chart::Chart;
-use crate::widgets::list::place;
+use crate::widgets::list::{GUTTER, place};
 use crate::widgets::pen::{Fit, Hit, Pen, below, cut};
 use crate::widgets::row::{Row, wrap};
 use holdpoint_governance::decision::{Dimension, Reason};
+use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::lifecycle::{Stage, State};
 use holdpoint_protocol::monitor_chart::ChartView;
-use holdpoint_protocol::snapshot::{CandidateView, MonitorView, ShadowView};
+use holdpoint_protocol::snapshot::{CandidateView, Disagreement, MonitorView, ShadowView};
 use holdpoint_record::rationale::remedy::is_in_favor;
 
 const CHARTS: usize = 0;
@@ -42,9 +46,121 @@ const MONITOR_COLUMNS: u16 = 44;
 /// The most lines for shadow's decisions.
 const DECIDED_ROWS: usize = 2;
 
-pub(super) const NAMES: [&str; 3] = ["Output divergence", "Governance divergence", "Envelope divergence"];
+const NAMES: [&str; 3] = ["Output divergence", "Governance divergence", "Envelope divergence"];
 
-pub fn draw(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
+/// View 4.
+pub struct ShadowBehavior;
+
+impl ConsoleView for ShadowBehavior {
+    fn description(&self) -> &'static ViewDescription {
+        &ViewDescription {
+            title: "Shadow",
+            brief_title: "Shadow",
+            action: "shadow",
+            keys: &["4"],
+            help: "Shadow: twin against live",
+            tour: "The twin against the live arm on the same sequences; f freezes",
+            panes: &["Charts", "Disagreements", "Monitors"],
+            scopes: &[Scope::Version, Scope::Charts],
+            fixed_order: Some(ORDER_OF_TIME),
+            queries_by_pane: false,
+            is_about_version: true,
+        }
+    }
+
+    fn row_count(&self, model: &ConsoleModel) -> usize {
+        match model.view_state.pane() {
+            MONITORS => 0,
+            _ => model.disagreement_rows().len(),
+        }
+    }
+
+    fn item_key(&self, model: &ConsoleModel, row: usize) -> Option<ItemKey> {
+        model.disagreement_rows().get(row).map(|row| ItemKey::Disagreement(row.index))
+    }
+
+    fn row_of(&self, model: &ConsoleModel, key: &ItemKey) -> Option<usize> {
+        let ItemKey::Disagreement(index) = key else { return None };
+        model.disagreement_rows().iter().position(|row| row.index == *index)
+    }
+
+    fn version_here(&self, model: &ConsoleModel) -> Option<CapabilityId> {
+        model.subject()
+    }
+
+    fn row_texts(&self, model: &ConsoleModel) -> Vec<String> {
+        model.disagreement_rows().iter().map(|row| row.text.clone()).collect()
+    }
+
+    fn hints(&self, _model: &ConsoleModel) -> &'static [Action] {
+        &[
+            Action::Freeze,
+            Action::ZoomIn,
+            Action::ZoomOut,
+            Action::NextPane,
+            Action::OpenRecording,
+            Action::Resume,
+            Action::Abort,
+        ]
+    }
+
+    fn can_open(&self, _model: &ConsoleModel, _rows: usize, version: Option<&CapabilityId>) -> bool {
+        version.is_some()
+    }
+
+    fn query(&self, model: &ConsoleModel) -> Option<EngineQuery> {
+        model.subject().map(EngineQuery::Detail)
+    }
+
+    fn open(&self, model: &mut ConsoleModel) -> Vec<Effect> {
+        update::show(model, View::Candidate)
+    }
+
+    fn draw(&self, model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
+        draw(model, pen, area);
+    }
+
+    fn small_rows(&self, model: &ConsoleModel, _pen: &Pen<'_>, _width: usize) -> Vec<Row> {
+        let line = |row: &&Disagreement| Row::of(ThemeRole::Text, &format!("{} {}", row.index, row.text));
+        model.disagreement_rows().iter().map(line).collect()
+    }
+
+    fn draw_small(&self, model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
+        match model.view_state.pane() {
+            MONITORS => monitor_rows(model, pen, area),
+            CHARTS => small_distances(model, pen, area),
+            _ => {
+                let rows = self.small_rows(model, pen, usize::from(area.width.saturating_sub(GUTTER)));
+                small_window::draw_rows(model, &rows, pen, area);
+            }
+        }
+    }
+}
+
+/// The three distances in words.
+fn small_distances(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
+    let Some(version) = model.subject() else {
+        pen.text(area, 0, ThemeRole::Muted, "No candidate yet, and so no twin");
+        return;
+    };
+    let mut rows = vec![Row::of(ThemeRole::Title, &version.to_string())];
+    let candidate = model.candidate(&version);
+    match candidate.and_then(|candidate| candidate.shadow.as_ref()) {
+        None => rows.push(Row::of(ThemeRole::Muted, &absent_series(model))),
+        Some(shadow) => {
+            let means = [shadow.output, shadow.governance, shadow.envelope];
+            for ((name, mean), limit) in NAMES.iter().zip(means).zip(shadow.limits) {
+                let label = name.split(' ').next().unwrap_or(name);
+                let limit = limit.map_or_else(String::new, |limit| format!(" of {limit:.2}"));
+                rows.push(Row::of(ThemeRole::Text, &format!("{label:<11} {mean:.3}{limit}")));
+            }
+            rows.push(Row::of(ThemeRole::Muted, &format!("{} sequences", shadow.n)));
+        }
+    }
+    pen.rows(area, 0, &rows);
+}
+
+fn draw(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
     let subject = model.subject();
     let candidates = model.charted().map_or(&[][..], |snapshot| &snapshot.candidates);
     let candidate = candidates.iter().find(|candidate| Some(&candidate.version) == subject.as_ref());
@@ -142,7 +258,7 @@ fn charts(model: &ConsoleModel, shadow: Option<&ShadowView>, pen: &mut Pen<'_>, 
 }
 
 /// Why the subject has no series: an engine keeps those of its own session alone.
-pub(super) fn absent_series(model: &ConsoleModel) -> String {
+fn absent_series(model: &ConsoleModel) -> String {
     let subject = model.subject();
     let candidates = model.charted().map_or(&[][..], |snapshot| &snapshot.candidates);
     let ours = candidates.iter().find(|candidate| Some(&candidate.version) == subject.as_ref());
@@ -195,7 +311,7 @@ fn monitor_pane(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
 }
 
 /// Each monitor's charts: the used part of the way to the limit; of two numbers the first is the warning's.
-pub(super) fn monitor_rows(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
+fn monitor_rows(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
     let look = pen.look;
     let width = usize::from(area.width);
     let mut rows = Vec::new();

@@ -12,17 +12,14 @@ use ratatui::layout::Rect;
 
 use super::{approval_screen, banner, hints, overview, palette, status};
 use crate::action::Action;
-use crate::look::Glyph;
 use crate::look::ThemeRole;
-use crate::model::{ConsoleModel, EVENT_LOG_PANE, MONITORS_PANE, Overlay, View};
-use crate::rows::{AlarmItem, RegistryItem};
-use crate::state_filter::{StateFilter, counts_and_place};
+use crate::model::{ConsoleModel, Overlay, View};
+use crate::rows::AlarmItem;
 use crate::theme::StateMark;
 use crate::waiting_rows::WaitingRow;
-use crate::widgets::list::{GUTTER, place};
-use crate::widgets::pen::{Pen, above, below, cut, heading_room};
+use crate::widgets::pen::{Pen, above, below};
 use crate::widgets::row::Row;
-use holdpoint_protocol::snapshot::{Disagreement, Snapshot};
+use holdpoint_protocol::snapshot::Snapshot;
 
 /// Lines from which the view itself is shown, in short.
 const VIEW_ROWS_MIN: usize = 6;
@@ -153,7 +150,8 @@ fn attention(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) -> Rect {
     below(area, taken)
 }
 
-fn alarm(item: AlarmItem<'_>, pen: &Pen<'_>) -> Row {
+/// An alarm in one line.
+pub(super) fn alarm(item: AlarmItem<'_>, pen: &Pen<'_>) -> Row {
     let alarm = item.alarm();
     let mark = StateMark::priority(alarm.priority);
     Row::of(mark.role, &status::priority_label(pen.look, alarm.priority)).with(
@@ -168,112 +166,17 @@ fn alarm(item: AlarmItem<'_>, pen: &Pen<'_>) -> Row {
 
 /// The view in short, with its name and its cursor, in the remaining lines.
 fn view(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
-    let view = model.view_state.view;
-    let pane = view.panes().get(model.view_state.pane()).copied().unwrap_or("");
-    let title = match view {
-        // The mark of a filter needs the space of the view's title.
-        View::Overview if !model.filter().is_empty() || model.view_state.state_filter != StateFilter::All => {
-            pane.to_owned()
-        }
-        _ if view.panes().len() > 1 => format!("{}: {pane}", view.title()),
-        _ => view.title().to_owned(),
-    };
-    let place = match (view, model.view_state.pane()) {
-        (View::Overview, pane) if !matches!(pane, overview::ROBOT_PANE | EVENT_LOG_PANE) => {
-            super::pipeline::extent(model, model.row(), &title, area.width)
-        }
-        (View::Registry, _) => {
-            let place = place(model.row_count(), model.row());
-            counts_and_place(model, &place, heading_room(&title, area.width))
-        }
-        _ => place(model.row_count(), model.row()),
-    };
-    let inside = pen.pane(area, &title, true, &place);
-    match (view, model.view_state.pane()) {
-        (View::Overview, overview::ROBOT_PANE) => return super::robot::draw(model, pen, inside),
-        (View::Overview, EVENT_LOG_PANE) => return super::event_log::draw(model, pen, inside, true),
-        (View::Overview, _) => return versions_and_pipeline(model, pen, inside),
-        (View::Shadow, MONITORS_PANE) => return super::shadow::monitor_rows(model, pen, inside),
-        (View::Shadow, 0) => return shadow(model, pen, inside),
-        (View::Health, _) => return super::health::draw_small(model, pen, inside),
-        _ => {}
-    }
-    let rows = rows(model, pen, usize::from(inside.width.saturating_sub(GUTTER)));
+    let view = model.view_state.view.behavior();
+    let title = view.small_title(model);
+    let inside = pen.pane(area, &title, true, &view.small_place(model, &title, area.width));
+    view.draw_small(model, pen, inside);
+}
+
+/// Draws a list, one line for each row.
+pub(super) fn draw_rows(model: &ConsoleModel, rows: &[Row], pen: &mut Pen<'_>, area: Rect) {
     if rows.is_empty() {
-        pen.text(inside, 0, ThemeRole::Muted, "Nothing here yet");
+        pen.text(area, 0, ThemeRole::Muted, "Nothing here yet");
         return;
     }
-    pen.list(inside, rows.len(), Some(model.row()), |index, _| rows.get(index).cloned().unwrap_or_default());
-}
-
-/// The active versions, then the candidates.
-fn versions_and_pipeline(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
-    let active = super::families::rows(model, pen, usize::from(area.width));
-    let (top, bottom) = cut(area, u16::try_from(active.len()).unwrap_or(u16::MAX).min(area.height / 2));
-    pen.rows(top, 0, &active);
-    super::pipeline::draw(model, pen, bottom, true);
-}
-
-/// The three distances in words.
-fn shadow(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
-    let Some(version) = model.subject() else {
-        pen.text(area, 0, ThemeRole::Muted, "No candidate yet, and so no twin");
-        return;
-    };
-    let mut rows = vec![Row::of(ThemeRole::Title, &version.to_string())];
-    let candidate = model.candidate(&version);
-    match candidate.and_then(|candidate| candidate.shadow.as_ref()) {
-        None => rows.push(Row::of(ThemeRole::Muted, &super::shadow::absent_series(model))),
-        Some(shadow) => {
-            let means = [shadow.output, shadow.governance, shadow.envelope];
-            for ((name, mean), limit) in super::shadow::NAMES.iter().zip(means).zip(shadow.limits) {
-                let label = name.split(' ').next().unwrap_or(name);
-                let limit = limit.map_or_else(String::new, |limit| format!(" of {limit:.2}"));
-                rows.push(Row::of(ThemeRole::Text, &format!("{label:<11} {mean:.3}{limit}")));
-            }
-            rows.push(Row::of(ThemeRole::Muted, &format!("{} sequences", shadow.n)));
-        }
-    }
-    pen.rows(area, 0, &rows);
-}
-
-/// A line for each row of a list's view.
-fn rows(model: &ConsoleModel, pen: &Pen<'_>, width: usize) -> Vec<Row> {
-    let look = pen.look;
-    match model.view_state.view {
-        View::Registry => {
-            model.registry_rows().iter().map(|item| registry(model, item, pen, width)).collect()
-        }
-        View::Candidate => {
-            let rows = model.candidate_rows(model.view_state.pane());
-            let first = |row| super::candidate_rows::item(model, row, look, width).into_iter().next();
-            rows.iter().map(|row| first(row).unwrap_or_default()).collect()
-        }
-        View::Alarms => model.alarm_rows().iter().map(|item| alarm(*item, pen)).collect(),
-        View::Approvals => {
-            model.waiting_rows().iter().map(|item| overview::waiting_row(model, item, pen, width)).collect()
-        }
-        View::Audit => model.audit_rows().iter().map(super::audit::brief).collect(),
-        View::Shadow => {
-            let line = |row: &&Disagreement| Row::of(ThemeRole::Text, &format!("{} {}", row.index, row.text));
-            model.disagreement_rows().iter().map(line).collect()
-        }
-        View::Health | View::Overview => Vec::new(),
-    }
-}
-
-fn registry(model: &ConsoleModel, item: &RegistryItem<'_>, pen: &Pen<'_>, width: usize) -> Row {
-    match item {
-        RegistryItem::Family { family, versions, open } => {
-            let glyph = pen.look.glyph(if *open { Glyph::Open } else { Glyph::Closed });
-            Row::of(ThemeRole::Title, &format!("{glyph} {family}"))
-                .with(ThemeRole::Muted, &format!("  {versions}"))
-        }
-        RegistryItem::Version(row) => {
-            let marked = model.view_state.marked_versions.contains(&row.version);
-            super::registry::lead(marked, false, pen.look)
-                .cell(ThemeRole::Text, &super::cut_middle(&row.version.version.to_string(), 7), 8)
-                .and(super::state_row(row.state, &row.flags, width.saturating_sub(12), pen.look))
-        }
-    }
+    pen.list(area, rows.len(), Some(model.row()), |index, _| rows.get(index).cloned().unwrap_or_default());
 }

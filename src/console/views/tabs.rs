@@ -22,7 +22,7 @@ pub fn views(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
     let named = View::ALL.map(|view| (key(view), view.title()));
     let all = line(&named, model.view_state.view as usize);
     let width = usize::from(area.width);
-    let short = View::ALL.map(|view| (key(view), brief_title(view)));
+    let short = View::ALL.map(|view| (key(view), view.description().brief_title));
     let tight = close(&short, model.view_state.view as usize);
     // The other consoles, in the longest words that fit: names before views, names of views before counts.
     let fits = |tabs: &Row, least: usize| {
@@ -128,26 +128,9 @@ pub fn panes(model: &ConsoleModel) -> Row {
     line(&tabs, model.view_state.pane())
 }
 
-const fn key(view: View) -> &'static str {
-    match view {
-        View::Overview => "1",
-        View::Registry => "2",
-        View::Candidate => "3",
-        View::Shadow => "4",
-        View::Alarms => "5",
-        View::Approvals => "6",
-        View::Audit => "7",
-        View::Health => "8",
-    }
-}
-
-/// A view's short title.
-const fn brief_title(view: View) -> &'static str {
-    match view {
-        View::Candidate => "Candid.",
-        View::Approvals => "Approve",
-        other => other.title(),
-    }
+/// The key of a view: the first of its defaults.
+fn key(view: View) -> &'static str {
+    view.description().keys.first().copied().unwrap_or("")
 }
 
 /// As [`line`], with one blank between two.

@@ -14,7 +14,7 @@ use super::overview::time_left;
 use crate::action::Action;
 use crate::formatters::{approvals, time_of_day};
 use crate::look::ThemeRole;
-use crate::model::ConsoleModel;
+use crate::model::{ConsoleModel, View};
 use crate::waiting_rows::{self, WaitingRow};
 use crate::widgets::pen::Pen;
 use crate::widgets::row::Row;
@@ -65,7 +65,7 @@ pub fn items(model: &ConsoleModel) -> Vec<WaitingItem> {
                     review.until.as_deadline(model.time()),
                     if review.overdue { "" } else { ", then it is rolled back" }
                 ),
-                action: Action::ShowApprovals,
+                action: Action::Show(View::Approvals),
             });
         }
         if family.safe_stopped {
@@ -76,7 +76,7 @@ pub fn items(model: &ConsoleModel) -> Vec<WaitingItem> {
                     "no version works until one is reactivated ({})",
                     model.keymap.key(Action::Rearm)
                 ),
-                action: Action::ShowRegistry,
+                action: Action::Show(View::Registry),
             });
         }
     }
@@ -86,7 +86,7 @@ pub fn items(model: &ConsoleModel) -> Vec<WaitingItem> {
         what: "reset",
         subject: alarm.subject.clone(),
         text: format!("since {}: {}", model.moment(alarm.since_ms), holdpoint_wording::notice(&alarm.text)),
-        action: Action::ShowAlarms,
+        action: Action::Show(View::Alarms),
     }));
     items
 }
@@ -102,15 +102,17 @@ fn waiting_item(model: &ConsoleModel, now: &Snapshot, row: &WaitingRow<'_>) -> W
         WaitingRow::MonitorQuestion(question) => {
             let left = time_left(question.deadline_ms, model.engine_ms());
             let why = lead_reason(&question.reasons).map(holdpoint_wording::line).unwrap_or_default();
-            ("answer", format!("or it is rolled back in {left}: {why}"), Action::ShowApprovals)
+            ("answer", format!("or it is rolled back in {left}: {why}"), Action::Show(View::Approvals))
         }
-        WaitingRow::Approval(prompt) => (verb(prompt), signatures(model, prompt), Action::ShowApprovals),
+        WaitingRow::Approval(prompt) => {
+            (verb(prompt), signatures(model, prompt), Action::Show(View::Approvals))
+        }
         WaitingRow::Standing(candidate) => {
             let status = now.status(candidate);
             let why = holdpoint_wording::status_cause(&status)
                 .unwrap_or_else(|| holdpoint_wording::status_end(&candidate.version, &status));
             let (what, action) =
-                waiting_rows::standing(status.condition).unwrap_or(("", Action::ShowApprovals));
+                waiting_rows::standing(status.condition).unwrap_or(("", Action::Show(View::Approvals)));
             (what, why, action)
         }
     };
@@ -152,7 +154,7 @@ pub fn draw(model: &ConsoleModel, items: &[WaitingItem], pen: &mut Pen<'_>, area
     if items.is_empty() {
         return;
     }
-    let key = model.keymap.key(Action::ShowApprovals);
+    let key = model.keymap.key(Action::Show(View::Approvals));
     let inside = pen.pane(area, &format!("Waits for you ({})", items.len()), false, &format!("{key} opens"));
     let (width, height) = (usize::from(inside.width), usize::from(inside.height));
     let shown = if items.len() > height { height.saturating_sub(1) } else { items.len() };

@@ -194,3 +194,24 @@ fn a_kind_without_records_is_not_called_unread() {
     console.model.engine_data.audit = Arc::new(page);
     assert!(screen(&console, 120, 36).contains("There is no record of this kind"));
 }
+
+#[test]
+fn the_item_of_a_row_leads_back_to_the_row_in_every_view() {
+    let mut console = TestConsole::new(0);
+    let mut rows = 0;
+    for view in View::ALL {
+        console.model.view_state.view = view;
+        for pane in 0..view.panes().len() {
+            console.model.view_state.panes[view as usize] = pane;
+            for row in 0..console.model.row_count() {
+                let item = console.model.item_key(row).unwrap();
+                assert_eq!(console.model.row_of(&item), Some(row), "{view:?} {pane}: {item:?}");
+                rows += 1;
+            }
+            let expected = (console.model.row_count(), console.model.version_here());
+            assert_eq!(console.model.rows_and_version(), expected, "{view:?} {pane}");
+        }
+    }
+    // One candidate in two panes, four alarms, one request.
+    assert!(rows >= 2 + 4 + 1, "{rows}");
+}

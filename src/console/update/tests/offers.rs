@@ -67,7 +67,7 @@ fn hints_follow_the_state_of_the_version() {
     });
     assert!(!offered(&console, Action::Pause) && offered(&console, Action::Resume));
     with(&mut console, |now| now.prompts.clear());
-    assert!(!offered(&console, Action::ShowApprovals), "nothing waits");
+    assert!(!offered(&console, Action::Show(View::Approvals)), "nothing waits");
     // Help keeps a disabled key in its place, with the reason.
     console.keys("?resume");
     let text = screen(&console, 120, 36);
@@ -88,7 +88,7 @@ fn help_begins_with_the_keys_of_the_view() {
         let place = |action: Action| rows.iter().position(|row| *row == action).unwrap();
         assert_eq!(rows[0], Action::Help, "Enter on the first row changes nothing");
         assert!(
-            place(own) < place(Action::Down) && place(Action::Down) < place(Action::ShowAudit),
+            place(own) < place(Action::Down) && place(Action::Down) < place(Action::Show(View::Audit)),
             "{rows:?}"
         );
     }
