@@ -11,7 +11,7 @@ use serde_json::Value;
 use super::formatters::{record_moment, seconds};
 use holdpoint_governance::decision::ReasonCode;
 use holdpoint_governance::notice::Notice;
-use holdpoint_governance::record::{AuditRecord, RecordKind};
+use holdpoint_governance::record::{AuditRecord, RecordGroup, RecordKind};
 use holdpoint_governance::wall_time::WallTime;
 use holdpoint_wording::notice_sentence;
 
@@ -27,13 +27,10 @@ const VALUE_CHARS: usize = 160;
 /// Which records a pane shows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum AuditGroup {
-    /// Changes, without the bookkeeping records that come with each.
+    /// Those of [`RecordGroup::Events`], and so on.
     Events,
-    /// Requests to people and their actions.
     People,
     Alarms,
-    /// The store itself: context, recordings, witnesses, pruned telemetry. Without seals, which would crowd out the
-    /// rest.
     Store,
     /// Every record; runs of seals are one row.
     All,
@@ -58,80 +55,17 @@ impl AuditGroup {
 
     /// Whether it shows a kind; an unknown kind appears everywhere but among people and alarms.
     #[must_use]
-    pub const fn shows(self, kind: Option<&RecordKind>) -> bool {
+    pub fn shows(self, kind: Option<&RecordKind>) -> bool {
         let Some(kind) = kind else { return matches!(self, Self::Events | Self::All) };
-        match self {
-            Self::All => true,
-            Self::Events => !is_bookkeeping(*kind),
-            Self::People => is_of_people(*kind),
-            Self::Alarms => matches!(kind, RecordKind::AlarmChanged | RecordKind::AlarmReset),
-            Self::Store => is_of_store(*kind),
-        }
+        let group = match self {
+            Self::All => return true,
+            Self::Events => RecordGroup::Events,
+            Self::People => RecordGroup::People,
+            Self::Alarms => RecordGroup::Alarms,
+            Self::Store => RecordGroup::Store,
+        };
+        kind.groups().contains(&group)
     }
-}
-
-const fn is_bookkeeping(kind: RecordKind) -> bool {
-    matches!(
-        kind,
-        RecordKind::FlagsSet
-            | RecordKind::ScoresSet
-            | RecordKind::StandingSet
-            | RecordKind::EvidencePut
-            | RecordKind::ApprovalConsumed
-            | RecordKind::Shown
-            | RecordKind::TelemetrySealed
-            | RecordKind::TelemetryBlockSealed
-    )
-}
-
-const fn is_of_people(kind: RecordKind) -> bool {
-    matches!(
-        kind,
-        RecordKind::ApprovalRequested
-            | RecordKind::ApprovalPut
-            | RecordKind::ApprovalConsumed
-            | RecordKind::PersonEnrolled
-            | RecordKind::PersonConfirmed
-            | RecordKind::PersonRevoked
-            | RecordKind::MonitorAnswer
-            | RecordKind::ProfilesSet
-            | RecordKind::AnchorSet
-            | RecordKind::TriesReviewed
-            | RecordKind::PauseSet
-            | RecordKind::Resumed
-            | RecordKind::BreakGlass
-            | RecordKind::BreakGlassReviewed
-            | RecordKind::Shown
-            | RecordKind::Asked
-            | RecordKind::AlarmReset
-            | RecordKind::ClockConfirmed
-            | RecordKind::GoalSet
-            | RecordKind::PaceSet
-            | RecordKind::ShiftNote
-            | RecordKind::CellStopped
-            | RecordKind::CellReleased
-            | RecordKind::ProfileAllowed
-            | RecordKind::WitnessSet
-            | RecordKind::StoreRebuilt
-    )
-}
-
-const fn is_of_store(kind: RecordKind) -> bool {
-    matches!(
-        kind,
-        RecordKind::ContextSet
-            | RecordKind::ProfileLoaded
-            | RecordKind::TelemetryPruned
-            | RecordKind::TelemetryMissed
-            | RecordKind::KeptVoided
-            | RecordKind::EngineBegan
-            | RecordKind::EngineEnded
-            | RecordKind::Recording
-            | RecordKind::RecordingRemoved
-            | RecordKind::ProfileAllowed
-            | RecordKind::WitnessSet
-            | RecordKind::StoreRebuilt
-    )
 }
 
 /// A row of the log.
@@ -388,16 +322,8 @@ fn sentence_of_kind(kind: RecordKind, fields: &RecordFields<'_>) -> Option<Strin
             let what = if kind == RecordKind::Commissioned { "for it" } else { "for the camera check" };
             format!("what is normal {what} was measured{tasks}")
         }
-        RecordKind::LiveFault
-        | RecordKind::KeptVoided
-        | RecordKind::ProfilesSet
-        | RecordKind::BreakGlassReviewed
-        | RecordKind::Shown
-        | RecordKind::Recording
-        | RecordKind::RecordingRemoved
-        | RecordKind::ProfileAllowed
-        | RecordKind::WitnessSet
-        | RecordKind::StoreRebuilt => return None,
+        // The names and values of its fields say enough.
+        _ => return None,
     })
 }
 

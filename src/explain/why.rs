@@ -87,50 +87,8 @@ pub fn decisions(
             RecordKind::TriesReviewed => reader.add_consequence(record, Consequence::TriesReviewed),
             RecordKind::BreakGlass => reader.add_consequence(record, Consequence::BreakGlassUsed),
             RecordKind::BreakGlassReviewed => reader.add_consequence(record, Consequence::BreakGlassReviewed),
-            // These are neither decisions nor their results.
-            RecordKind::VersionRegistered
-            | RecordKind::FlagsSet
-            | RecordKind::ScoresSet
-            | RecordKind::ActiveSet
-            | RecordKind::FamilySet
-            | RecordKind::FamilyVoided
-            | RecordKind::StandingSet
-            | RecordKind::ApprovalConsumed
-            | RecordKind::PersonEnrolled
-            | RecordKind::PersonConfirmed
-            | RecordKind::PersonRevoked
-            | RecordKind::ContextSet
-            | RecordKind::ProfileLoaded
-            | RecordKind::TelemetrySealed
-            | RecordKind::TelemetryBlockSealed
-            | RecordKind::TelemetryPruned
-            | RecordKind::TelemetryMissed
-            | RecordKind::AlarmChanged
-            | RecordKind::TryCounted
-            | RecordKind::Shown
-            | RecordKind::ClockDoubted
-            | RecordKind::ClockConfirmed
-            | RecordKind::AlarmReset
-            | RecordKind::Asked
-            | RecordKind::Drift
-            | RecordKind::LiveFault
-            | RecordKind::GoalSet
-            | RecordKind::PaceSet
-            | RecordKind::ShiftNote
-            | RecordKind::CellStopped
-            | RecordKind::CellReleased
-            | RecordKind::EngineBegan
-            | RecordKind::EngineEnded
-            | RecordKind::Commissioned
-            | RecordKind::LiveHarm
-            | RecordKind::SensesCommissioned
-            | RecordKind::Recording
-            | RecordKind::RecordingRemoved
-            | RecordKind::ProfileAllowed
-            | RecordKind::WitnessSet
-            | RecordKind::KeyCommitted
-            | RecordKind::KeyRevealed
-            | RecordKind::StoreRebuilt => {}
+            // The others are neither decisions nor their results.
+            _ => {}
         }
     }
     Ok(reader.decisions)

@@ -15,128 +15,171 @@ use super::submission::{Provenance, Risk};
 /// Domain tag of a record's hash.
 const DOMAIN: &str = "holdpoint/audit/v1";
 
-crate::closed_set! {
-    /// The kind of a record in the audit chain.
-    RecordKind, "kind of record", {
-        /// A version entered the registry, with its digests and provenance.
-        VersionRegistered = "version-registered",
-        /// A version's lifecycle state moved.
-        StateSet = "state-set",
-        /// A version's flags were replaced as a whole.
-        FlagsSet = "flags-set",
-        /// A validation's `kappa` values, for lists of versions.
-        ScoresSet = "scores-set",
-        /// A family's active pointer moved.
-        ActiveSet = "active-set",
-        /// A family was safe-stopped or reactivated.
-        FamilySet = "family-set",
-        /// A family's earlier passes were voided.
-        FamilyVoided = "family-voided",
-        /// The lifecycle model's own view of a family.
-        StandingSet = "standing-set",
-        /// A piece of evidence, as canonical JSON with its digest.
-        EvidencePut = "evidence-put",
-        /// An approval request was made, or its state changed.
-        ApprovalRequested = "approval-requested",
-        /// A person's signed decision came in.
-        ApprovalPut = "approval-put",
-        /// An approval was used by an activation and cannot be used again.
-        ApprovalConsumed = "approval-consumed",
-        /// An administrator enrolled a person's key: its later signatures may count.
-        PersonEnrolled = "person-enrolled",
-        /// An administrator with a passphrase-protected key attested a person who was enrolled without one.
-        PersonConfirmed = "person-confirmed",
-        /// An administrator revoked a person's key: from then on nothing that it signed counts.
-        PersonRevoked = "person-revoked",
-        /// Profile, policy or thresholds changed.
-        ContextSet = "context-set",
-        /// An administrator authorized the next use of the store under a less strict profile: which, who and why.
-        ProfileAllowed = "profile-allowed",
-        /// A profile that does not come with the program came into force: its texts.
-        ProfileLoaded = "profile-loaded",
-        /// A batch of telemetry is on disk.
-        TelemetrySealed = "telemetry-sealed",
-        /// Digests of a block of batches of telemetry.
-        TelemetryBlockSealed = "telemetry-block-sealed",
-        /// The oldest batches of telemetry go, because of their size together.
-        TelemetryPruned = "telemetry-pruned",
-        /// Digested batches of telemetry are missing, and no record says why.
-        TelemetryMissed = "telemetry-missed",
-        /// An alarm after a change.
-        AlarmChanged = "alarm-changed",
-        /// Cached results differed from their re-run: none of them counts any more.
-        KeptVoided = "kept-voided",
-        /// A stage's decision with its reasons and context.
-        Decision = "decision",
-        /// An action of the monitor with its reasons.
-        Monitor = "monitor",
-        /// A person's answer to an escalation.
-        MonitorAnswer = "monitor-answer",
-        /// A version was blocked under profiles, or unblocked: by whom and why.
-        ProfilesSet = "profiles-set",
-        /// A person made a version its family's anchor: who and why.
-        AnchorSet = "anchor-set",
-        /// A secret key for seeds was drawn: what it is for, and the commitment to it.
-        KeyCommitted = "key-committed",
-        /// A key for seeds is revealed, because nothing runs under it any more.
-        KeyRevealed = "key-revealed",
-        /// The sandbox of a version began its pairs: which try of its author and its family that is, and its terms.
-        TryCounted = "try-counted",
-        /// A person reviewed the tries of a family, whose count begins again: who and why.
-        TriesReviewed = "tries-reviewed",
-        /// A person paused a version, or resumed a paused one: who and why.
-        PauseSet = "pause-set",
-        /// A version on hold was resumed: by whom and why.
-        Resumed = "resumed",
-        /// One person activated a version by break-glass: who, why, and the deadline of the review.
-        BreakGlass = "break-glass",
-        /// The result of a break-glass review, and the reviewers.
-        BreakGlassReviewed = "break-glass-reviewed",
-        /// The request as displayed to approvers.
-        Shown = "shown",
-        /// A granted request of a process: the change, and the process as the operating system reports it.
-        Asked = "asked",
-        /// The machine's clock was set, or is behind the newest record: by how much.
-        ClockDoubted = "clock-doubted",
-        /// A person confirmed the time of the machine's clock: who, why, and the time. Only here may recorded wall times go back.
-        ClockConfirmed = "clock-confirmed",
-        /// Who reset an alarm, and why it was safe.
-        AlarmReset = "alarm-reset",
-        /// A drift set in, or ended, in the simulated cell.
-        Drift = "drift",
-        /// Something in the simulated live world broke or was repaired.
-        LiveFault = "live-fault",
-        /// A person set a goal of the live cell's agent: who and why.
-        GoalSet = "goal-set",
-        /// The simulated live cell has another pace from then on.
-        PaceSet = "pace-set",
-        /// A person left a note for the next shift: whose, and its text.
-        ShiftNote = "shift-note",
-        /// A person stopped the cell.
-        CellStopped = "cell-stopped",
-        /// A person started the stopped cell again.
-        CellReleased = "cell-released",
-        /// An engine under `real` or `human` begins to run the cell.
-        EngineBegan = "engine-began",
-        /// The engine that ran the cell ended: cleanly, or suddenly, as the next one found.
-        EngineEnded = "engine-ended",
-        /// The normal rates of a family were counted, once.
-        Commissioned = "commissioned",
-        /// The harm of a version's live tasks so far: after each task past a limit, and from time to time without one.
-        LiveHarm = "live-harm",
-        /// What is normal for the camera check was measured, once.
-        SensesCommissioned = "senses-commissioned",
-        /// The record of an upgrade is closed.
-        AuditClosed = "audit-closed",
-        /// A scene recording was closed with its digest.
-        Recording = "recording",
-        /// A scene recording's file was removed, with the reason.
-        RecordingRemoved = "recording-removed",
-        /// A witness was added or removed: which, and by whom.
-        WitnessSet = "witness-set",
-        /// The store's tables were rebuilt from the chain: by whom, why, and which rows had differed.
-        StoreRebuilt = "store-rebuilt",
-    }
+/// What a replay of the chain does with the records of a kind.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ReplayClass {
+    /// A change of the store's tables: it is applied again. Only the store writes such a record.
+    Change,
+    /// A note of the engine: it changes no table.
+    Note,
+}
+
+/// What the records of a kind are about, for lists of some of them.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum RecordGroup {
+    /// Changes, without the bookkeeping that comes with each.
+    Events,
+    /// Requests to people and their actions.
+    People,
+    Alarms,
+    /// The store itself: context, recordings, witnesses, pruned telemetry. Without seals, which would crowd out the
+    /// rest.
+    Store,
+}
+
+/// Makes the kinds of records: documentation, name, replay class and groups of each.
+macro_rules! record_kinds {
+    ($($(#[$doc:meta])* $kind:ident = $name:literal: $replay:ident, [$($group:ident),*];)+) => {
+        crate::closed_set! {
+            /// The kind of a record in the audit chain.
+            RecordKind, "kind of record", { $($(#[$doc])* $kind = $name),+ }
+        }
+
+        impl RecordKind {
+            /// What a replay of the chain does with its records.
+            #[must_use]
+            pub const fn replay_class(self) -> ReplayClass {
+                match self { $(Self::$kind => ReplayClass::$replay),+ }
+            }
+
+            /// The groups of its records; bookkeeping may be in none.
+            #[must_use]
+            pub const fn groups(self) -> &'static [RecordGroup] {
+                match self { $(Self::$kind => &[$(RecordGroup::$group),*]),+ }
+            }
+        }
+    };
+}
+
+record_kinds! {
+    /// A version entered the registry, with its digests and provenance.
+    VersionRegistered = "version-registered": Change, [Events];
+    /// A version's lifecycle state moved.
+    StateSet = "state-set": Change, [Events];
+    /// A version's flags were replaced as a whole.
+    FlagsSet = "flags-set": Change, [];
+    /// A validation's `kappa` values, for lists of versions.
+    ScoresSet = "scores-set": Change, [];
+    /// A family's active pointer moved.
+    ActiveSet = "active-set": Change, [Events];
+    /// A family was safe-stopped or reactivated.
+    FamilySet = "family-set": Change, [Events];
+    /// A family's earlier passes were voided.
+    FamilyVoided = "family-voided": Change, [Events];
+    /// The lifecycle model's own view of a family.
+    StandingSet = "standing-set": Change, [];
+    /// A piece of evidence, as canonical JSON with its digest.
+    EvidencePut = "evidence-put": Change, [];
+    /// An approval request was made, or its state changed.
+    ApprovalRequested = "approval-requested": Change, [Events, People];
+    /// A person's signed decision came in.
+    ApprovalPut = "approval-put": Change, [Events, People];
+    /// An approval was used by an activation and cannot be used again.
+    ApprovalConsumed = "approval-consumed": Change, [People];
+    /// An administrator enrolled a person's key: its later signatures may count.
+    PersonEnrolled = "person-enrolled": Change, [Events, People];
+    /// An administrator with a passphrase-protected key attested a person who was enrolled without one.
+    PersonConfirmed = "person-confirmed": Change, [Events, People];
+    /// An administrator revoked a person's key: from then on nothing that it signed counts.
+    PersonRevoked = "person-revoked": Change, [Events, People];
+    /// Profile, policy or thresholds changed.
+    ContextSet = "context-set": Change, [Events, Store];
+    /// An administrator authorized the next use of the store under a less strict profile: which, who and why.
+    ProfileAllowed = "profile-allowed": Change, [Events, People, Store];
+    /// A profile that does not come with the program came into force: its texts.
+    ProfileLoaded = "profile-loaded": Note, [Events, Store];
+    /// A batch of telemetry is on disk.
+    TelemetrySealed = "telemetry-sealed": Change, [];
+    /// Digests of a block of batches of telemetry.
+    TelemetryBlockSealed = "telemetry-block-sealed": Change, [];
+    /// The oldest batches of telemetry go, because of their size together.
+    TelemetryPruned = "telemetry-pruned": Change, [Events, Store];
+    /// Digested batches of telemetry are missing, and no record says why.
+    TelemetryMissed = "telemetry-missed": Change, [Events, Store];
+    /// An alarm after a change.
+    AlarmChanged = "alarm-changed": Change, [Events, Alarms];
+    /// Cached results differed from their re-run: none of them counts any more.
+    KeptVoided = "kept-voided": Note, [Events, Store];
+    /// A stage's decision with its reasons and context.
+    Decision = "decision": Note, [Events];
+    /// An action of the monitor with its reasons.
+    Monitor = "monitor": Note, [Events];
+    /// A person's answer to an escalation.
+    MonitorAnswer = "monitor-answer": Note, [Events, People];
+    /// A version was blocked under profiles, or unblocked: by whom and why.
+    ProfilesSet = "profiles-set": Note, [Events, People];
+    /// A person made a version its family's anchor: who and why.
+    AnchorSet = "anchor-set": Note, [Events, People];
+    /// A secret key for seeds was drawn: what it is for, and the commitment to it.
+    KeyCommitted = "key-committed": Note, [Events];
+    /// A key for seeds is revealed, because nothing runs under it any more.
+    KeyRevealed = "key-revealed": Note, [Events];
+    /// The sandbox of a version began its pairs: which try of its author and its family that is, and its terms.
+    TryCounted = "try-counted": Note, [Events];
+    /// A person reviewed the tries of a family, whose count begins again: who and why.
+    TriesReviewed = "tries-reviewed": Note, [Events, People];
+    /// A person paused a version, or resumed a paused one: who and why.
+    PauseSet = "pause-set": Note, [Events, People];
+    /// A version on hold was resumed: by whom and why.
+    Resumed = "resumed": Note, [Events, People];
+    /// One person activated a version by break-glass: who, why, and the deadline of the review.
+    BreakGlass = "break-glass": Note, [Events, People];
+    /// The result of a break-glass review, and the reviewers.
+    BreakGlassReviewed = "break-glass-reviewed": Note, [Events, People];
+    /// The request as displayed to approvers.
+    Shown = "shown": Note, [People];
+    /// A granted request of a process: the change, and the process as the operating system reports it.
+    Asked = "asked": Note, [Events, People];
+    /// The machine's clock was set, or is behind the newest record: by how much.
+    ClockDoubted = "clock-doubted": Note, [Events];
+    /// A person confirmed the time of the machine's clock: who, why, and the time. Only here may recorded wall times go back.
+    ClockConfirmed = "clock-confirmed": Note, [Events, People];
+    /// Who reset an alarm, and why it was safe.
+    AlarmReset = "alarm-reset": Note, [Events, People, Alarms];
+    /// A drift set in, or ended, in the simulated cell.
+    Drift = "drift": Note, [Events];
+    /// Something in the simulated live world broke or was repaired.
+    LiveFault = "live-fault": Note, [Events];
+    /// A person set a goal of the live cell's agent: who and why.
+    GoalSet = "goal-set": Note, [Events, People];
+    /// The simulated live cell has another pace from then on.
+    PaceSet = "pace-set": Note, [Events, People];
+    /// A person left a note for the next shift: whose, and its text.
+    ShiftNote = "shift-note": Note, [Events, People];
+    /// A person stopped the cell.
+    CellStopped = "cell-stopped": Note, [Events, People];
+    /// A person started the stopped cell again.
+    CellReleased = "cell-released": Note, [Events, People];
+    /// An engine under `real` or `human` begins to run the cell.
+    EngineBegan = "engine-began": Note, [Events, Store];
+    /// The engine that ran the cell ended: cleanly, or suddenly, as the next one found.
+    EngineEnded = "engine-ended": Note, [Events, Store];
+    /// The normal rates of a family were counted, once.
+    Commissioned = "commissioned": Note, [Events];
+    /// The harm of a version's live tasks so far: after each task past a limit, and from time to time without one.
+    LiveHarm = "live-harm": Note, [Events];
+    /// What is normal for the camera check was measured, once.
+    SensesCommissioned = "senses-commissioned": Note, [Events];
+    /// The record of an upgrade is closed.
+    AuditClosed = "audit-closed": Note, [Events];
+    /// A scene recording was closed with its digest.
+    Recording = "recording": Note, [Events, Store];
+    /// A scene recording's file was removed, with the reason.
+    RecordingRemoved = "recording-removed": Note, [Events, Store];
+    /// A witness was added or removed: which, and by whom.
+    WitnessSet = "witness-set": Change, [Events, People, Store];
+    /// The store's tables were rebuilt from the chain: by whom, why, and which rows had differed.
+    StoreRebuilt = "store-rebuilt": Change, [Events, People, Store];
 }
 
 impl RecordKind {
@@ -330,6 +373,15 @@ mod tests {
         assert_ne!(later.expected_hash(), record("of-an-earlier-build").expected_hash());
         let json = serde_json::to_string(&later).unwrap();
         assert_eq!(serde_json::from_str::<AuditRecord>(&json).unwrap(), later);
+    }
+
+    #[test]
+    fn only_bookkeeping_is_in_no_group() {
+        use RecordKind as K;
+        let hidden: Vec<K> = K::ALL.into_iter().filter(|kind| kind.groups().is_empty()).collect();
+        let bookkeeping = [K::FlagsSet, K::ScoresSet, K::StandingSet, K::EvidencePut];
+        assert_eq!(hidden, [&bookkeeping[..], &K::SEALS[..]].concat());
+        assert!(hidden.iter().all(|kind| kind.replay_class() == ReplayClass::Change), "{hidden:?}");
     }
 
     #[test]

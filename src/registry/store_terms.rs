@@ -1,71 +1,11 @@
 //! The closed sets of terms that only the store has. The schema repeats each set as a CHECK.
 
 use holdpoint_governance::closed_set;
-use holdpoint_governance::record::RecordKind;
+use holdpoint_governance::record::{RecordKind, ReplayClass};
 
 /// Whether only the store writes records of a kind; callers may not use it.
 pub(crate) const fn is_own(kind: RecordKind) -> bool {
-    match kind {
-        RecordKind::VersionRegistered
-        | RecordKind::StateSet
-        | RecordKind::FlagsSet
-        | RecordKind::ScoresSet
-        | RecordKind::ActiveSet
-        | RecordKind::FamilySet
-        | RecordKind::FamilyVoided
-        | RecordKind::StandingSet
-        | RecordKind::EvidencePut
-        | RecordKind::ApprovalRequested
-        | RecordKind::ApprovalPut
-        | RecordKind::ApprovalConsumed
-        | RecordKind::PersonEnrolled
-        | RecordKind::PersonConfirmed
-        | RecordKind::PersonRevoked
-        | RecordKind::ContextSet
-        | RecordKind::TelemetrySealed
-        | RecordKind::TelemetryBlockSealed
-        | RecordKind::TelemetryPruned
-        | RecordKind::TelemetryMissed
-        | RecordKind::AlarmChanged
-        | RecordKind::WitnessSet
-        | RecordKind::ProfileAllowed
-        | RecordKind::StoreRebuilt => true,
-        RecordKind::ProfileLoaded
-        | RecordKind::Decision
-        | RecordKind::Monitor
-        | RecordKind::MonitorAnswer
-        | RecordKind::ProfilesSet
-        | RecordKind::AnchorSet
-        | RecordKind::KeyCommitted
-        | RecordKind::KeyRevealed
-        | RecordKind::TryCounted
-        | RecordKind::TriesReviewed
-        | RecordKind::PauseSet
-        | RecordKind::Resumed
-        | RecordKind::BreakGlass
-        | RecordKind::BreakGlassReviewed
-        | RecordKind::Shown
-        | RecordKind::ClockDoubted
-        | RecordKind::ClockConfirmed
-        | RecordKind::AlarmReset
-        | RecordKind::Asked
-        | RecordKind::Drift
-        | RecordKind::KeptVoided
-        | RecordKind::LiveFault
-        | RecordKind::GoalSet
-        | RecordKind::PaceSet
-        | RecordKind::ShiftNote
-        | RecordKind::CellStopped
-        | RecordKind::CellReleased
-        | RecordKind::EngineBegan
-        | RecordKind::EngineEnded
-        | RecordKind::Commissioned
-        | RecordKind::LiveHarm
-        | RecordKind::SensesCommissioned
-        | RecordKind::AuditClosed
-        | RecordKind::Recording
-        | RecordKind::RecordingRemoved => false,
-    }
+    matches!(kind.replay_class(), ReplayClass::Change)
 }
 
 closed_set! {

@@ -254,55 +254,13 @@ impl History {
                     self.confirmed.entry(id).or_default().push(record.seq);
                 }
             }
-            // Neither measurements nor decisions of a rule.
             RecordKind::ClockDoubted => {
                 let doubt = clock_mismatch::read(&record.body);
                 self.clock.push((record.seq, Some(doubt)));
             }
             RecordKind::ClockConfirmed => self.clock.push((record.seq, None)),
-            RecordKind::FlagsSet
-            | RecordKind::ScoresSet
-            | RecordKind::FamilySet
-            | RecordKind::FamilyVoided
-            | RecordKind::StandingSet
-            | RecordKind::EvidencePut
-            | RecordKind::ApprovalRequested
-            | RecordKind::ApprovalPut
-            | RecordKind::ApprovalConsumed
-            | RecordKind::PersonEnrolled
-            | RecordKind::PersonConfirmed
-            | RecordKind::PersonRevoked
-            | RecordKind::AlarmChanged
-            | RecordKind::MonitorAnswer
-            | RecordKind::AnchorSet
-            | RecordKind::KeyCommitted
-            | RecordKind::KeyRevealed
-            | RecordKind::TryCounted
-            | RecordKind::TriesReviewed
-            | RecordKind::PauseSet
-            | RecordKind::Resumed
-            | RecordKind::Shown
-            | RecordKind::AlarmReset
-            | RecordKind::Asked
-            | RecordKind::KeptVoided
-            | RecordKind::LiveFault
-            | RecordKind::CellStopped
-            | RecordKind::CellReleased
-            | RecordKind::EngineBegan
-            | RecordKind::EngineEnded
-            | RecordKind::Commissioned
-            | RecordKind::LiveHarm
-            | RecordKind::SensesCommissioned
-            | RecordKind::Recording
-            | RecordKind::GoalSet
-            | RecordKind::PaceSet
-            | RecordKind::ShiftNote
-            | RecordKind::RecordingRemoved
-            | RecordKind::TelemetryPruned
-            | RecordKind::TelemetryMissed
-            | RecordKind::ProfileAllowed
-            | RecordKind::WitnessSet
-            | RecordKind::StoreRebuilt => {}
+            // The others are neither measurements nor decisions of a rule.
+            _ => {}
         }
     }
 
