@@ -524,6 +524,40 @@ pub enum EventKind {
     },
 }
 
+impl EventKind {
+    /// The version of an event; absent if the event concerns the whole cell.
+    #[must_use]
+    pub const fn version(&self) -> Option<&CapabilityId> {
+        match self {
+            Self::Recovered { version, .. }
+            | Self::Registered { version, .. }
+            | Self::StageStarted { version, .. }
+            | Self::Progress { version, .. }
+            | Self::Decided { version, .. }
+            | Self::StateChanged { version, .. }
+            | Self::ApprovalRequested { version, .. }
+            | Self::ApprovalReceived { version, .. }
+            | Self::Activated { version, .. }
+            | Self::Confirmed { version, .. }
+            | Self::Monitor { version, .. }
+            | Self::HarmPastLimit { version, .. }
+            | Self::Rung { version, .. }
+            | Self::RolledBack { version, .. }
+            | Self::Continued { version, .. }
+            | Self::Released { version, .. }
+            | Self::Resumed { version, .. }
+            | Self::ProfilesSet { version, .. }
+            | Self::AnchorSet { version, .. }
+            | Self::TriesReviewed { version, .. }
+            | Self::BreakGlass { version, .. }
+            | Self::Reviewed { version, .. }
+            | Self::AuditClosed { version, .. } => Some(version),
+            // About the whole cell, or about a file.
+            _ => None,
+        }
+    }
+}
+
 /// The result of one task of the live world.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct TaskSummary {

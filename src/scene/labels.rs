@@ -1,65 +1,15 @@
-//! Text of a recording: the version of an event, the upgrade's phase, levels of log lines, the document.
+//! Text of a recording: the upgrade's phase, levels of log lines, the document.
 //!
 //! Foreign text is sanitized and loses all Markdown syntax.
 
 use holdpoint_governance::alarms::{AlarmState, Priority};
 use holdpoint_governance::decision::Reason;
-use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::record::UpgradeEnd;
 use holdpoint_protocol::event::{DimensionResult, Event, EventKind};
 use holdpoint_text::Untrusted;
 
 use super::limits::TEXT_WIDTH_MAX;
 use holdpoint_recordings::recording::RecordingSubject;
-
-/// The version of an event; absent if the event concerns the whole cell.
-#[must_use]
-pub const fn version_of(kind: &EventKind) -> Option<&CapabilityId> {
-    match kind {
-        EventKind::Recovered { version, .. }
-        | EventKind::Registered { version, .. }
-        | EventKind::StageStarted { version, .. }
-        | EventKind::Progress { version, .. }
-        | EventKind::Decided { version, .. }
-        | EventKind::StateChanged { version, .. }
-        | EventKind::ApprovalRequested { version, .. }
-        | EventKind::ApprovalReceived { version, .. }
-        | EventKind::Activated { version, .. }
-        | EventKind::Confirmed { version, .. }
-        | EventKind::Monitor { version, .. }
-        | EventKind::HarmPastLimit { version, .. }
-        | EventKind::Rung { version, .. }
-        | EventKind::RolledBack { version, .. }
-        | EventKind::Continued { version, .. }
-        | EventKind::Released { version, .. }
-        | EventKind::Resumed { version, .. }
-        | EventKind::ProfilesSet { version, .. }
-        | EventKind::AnchorSet { version, .. }
-        | EventKind::TriesReviewed { version, .. }
-        | EventKind::BreakGlass { version, .. }
-        | EventKind::Reviewed { version, .. }
-        | EventKind::AuditClosed { version, .. } => Some(version),
-        EventKind::EngineStarted { .. }
-        | EventKind::Sequence { .. }
-        | EventKind::Drift { .. }
-        | EventKind::LiveFault { .. }
-        | EventKind::GoalSet { .. }
-        | EventKind::ShiftNote { .. }
-        | EventKind::Commissioned { .. }
-        | EventKind::SensesCommissioned { .. }
-        | EventKind::CellStopped { .. }
-        | EventKind::ArmStands { .. }
-        | EventKind::CellReleased { .. }
-        | EventKind::Pace { .. }
-        | EventKind::Alarm { .. }
-        | EventKind::Voided { .. }
-        // About a file, not about its content.
-        | EventKind::RecordingKept { .. }
-        | EventKind::Scene { .. }
-        | EventKind::CommandRefused { .. }
-        | EventKind::Fault { .. } => None,
-    }
-}
 
 /// The upgrade's phase after an event; absent if it does not change.
 #[must_use]

@@ -4,12 +4,12 @@ use std::net::SocketAddr;
 
 use rerun::StoreId;
 
+use super::blueprint;
 use super::drawing::Drawing;
 use super::file::{message, opening, store};
 use super::limits::LIVE_PATH_EVERY_MS;
 use super::rows::RowIds;
 use super::server::Server;
-use super::{blueprint, labels};
 use holdpoint_protocol::event::{Event, EventKind};
 use holdpoint_protocol::sink::SinkReport;
 use holdpoint_protocol::snapshot::Snapshot;
@@ -70,7 +70,7 @@ impl LiveServer {
                 | EventKind::Monitor { .. }
                 | EventKind::Rung { .. },
                 Some(version),
-            ) = (&event.kind, labels::version_of(&event.kind))
+            ) = (&event.kind, event.kind.version())
             {
                 self.drawing.turn_to(version);
             }

@@ -10,8 +10,8 @@ use super::compact::{self, FileAtStart};
 use super::config::display_path;
 use super::drawing::RecordingHead;
 use super::limits::{OPEN_MAX, RING_MAX, RING_MS};
+use super::reader;
 use super::writer::{OpenFile, RecordingPlace, RecordingWriter};
-use super::{labels, reader};
 use holdpoint_governance::closed_set::Lenient;
 use holdpoint_governance::ids::{CapabilityId, Digest, Family};
 use holdpoint_governance::lifecycle::Stage;
@@ -139,7 +139,7 @@ impl Router {
     }
 
     fn event(&mut self, event: &Event, dropped: (u64, u64)) {
-        if let Some(version) = labels::version_of(&event.kind).cloned() {
+        if let Some(version) = event.kind.version().cloned() {
             if let EventKind::Registered { digest, parent, .. } = &event.kind {
                 self.known.digests.insert(version.clone(), *digest);
                 if parent.is_some() {
@@ -211,7 +211,7 @@ impl Router {
 
     /// Frames came before the event that makes them part of a recording.
     fn recall(&mut self, event: &Event) {
-        let Some(version) = labels::version_of(&event.kind).cloned() else { return };
+        let Some(version) = event.kind.version().cloned() else { return };
         let Some(writer) = self.writers.get(&version) else { return };
         let of_twin =
             |frame: &Arc<VideoFrame>| frame.twin.as_ref().is_some_and(|twin| twin.version == version);

@@ -15,7 +15,7 @@ use super::file::{FramedWriter, message, opening, store};
 use super::frame_sampling::{EventWeight, FrameSampler};
 use super::limits::{FILE_BYTES_MAX, FILM_GAP_MS, PATH_EVERY_MS};
 use super::rows::RowIds;
-use super::{ReadError, blueprint, labels};
+use super::{ReadError, blueprint};
 use holdpoint_governance::alarms::AlarmState;
 use holdpoint_governance::lifecycle::Stage;
 use holdpoint_governance::record::UpgradeEnd;
@@ -187,7 +187,7 @@ impl RecordingWriter {
     /// # Errors
     /// If it cannot be written.
     pub fn event(&mut self, event: &Event) -> io::Result<()> {
-        let ours = labels::version_of(&event.kind).is_none_or(|version| *version == self.head.about.version);
+        let ours = event.kind.version().is_none_or(|version| *version == self.head.about.version);
         if matches!(event.kind, EventKind::Progress { .. }) && (!ours || self.is_full()) {
             return Ok(());
         }

@@ -77,32 +77,7 @@ pub fn of(kind: &EventKind) -> Option<TimeMark> {
                 is_turn: false,
             })
         }
-        EventKind::Rung { .. }
-        | EventKind::LiveFault { .. }
-        | EventKind::Drift { .. }
-        | EventKind::EngineStarted { .. }
-        | EventKind::Recovered { .. }
-        | EventKind::Registered { .. }
-        | EventKind::StageStarted { .. }
-        | EventKind::Progress { .. }
-        | EventKind::StateChanged { .. }
-        | EventKind::GoalSet { .. }
-        | EventKind::ShiftNote { .. }
-        | EventKind::Commissioned { .. }
-        | EventKind::SensesCommissioned { .. }
-        | EventKind::CellStopped { .. }
-        | EventKind::ArmStands { .. }
-        | EventKind::CellReleased { .. }
-        | EventKind::Resumed { .. }
-        | EventKind::ProfilesSet { .. }
-        | EventKind::AnchorSet { .. }
-        | EventKind::TriesReviewed { .. }
-        | EventKind::Pace { .. }
-        | EventKind::Alarm { .. }
-        | EventKind::Voided { .. }
-        | EventKind::AuditClosed { .. }
-        | EventKind::RecordingKept { .. }
-        | EventKind::Scene { .. }
-        | EventKind::CommandRefused { .. } => None,
+        // The others only inform.
+        _ => None,
     }
 }

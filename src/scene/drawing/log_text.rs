@@ -33,8 +33,7 @@ impl Drawing {
 
     pub(super) fn log_event(&mut self, event: &Event, time: &RowTime) {
         self.log(event, time);
-        let ours =
-            labels::version_of(&event.kind).is_some_and(|version| self.version.as_ref() == Some(version));
+        let ours = event.kind.version().is_some_and(|version| self.version.as_ref() == Some(version));
         if !ours {
             return;
         }
