@@ -187,8 +187,10 @@ impl Guard {
                     return Err(PolicyHit::NotFinite);
                 }
                 let start = seen.tool.position;
+                let is_entered =
+                    |zone: &zone::Zone| segment_enters(zone.min_m, zone.max_m, start, pose.position);
                 let human = zone::named(&self.zones, ZoneName::Human.name());
-                if human.is_some_and(|zone| segment_enters(zone.min_m, zone.max_m, start, pose.position)) {
+                if human.into_iter().chain(self.keep_out_zones()).any(is_entered) {
                     return Err(PolicyHit::KeepOut);
                 }
                 let limit = CLAMP_SHARE * cap.tool_speed_max_m_s;
@@ -259,8 +261,11 @@ impl Guard {
         Ok(target)
     }
 
-    /// The zone a point lies in; the keep-out zone counts before any other.
+    /// The zone a point lies in. A keep-out zone of any name counts before any other, as the one that policies name.
     fn zone_of(&self, point: [f64; 3]) -> Option<ZoneName> {
+        if self.keep_out_zones().any(|bounds| bounds.contains(&point)) {
+            return Some(ZoneName::Human);
+        }
         let named = ZONES.into_iter().zip(self.places);
         let mut found = named.filter_map(|(name, place)| Some((name, self.zones.get(place?)?)));
         found.find(|(_, bounds)| bounds.contains(&point)).map(|(name, _)| name)
@@ -366,6 +371,39 @@ mod tests {
         // What a policy forbids stays forbidden despite any approval.
         let forbidden = guard(3).reviewed(true).check(&command, &seen);
         assert_eq!(forbidden.hit, Some(PolicyHit::ModeForbidden));
+    }
+
+    /// A cell names its zones itself, and policies know four names.
+    #[test]
+    fn keep_out_zone_counts_under_any_name() {
+        use holdpoint_body::{Body, Pose};
+        use holdpoint_governance::profile::{Profile, ProfileName};
+        let profile = Profile::builtin(ProfileName::Sim).unwrap();
+        let table = Arc::new(PolicyTable::builtin(&profile).unwrap());
+        let model = holdpoint_sim::RobotModel::builtin("arm7").unwrap();
+        let scene = holdpoint_sim::published::scene().unwrap();
+        let seen = Body::telemetry(&holdpoint_sim::world::World::new(&model, &scene).unwrap());
+        let geometry = Arc::new(model.geometry);
+        let [x, y, z] = seen.tool.position;
+        let hit = |keep_out: bool, ahead_m: f64| {
+            let press = zone::Zone {
+                name: "press".to_owned(),
+                min_m: [x + 0.05, y - 0.05, z - 0.05],
+                max_m: [x + 0.1, y + 0.05, z + 0.05],
+                keep_out,
+            };
+            let zones: Arc<[zone::Zone]> = scene.zones.iter().cloned().chain([press]).collect();
+            let pose = Pose { position: [x + ahead_m, y, z], ..seen.tool };
+            let command = Command::ToolPose { pose, max_speed_m_s: 0.1 };
+            crate::terms::SkillTerms::new(&profile, table.clone(), geometry.clone(), zones)
+                .own_guard(Authority::try_from(1).unwrap())
+                .check(&command, &seen)
+                .hit
+        };
+        assert_eq!([0.02, 0.07, 0.15].map(|ahead_m| hit(false, ahead_m)), [None, None, None]);
+        assert_eq!(hit(true, 0.02), None);
+        assert!(hit(true, 0.07).is_some(), "it ends inside");
+        assert_eq!(hit(true, 0.15), Some(PolicyHit::KeepOut), "it passes through");
     }
 
     #[test]
