@@ -76,13 +76,13 @@ fn alone_from_here(
     run().unwrap_or_else(|_| failed(worker, trial))
 }
 
-/// Runs the same episode of two versions: on one world as long as both ask the same of it, then each on its own.
-/// The records are those of two episodes by themselves.
+/// Runs the same episode of two versions: on one world as long as both ask the same of it, then each on its own. In a cell
+/// that cannot export its state each is on its own from the start. The records are those of two episodes by themselves.
 #[must_use]
 pub fn pair(worker: &mut Worker, both: [TrialCase<'_>; 2]) -> [TaskRecord; 2] {
     let [first, second] = both;
     let setup = first.setup();
-    if setup != second.setup() {
+    if setup != second.setup() || !first.cell.spec.abilities.export_state {
         return both.map(|trial| alone(worker, trial));
     }
     match worker.arm(first.cell, &setup).map(|_| ()) {

@@ -42,7 +42,7 @@ pub fn alone_from_live_start(
     }
 }
 
-/// As [`alone_from_live_start`], of two versions from one start.
+/// As [`alone_from_live_start`], of two versions from one start. A cell that cannot export its state comes to it twice.
 #[must_use]
 pub fn pair_from_live_start(
     worker: &mut Worker,
@@ -51,6 +51,9 @@ pub fn pair_from_live_start(
     both: [&TrialSubject; 2],
     seed: u64,
 ) -> [TaskRecord; 2] {
+    if !cell.spec.abilities.export_state {
+        return both.map(|subject| alone_from_live_start(worker, cell, team, subject, seed));
+    }
     let [first, _] = both;
     let task = first.version.bundle.task();
     match reach(worker, cell, team, task, seed) {

@@ -72,8 +72,8 @@ pub fn run_sequence(
     records_with_failure(worker, outcome.map(|_| ()), &lineup, seed, records)
 }
 
-/// Runs a sequence with either of two versions for `candidate_task`; both share one run of the tasks before it. The
-/// records equal those of two separate calls of [`run_sequence`].
+/// Runs a sequence with either of two versions for `candidate_task`; both share one run of the tasks before it, in a cell
+/// that exports its state. The records equal those of two separate calls of [`run_sequence`].
 #[must_use]
 pub fn run_sequence_pair(
     worker: &mut Worker,
@@ -82,6 +82,9 @@ pub fn run_sequence_pair(
     candidate_task: TaskKind,
     seed: u64,
 ) -> [Vec<TaskRecord>; 2] {
+    if !cell.spec.abilities.export_state {
+        return lineups.map(|lineup| run_sequence(worker, cell, lineup, seed));
+    }
     let shared_tasks = TaskKind::SEQUENCE.iter().take_while(|task| **task < candidate_task).count();
     let [shared_lineup, _] = lineups.map(|lineup| lineup.into_iter().take(shared_tasks).collect::<Vec<_>>());
     let mut shared_records = Vec::with_capacity(TaskKind::SEQUENCE.len());
@@ -172,6 +175,8 @@ mod tests {
         let subject = |version| TrialSubject { version, terms: terms.clone(), fallback: None };
         let all: Vec<TrialSubject> = embedded::baselines().unwrap().into_iter().map(subject).collect();
         let mut worker = Worker::new();
+        let mut unforked = cell.clone();
+        Arc::make_mut(&mut unforked.spec).abilities.export_state = false;
         let mut lengths = std::collections::BTreeSet::new();
         for task in TaskKind::SEQUENCE {
             let runs_task = |subject: &&TrialSubject| subject.version.id().family.to_string() == task.name();
@@ -186,6 +191,10 @@ mod tests {
                 let pair = run_sequence_pair(&mut worker, &cell, lineups, task, seed);
                 let separate = lineups.map(|lineup| run_sequence(&mut worker, &cell, lineup, seed));
                 assert_eq!(pair, separate, "{task} {seed}");
+                if index == 0 {
+                    let pair = run_sequence_pair(&mut worker, &unforked, lineups, task, seed);
+                    assert_eq!(pair, separate, "{task} {seed} without forks");
+                }
                 lengths.extend(pair.iter().map(Vec::len));
             }
         }

@@ -22,7 +22,7 @@ use holdpoint_runtime::task::{Supervision, TaskRecord, TaskRun, TaskStage};
 use holdpoint_runtime::terms::SkillTerms;
 
 use super::drills::phases::{POINT_MIN, PhaseWatch, WorkTrace};
-use super::worker::Worker;
+use super::worker::{TrialArm, Worker};
 use crate::cell::{Cell, Conditions};
 
 /// Whose work it is, and where.
@@ -79,7 +79,8 @@ struct ForkPoint {
 
 /// See the module's head.
 pub struct UndisturbedRun {
-    start: CellCopy,
+    /// Absent in a cell that cannot export its state: it is reset to the start again, and nothing is forked.
+    start: Option<CellCopy>,
     /// The phase in which drills begin: it is forked where that begins.
     phase: Option<WorkPhase>,
     /// In order of their ticks.
@@ -102,7 +103,20 @@ impl UndisturbedRun {
         let arm = worker.arm(trial.cell, &trial.setup())?;
         // Of a call that the dispatcher refuses no tick is reached.
         let trace = (!trial.is_admitted(arm)).then(WorkTrace::default);
-        Ok(Self { start: arm.body().copy()?, phase, forks: Vec::new(), trace, drilled: Vec::new() })
+        let start = trial.cell.spec.abilities.export_state.then(|| arm.body().copy()).transpose()?;
+        Ok(Self { start, phase, forks: Vec::new(), trace, drilled: Vec::new() })
+    }
+
+    /// The worker's arm where the work begins.
+    fn arm_at_start<'a>(
+        &self,
+        worker: &'a mut Worker,
+        trial: &TrialCase<'_>,
+    ) -> Result<&'a mut TrialArm, CellError> {
+        match &self.start {
+            Some(start) => worker.arm_from(trial.cell, start),
+            None => worker.arm(trial.cell, &trial.setup()),
+        }
     }
 
     /// What the whole work shows, worked to its end if it was not yet.
@@ -113,7 +127,7 @@ impl UndisturbedRun {
         if self.trace.is_none() {
             let mut trace = WorkTrace::default();
             let mut run = trial.start();
-            let arm = worker.arm_from(trial.cell, &self.start)?;
+            let arm = self.arm_at_start(worker, trial)?;
             let mut phases = PhaseWatch::new(arm.body().as_ref());
             while run.stage() == TaskStage::Working {
                 run.tick(&mut arm.handle(), &mut |handle, passed| {
@@ -126,6 +140,7 @@ impl UndisturbedRun {
                 let at = trace.ticks();
                 let begins = at >= POINT_MIN && self.phase.is_some() && trace.phase_at(at) == self.phase;
                 if begins
+                    && self.start.is_some()
                     && self.forks.is_empty()
                     && run.stage() == TaskStage::Working
                     && let Some(run) = run.fork()
@@ -155,8 +170,10 @@ impl UndisturbedRun {
         }
         let fork = self.forks.iter().rev().find(|fork| fork.tick <= point);
         let forked = fork.and_then(|fork| Some((&fork.world, fork.tick, fork.run.fork()?)));
-        let (world, at, mut run) = forked.unwrap_or_else(|| (&self.start, 0, trial.start()));
-        let arm = worker.arm_from(trial.cell, world)?;
+        let (arm, at, mut run) = match forked {
+            Some((world, at, run)) => (worker.arm_from(trial.cell, world)?, at, run),
+            None => (self.arm_at_start(worker, trial)?, 0, trial.start()),
+        };
         if at == point {
             return Ok(Some(run));
         }

@@ -125,6 +125,29 @@ fn from_the_start(worker: &mut Worker, case: &DrillCase<'_>) -> DrillEnd {
     end(worker, result)
 }
 
+/// Some cells cannot export their state. What is undisturbed is then worked again from a reset.
+#[test]
+fn drills_in_a_cell_without_forks_have_the_same_results() {
+    let (bench, mut unforked) = (DrillBench::new(), DrillBench::new());
+    Arc::make_mut(&mut unforked.cell.spec).abilities.export_state = false;
+    let run = |bench: &DrillBench, kind, index| {
+        let cast = bench.cast(bench.version("grasp"));
+        let mut shared = None;
+        let case = bench.case(&cast, kind, Some(WorkPhase::Lifting), seed(index));
+        let result = case.run(&mut Worker::new(), &mut shared);
+        (result, shared.map_or(0, |work| work.forks()))
+    };
+    let mut is_any_passed = false;
+    for kind in DrillKind::ALL {
+        for index in 0..2 {
+            let (expected, forks) = run(&bench, kind, index);
+            assert_eq!(run(&unforked, kind, index), (expected, 0), "{kind:?} {index}, {forks} forks");
+            is_any_passed |= expected == DrillResult::Passed;
+        }
+    }
+    assert!(is_any_passed);
+}
+
 #[test]
 fn drill_from_a_shared_prefix_equals_the_drill_from_its_start() {
     let bench = DrillBench::new();
