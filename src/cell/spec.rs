@@ -84,7 +84,7 @@ pub struct CellSpec {
     pub zones: Arc<[Zone]>,
     /// What is handled.
     pub workpieces: Vec<Workpiece>,
-    /// The tasks that the cell presents, in their order.
+    /// The tasks that the cell presents, in their order; those of [`TaskKind::SEQUENCE`].
     pub tasks: Vec<TaskKind>,
     /// Ticks per second.
     pub rate_hz: u32,
@@ -150,8 +150,12 @@ impl CellSpec {
         if self.camera_hz == 0 || self.camera_hz > self.rate_hz {
             return refuse("camera_hz", format!("\"{}\" must be 1 to {}", self.camera_hz, self.rate_hz));
         }
-        if self.tasks.is_empty() {
-            return refuse("tasks", "the list is empty; a cell presents at least one task".to_owned());
+        // The live world works whole sequences, and every family has its task in them.
+        if self.tasks != TaskKind::SEQUENCE {
+            return refuse(
+                "tasks",
+                format!("\"{:?}\" must be those of a sequence, {:?}", self.tasks, TaskKind::SEQUENCE),
+            );
         }
         if self.zones.iter().ne(&self.scene.zones) {
             return refuse("zones", "they must be those of the scene".to_owned());

@@ -81,10 +81,14 @@ impl Cell {
     /// The cell of a factory.
     ///
     /// # Errors
-    /// If its distributions cannot be read.
+    /// If this program cannot work with its description, or its distributions cannot be read.
     pub fn new(factory: Arc<dyn CellFactory>) -> Result<Self, CellError> {
         let [canonical, sandbox, live] = factory.distributions()?;
         let spec = Arc::clone(factory.spec());
+        spec.check(&spec.robot.name)?;
+        for distribution in [&canonical, &sandbox, &live] {
+            distribution.check(&distribution.name)?;
+        }
         let computed_by = computed_by(factory.build_digest());
         let digest = digest(&spec, [&canonical, &sandbox, &live], &computed_by);
         let starts = TaskKind::SEQUENCE
@@ -266,6 +270,48 @@ mod tests {
     use holdpoint_sim::SimCells;
 
     use super::*;
+
+    /// The simulated cells under another description.
+    struct Described {
+        spec: Arc<CellSpec>,
+        simulated: Arc<dyn CellFactory>,
+    }
+
+    impl CellFactory for Described {
+        fn spec(&self) -> &Arc<CellSpec> {
+            &self.spec
+        }
+        fn build_digest(&self) -> &str {
+            self.simulated.build_digest()
+        }
+        fn distributions(&self) -> Result<[Distribution; 3], CellError> {
+            self.simulated.distributions()
+        }
+        fn with_drift(&self, of: &Distribution, drift: &Drift) -> Result<Distribution, CellError> {
+            self.simulated.with_drift(of, drift)
+        }
+        fn live(&self) -> Result<Box<dyn LiveCell>, CellError> {
+            self.simulated.live()
+        }
+        fn trial(&self) -> Result<Box<dyn TrialCell>, CellError> {
+            self.simulated.trial()
+        }
+    }
+
+    /// The rate and the tasks are those of this program, whoever builds the cells.
+    #[test]
+    fn cell_that_this_program_cannot_work_with_is_refused() {
+        let simulated = SimCells.builtin(None).unwrap();
+        let refused = |change: fn(&mut CellSpec)| {
+            let mut spec = CellSpec::clone(simulated.spec());
+            change(&mut spec);
+            let factory = Described { spec: Arc::new(spec), simulated: Arc::clone(&simulated) };
+            Cell::new(Arc::new(factory)).err().map(|error| error.to_string())
+        };
+        assert_eq!(refused(|_| {}), None);
+        assert!(refused(|spec| spec.rate_hz = 1000).unwrap().contains("rate_hz"));
+        assert!(refused(|spec| spec.tasks = vec![TaskKind::Grasp]).unwrap().contains("tasks"));
+    }
 
     /// Evidence and cached results are bound to the digest, so it must cover everything that an episode depends on.
     #[test]
