@@ -27,9 +27,6 @@ use holdpoint_runtime::terms::SkillTerms;
 /// Distance of two arm setpoints that counts as a full divergence, m.
 const FULL_DIVERGENCE_M: f64 = 0.2;
 
-/// Difference of two pad distances that counts as a full divergence, m.
-const FULL_DIVERGENCE_WIDTH_M: f64 = 0.08;
-
 /// Radius of the tube round the active version's path, m.
 pub const TUBE_RADIUS_M: f32 = 0.03;
 
@@ -50,8 +47,8 @@ impl Setpoints {
         }
     }
 
-    /// Distance of two setpoints in [0, 1]: the larger of the two channels'.
-    fn divergence(&self, other: &Self) -> f64 {
+    /// Distance of two setpoints in [0, 1]: the larger of the two channels'. From closed to open, `width_max_m`, is 1.
+    fn divergence(&self, other: &Self, width_max_m: f64) -> f64 {
         let arm = match (&self.pose, &other.pose) {
             (Some(a), Some(b)) => (a.distance_m(b) / FULL_DIVERGENCE_M).min(1.0),
             (None, None) => 0.0,
@@ -59,7 +56,7 @@ impl Setpoints {
             _ => 0.5,
         };
         let gripper = match (self.width_m, other.width_m) {
-            (Some(a), Some(b)) => ((a - b).abs() / FULL_DIVERGENCE_WIDTH_M).min(1.0),
+            (Some(a), Some(b)) => ((a - b).abs() / width_max_m).min(1.0),
             (None, None) => 0.0,
             _ => 0.5,
         };
@@ -118,6 +115,8 @@ pub struct Shadow {
     candidate: Capability,
     terms: SkillTerms,
     fork: Option<Box<dyn TrialCell>>,
+    /// Largest distance between the pads of the robot, m.
+    width_max_m: f64,
     /// Where the twin began; absent before the task.
     start: Option<TwinStart>,
     skill: Option<Box<dyn Skill>>,
@@ -175,6 +174,7 @@ impl Shadow {
         Self {
             candidate,
             terms,
+            width_max_m: fork.spec().robot.width_max_m,
             fork: Some(fork),
             start: None,
             skill: None,
@@ -353,7 +353,7 @@ impl Listener for Shadow {
             self.proposed.note(&proposal);
             self.recorder.record(passed.tick, proposal);
             self.live_recorder.record(passed.tick, passed.command.clone());
-            self.divergence_sum += self.live.divergence(&self.proposed);
+            self.divergence_sum += self.live.divergence(&self.proposed, self.width_max_m);
             self.ticks += 1;
         }
         Supervision::Continue
@@ -411,13 +411,14 @@ mod tests {
     fn setpoint_divergence_is_that_of_the_larger_channel() {
         let mut a = Setpoints::default();
         let mut b = Setpoints::default();
-        assert!(a.divergence(&b).abs() < 1e-12);
+        assert!(a.divergence(&b, 0.08).abs() < 1e-12);
         a.note(&Command::Gripper { width_m: 0.08, speed_m_s: 0.1, force_n: 1.0 });
         b.note(&Command::Gripper { width_m: 0.04, speed_m_s: 0.1, force_n: 1.0 });
-        assert!((a.divergence(&b) - 0.5).abs() < 1e-12);
+        assert!((a.divergence(&b, 0.08) - 0.5).abs() < 1e-12);
+        assert!((a.divergence(&b, 0.16) - 0.25).abs() < 1e-12);
         let far = Pose { position: [1.0, 0.0, 0.0], ..Pose::IDENTITY };
         a.note(&Command::ToolPose { pose: Pose::IDENTITY, max_speed_m_s: 0.1 });
         b.note(&Command::ToolPose { pose: far, max_speed_m_s: 0.1 });
-        assert!((a.divergence(&b) - 1.0).abs() < 1e-12);
+        assert!((a.divergence(&b, 0.08) - 1.0).abs() < 1e-12);
     }
 }
