@@ -93,6 +93,9 @@ fn rerun(
     (id, evidence_file): (&CapabilityId, &EvidenceFile),
     request: FilmRequest,
 ) -> Result<Result<Film, FilmRefusal>, ExplainFault> {
+    if !context.cell.spec.abilities.film {
+        return Ok(Err(FilmRefusal::CellCannotFilm));
+    }
     let chosen = match episode_selection::choose(evidence_file, request) {
         Ok(chosen) => chosen,
         Err(failure) => return Ok(Err(FilmRefusal::NotSelected { version: id.clone(), failure })),

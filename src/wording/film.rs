@@ -28,6 +28,7 @@ pub fn refusal(of: &FilmRefusal) -> String {
         FilmRefusal::ComparedVersionMissing { version } => {
             format!("the version that {version} was compared with is not in the registry")
         }
+        FilmRefusal::CellCannotFilm => "the cell keeps no frames of its episodes".to_owned(),
     }
 }
 
@@ -306,6 +307,7 @@ mod tests {
                 FilmRefusal::ComparedVersionMissing { version: version() },
                 "the version that grasp@1.1.0 was compared with is not in the registry",
             ),
+            (FilmRefusal::CellCannotFilm, "the cell keeps no frames of its episodes"),
             (
                 not_selected(SelectionFailure::NoneOnRecord(FilmSubject::Episode)),
                 "grasp@1.1.0: no paired episode of the sandbox is on record",

@@ -122,6 +122,8 @@ pub enum FilmRefusal {
         /// The version that was evaluated.
         version: CapabilityId,
     },
+    /// The cell keeps no frames.
+    CellCannotFilm,
 }
 
 /// A difference of a re-run from the original.
