@@ -31,6 +31,7 @@ pub enum RecordGroup {
     Events,
     /// Requests to people and their actions.
     People,
+    /// What calls a person.
     Alarms,
     /// The store itself: context, recordings, witnesses, pruned telemetry. Without seals, which would crowd out the
     /// rest.
