@@ -298,7 +298,7 @@ mod tests {
         }
     }
 
-    /// The rate and the tasks are those of this program, whoever builds the cells.
+    /// The rate and the tasks are those of this program, for every maker of cells.
     #[test]
     fn cell_that_this_program_cannot_work_with_is_refused() {
         let simulated = SimCells.builtin(None).unwrap();

@@ -125,7 +125,7 @@ fn from_the_start(worker: &mut Worker, case: &DrillCase<'_>) -> DrillEnd {
     end(worker, result)
 }
 
-/// Some cells cannot export their state. What is undisturbed is then worked again from a reset.
+/// Some cells cannot export their state. What is undisturbed then starts from a reset.
 #[test]
 fn drills_in_a_cell_without_forks_have_the_same_results() {
     let (bench, mut unforked) = (DrillBench::new(), DrillBench::new());
