@@ -23,7 +23,7 @@ fn second_console_can_only_stop_the_engine_of_a_plain_stream() {
     assert!(stop_of(&home).is_null());
     for key in ["X", "\x1b[20~"] {
         second.keys(key);
-        second.wait_for_text("stopped, by alice");
+        second.wait_for_text("the cell is stopped");
         assert_eq!(stop_of(&home)["by"], "alice");
         let go = [
             "go",
