@@ -289,7 +289,7 @@ fn watchdog_stops_an_arm_that_moves_and_says_so() {
     let factory = WireFactory::over("test".to_owned(), connect_to(&server), options).unwrap();
     let mut live = factory.live().unwrap();
     live.step(&joints(2.0, 2.0, 0.5)).unwrap();
-    // Nothing is asked until the server has told of the stop.
+    // Nothing is asked until the server has reported the stop.
     let told = notes.recv_timeout(LONG).unwrap();
     assert!(told.contains("no command for 400 ms; it stood still 0 ticks later"), "{told}");
     let error = live.step(&Command::Hold).unwrap_err();

@@ -237,6 +237,28 @@ pub struct RollbackRecord {
 }
 
 impl RollbackRecord {
+    /// The record of a rollback that was triggered and has done nothing yet: the arm was idle, and nothing is in control.
+    #[must_use]
+    pub const fn triggered(candidate: CapabilityId, trigger: Trigger) -> Self {
+        Self {
+            candidate,
+            predecessor: None,
+            trigger,
+            in_flight: false,
+            time_to_safe_ticks: None,
+            time_to_safe_ms: None,
+            time_to_restored_ticks: None,
+            time_to_restored_ms: None,
+            unsafe_continuation_ms: 0,
+            rungs: Vec::new(),
+            post_status: PostStatus::SafeStopped,
+            recovered: None,
+            resumed_tasks: 0,
+            shared: None,
+            uncompared: None,
+        }
+    }
+
     /// The failure the family was stopped for.
     #[must_use]
     pub fn stopped_by(&self) -> Option<RungFailure> {

@@ -43,7 +43,7 @@ pub struct WireCell {
     peer: RefCell<Peer>,
     seen: CellState,
     truth: Truth,
-    /// What was last told of the guard; none since a start.
+    /// The last reported state of the guard; absent since a start.
     guard: Cell<Option<GuardVerdict>>,
     /// Whether the server has yet to hear of it.
     is_untold: Cell<bool>,

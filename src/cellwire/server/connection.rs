@@ -64,7 +64,7 @@ struct Connection<'a, S> {
     watchdog: Watchdog,
     /// A stop of the watchdog that stands.
     stopped: Option<WatchdogStop>,
-    /// What was last told of the guard; none since a start.
+    /// The last reported state of the guard; absent since a start.
     guard: Option<GuardVerdict>,
     /// The number of the next request.
     due: u64,

@@ -493,22 +493,10 @@ fn rolled_back(by: TriggerKind, violation: bool) -> ReplayModel {
         failure: None,
     };
     let text: NoticeOrText = Notice::StageBegins.into();
+    let trigger = Trigger { kind: by, event: None, text: text.clone(), tick: 12_000, measured: None };
     let record = RollbackRecord {
-        candidate: version.clone(),
-        predecessor: None,
-        trigger: Trigger { kind: by, event: None, text: text.clone(), tick: 12_000, measured: None },
-        in_flight: false,
-        time_to_safe_ticks: None,
-        time_to_safe_ms: None,
-        time_to_restored_ticks: None,
-        time_to_restored_ms: None,
-        unsafe_continuation_ms: 0,
-        rungs: Vec::new(),
         post_status: PostStatus::RolledBack,
-        recovered: None,
-        resumed_tasks: 0,
-        shared: None,
-        uncompared: None,
+        ..RollbackRecord::triggered(version.clone(), trigger)
     };
     let kinds = [
         (30_000, EventKind::Sequence { index: 0, success: true, tasks: vec![task], refused: None }),

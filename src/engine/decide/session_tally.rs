@@ -90,22 +90,11 @@ mod tests {
     }
 
     fn rolled_back(version: &CapabilityId, kind: TriggerKind, recovered: Option<bool>) -> EventKind {
+        let trigger = Trigger { kind, event: None, text: NoticeOrText::default(), tick: 0, measured: None };
         let record = RollbackRecord {
-            candidate: version.clone(),
-            predecessor: None,
-            trigger: Trigger { kind, event: None, text: NoticeOrText::default(), tick: 0, measured: None },
-            in_flight: false,
-            time_to_safe_ticks: None,
-            time_to_safe_ms: None,
-            time_to_restored_ticks: None,
-            time_to_restored_ms: None,
-            unsafe_continuation_ms: 0,
-            rungs: Vec::new(),
             post_status: PostStatus::RolledBack,
             recovered,
-            resumed_tasks: 0,
-            shared: None,
-            uncompared: None,
+            ..RollbackRecord::triggered(version.clone(), trigger)
         };
         crate::decide::stages::ladder::event(record)
     }

@@ -84,23 +84,8 @@ impl Rollback<'_> {
                 TransitionNote::because(Notice::AuthorityRevoked { trigger: Box::new(trigger.text.clone()) });
             self.record.transition(&id.family, LifecycleEvent::BeginRollback { version }, note)?;
         }
-        let mut record = RollbackRecord {
-            candidate: id.clone(),
-            predecessor: None,
-            trigger,
-            in_flight: trip.is_some(),
-            time_to_safe_ticks: None,
-            time_to_safe_ms: None,
-            time_to_restored_ticks: None,
-            time_to_restored_ms: None,
-            unsafe_continuation_ms: 0,
-            rungs: Vec::new(),
-            post_status: PostStatus::SafeStopped,
-            recovered: None,
-            resumed_tasks: 0,
-            shared: None,
-            uncompared: None,
-        };
+        let mut record =
+            RollbackRecord { in_flight: trip.is_some(), ..RollbackRecord::triggered(id.clone(), trigger) };
         rung(self.record, &mut record, Rung::RevokeAuthority, None, Notice::NoMoreCommands);
         let motion = self.bring_to_rest(id, trip, &mut record)?;
         self.monitors.remove(&id.family);
