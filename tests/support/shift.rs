@@ -32,6 +32,7 @@ use holdpoint_protocol::snapshot::{
 };
 use holdpoint_protocol::video_frame::{ArmView, EnvelopeView, NO_TURN, Region, Scenery, Twin, VideoFrame};
 use holdpoint_protocol::work_unit::WorkUnit;
+use holdpoint_wording::stage::early_end;
 
 #[path = "question.rs"]
 mod question;
@@ -207,7 +208,7 @@ fn candidates() -> Vec<CandidateView> {
         budget: 480,
         part: None,
         since_ms: 636_000,
-        early: "a worsening beyond the tolerance is established, or can no longer be".to_owned(),
+        early: early_end(Stage::Sandbox).to_owned(),
     });
     sandbox.dimensions = dimensions([Some(1.0), Some(0.97), Some(0.914), None]);
     sandbox.reasons.clear();

@@ -451,7 +451,7 @@ fn running(
     }
     let mut rows = vec![head];
     if chosen && !view.early.is_empty() {
-        let early = wrap(&format!("ends early: {}", view.early), width, EARLY_ROWS_MAX);
+        let early = wrap(&view.early, width, EARLY_ROWS_MAX);
         rows.extend(early.iter().map(|line| Row::of(ThemeRole::Muted, line)));
     }
     rows
