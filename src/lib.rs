@@ -9,6 +9,7 @@ pub mod headless;
 pub mod scenes;
 
 pub use holdpoint_approvals as approvals;
+pub use holdpoint_audit as audit;
 pub use holdpoint_body as body;
 pub use holdpoint_builder as builder;
 #[cfg(feature = "console")]

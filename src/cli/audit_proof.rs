@@ -11,9 +11,9 @@ use crate::cli::context::CliContext;
 use crate::cli::output::CommandOutput;
 use crate::error::{CliError, Exit};
 use holdpoint_approvals::keyfile;
-use holdpoint_registry::{
-    Checkpoint, Layout, Proof, ProofError, prove_consistency, prove_record, store_info, stored_head,
-};
+use holdpoint_audit::checkpoint::Checkpoint;
+use holdpoint_audit::proof::Proof;
+use holdpoint_registry::{Layout, prove_consistency, prove_record, store_info, stored_head};
 use holdpoint_text::Hint;
 
 /// The arguments of `audit proof`.
@@ -168,13 +168,12 @@ pub(super) fn check(
             out.answer(&value, |out| out.line(&format!("holds: {text}")))?;
             Ok(Exit::Confirmed)
         }
-        Err(error @ (ProofError::Wrong(_) | ProofError::NoProof(_) | ProofError::Impossible { .. })) => {
+        Err(error) => {
             let problem = error.sentence();
             let value = serde_json::json!({ "holds": false, "problem": problem });
             out.answer(&value, |out| out.line(&problem))?;
             Ok(Exit::Rejected)
         }
-        Err(error @ ProofError::Unreadable(_)) => Err(CliError::usage(error)),
     }
 }
 

@@ -11,8 +11,9 @@ use super::recordings::{counted, size};
 use crate::cli::context::CliContext;
 use crate::cli::output::CommandOutput;
 use crate::error::{CliError, Exit};
+use holdpoint_audit::witness::witness_heads;
 use holdpoint_recordings::{recording_folder, viewer};
-use holdpoint_registry::{Layout, store_info, witness_heads};
+use holdpoint_registry::{Layout, store_info};
 use holdpoint_text::Hint;
 
 /// The oldest SQLite without the WAL-reset defect.

@@ -3,9 +3,10 @@
 use std::path::Path;
 
 use super::{data, profile_choice};
+use holdpoint_audit::profile_history::ProfileHistory;
 use holdpoint_engine::decide::store_identity::{self, RequestedRules, StartPermission};
 use holdpoint_governance::site_profile::ChosenProfile;
-use holdpoint_registry::{FIRST_ADMINISTRATOR, ProfileHistory, StoreError, Views};
+use holdpoint_registry::{FIRST_ADMINISTRATOR, StoreError, Views};
 use holdpoint_text::{Hint as _, shell_word};
 
 /// Whether an engine may start under a profile on the store in this folder, which may not exist yet.

@@ -15,12 +15,12 @@ use crate::cli::context::CliContext;
 use crate::cli::output::CommandOutput;
 use crate::error::{CliError, Exit};
 use holdpoint_approvals::keyfile;
+use holdpoint_audit::rebuild_report::RebuildReport;
 use holdpoint_record::caller;
 use holdpoint_recordings::audit_record::RecordingClosure;
 use holdpoint_registry::{
-    BackupParts, BackupReport, ExportScope, Layout, ListRecordings, OmittedFile, RebuildReport,
-    RetainedRecording, StoreError, StoreInfo, UnsignedRecords, Views, backup, check_store, export_store,
-    rebuild, store_info,
+    BackupParts, BackupReport, ExportScope, Layout, ListRecordings, OmittedFile, RetainedRecording,
+    StoreError, StoreInfo, UnsignedRecords, Views, backup, check_store, export_store, rebuild, store_info,
 };
 use holdpoint_service::recordings::{self, RecordListError};
 use holdpoint_text::shell_word;

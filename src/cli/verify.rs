@@ -12,11 +12,12 @@ use crate::cli::context::CliContext;
 use crate::cli::output::CommandOutput;
 use crate::error::{CliError, Exit};
 use holdpoint_approvals::keyfile;
+use holdpoint_audit::export_file::{ExportReport, is_exported, verify_export};
+use holdpoint_audit::history_error::HistoryError;
 use holdpoint_engine::decide::evaluation_keys::key_check::{KeyCheck, check_keys};
 use holdpoint_recordings::audit_record::FileCheck;
 use holdpoint_registry::{
-    DatabaseLocation, ExportReport, Layout, MissingBatches, VerifyError, VerifyOptions, VerifyReport,
-    is_exported, verify_against, verify_export,
+    DatabaseLocation, Layout, MissingBatches, VerifyError, VerifyOptions, VerifyReport, verify_against,
 };
 use holdpoint_text::file::kind_of;
 use holdpoint_text::{ErrorDetails, ErrorReason};
@@ -97,7 +98,8 @@ pub(super) fn run(
             return Err(CliError::usage(problem.to_owned())
                 .with_hint("name the exported file with --against, and the store with --data"));
         }
-        return answer(verify_export(&database, key.as_ref()), exported, out);
+        let found = verify_export(&database, key.as_ref()).map_err(VerifyError::from);
+        return answer(found, exported, out);
     }
     let bar = DelayedProgressBar::new();
     let tell = |what: &'static str, done: u64, total: u64| bar.update(what, done, total);
@@ -196,7 +198,9 @@ fn answer<T: serde::Serialize>(
             out.answer(&json!({ "sound": true, "report": report }), |out| show(&report, out))?;
             Ok(Exit::Confirmed)
         }
-        Err(VerifyError::Unreadable(error)) => Err(CliError::usage(error)),
+        Err(error @ (VerifyError::Unreadable(_) | VerifyError::History(HistoryError::Unreadable(_)))) => {
+            Err(CliError::usage(error))
+        }
         Err(error) => not_sound(&error.to_string(), error.record(), out),
     }
 }

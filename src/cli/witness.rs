@@ -17,11 +17,12 @@ use crate::cli::context::CliContext;
 use crate::cli::output::CommandOutput;
 use crate::error::{CliError, Exit};
 use holdpoint_approvals::SignedWitnessAct;
+use holdpoint_audit::witness::witness_heads;
 use holdpoint_governance::profile::ProfileName;
 use holdpoint_record::caller;
 use holdpoint_registry::{
-    FIRST_ADMINISTRATOR, Store, WitnessRequester, add_witness, remove_witness, store_info, witness_heads,
-    witnesses, witnesses_are_signed,
+    FIRST_ADMINISTRATOR, Store, WitnessRequester, add_witness, remove_witness, store_info, witnesses,
+    witnesses_are_signed,
 };
 use holdpoint_text::file::kind_of;
 use holdpoint_text::{ErrorDetails, ErrorReason, Untrusted};

@@ -11,8 +11,16 @@ use std::io;
 use source_digest::SourceDigest;
 
 /// Sources that take a candidate through the stages, from the workspace's root.
-const DECIDES: [&str; 7] =
-    ["profiles", "src/approvals", "src/engine", "src/explain", "src/record", "src/registry", "src/service"];
+const DECIDES: [&str; 8] = [
+    "profiles",
+    "src/approvals",
+    "src/audit",
+    "src/engine",
+    "src/explain",
+    "src/record",
+    "src/registry",
+    "src/service",
+];
 
 fn main() -> io::Result<()> {
     let mut digest = SourceDigest::of("../..", &DECIDES)?;

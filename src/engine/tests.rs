@@ -4,6 +4,7 @@ use std::path::Path;
 
 use holdpoint_approvals::keyfile::KeyEncoding;
 use holdpoint_approvals::{Approval, Nonce};
+use holdpoint_audit::profile_history::ProfileHistory;
 use holdpoint_body::disturbance::{Drift, DriftKind, Magnitude};
 use holdpoint_cell::CellSource as _;
 use holdpoint_governance::alarms::{AlarmEvent, AlarmKey, Priority};
@@ -26,7 +27,7 @@ use holdpoint_governance::record::RecordKind;
 use holdpoint_protocol::command::{Command, Operation, Refusal, Reply, Request, StopPersistence};
 use holdpoint_protocol::event::EventKind;
 use holdpoint_registry::store_terms::EvidenceKind;
-use holdpoint_registry::{AuditFilter, Change, ProfileHistory, Store, StoreError};
+use holdpoint_registry::{AuditFilter, Change, Store, StoreError};
 use holdpoint_runtime::agent::Agent;
 use holdpoint_runtime::capability::{self, Capability};
 use holdpoint_sim::SimCells;

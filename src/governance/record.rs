@@ -305,12 +305,18 @@ impl AuditRecord {
     /// The hash that the record's fields must have; a verifier compares it with the stored one.
     #[must_use]
     pub fn expected_hash(&self) -> Digest {
+        self.hashed().expected_hash()
+    }
+
+    /// The hashed content.
+    #[must_use]
+    pub fn hashed(&self) -> RecordRef<'_> {
         let kind = match &self.kind {
             Lenient::Known(kind) => kind.name(),
             Lenient::Unknown(text) => text,
         };
         let Self { seq, prev, hash, at_ms, subject, body, .. } = self;
-        RecordRef { seq: *seq, prev: *prev, hash: *hash, at_ms: *at_ms, kind, subject, body }.expected_hash()
+        RecordRef { seq: *seq, prev: *prev, hash: *hash, at_ms: *at_ms, kind, subject, body }
     }
 }
 

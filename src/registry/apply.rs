@@ -6,8 +6,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use rusqlite::{Connection, OptionalExtension, Row, params};
 use serde_json::{Value, json};
 
-use super::approve::RecordedApproval;
-use super::audit::{self, Head};
+use super::audit;
 use super::change::{
     AUDIT_MAX, AuditBody, BODY_BYTES_MAX, CHANGES_MAX, Change, NOTICE_BYTES_MAX, Receipt, TEXT_BYTES_MAX,
     Transaction,
@@ -16,11 +15,13 @@ use super::columns::parsed;
 use super::error::StoreError;
 use super::fold::{ChainFault, Fold};
 use super::invariants;
-use super::profile_downgrade::ProfileHistory;
 use super::row_images::{RowName, row_digest, rows_of};
 use super::store_terms::{EvidenceKind, is_own};
-use super::witness::{self, WITNESSES_MAX};
 use holdpoint_approvals::PersonActKind;
+use holdpoint_audit::chain::Head;
+use holdpoint_audit::profile_history::ProfileHistory;
+use holdpoint_audit::recorded_approval::RecordedApproval;
+use holdpoint_audit::witness::{WITNESSES_MAX, check_path};
 use holdpoint_governance::alarms::{AlarmState, Priority};
 use holdpoint_governance::ids::{CapabilityId, Digest, canonical_json, is_name};
 use holdpoint_governance::lifecycle::State;
@@ -454,7 +455,7 @@ impl Applier<'_> {
             Change::SetWitness { folder, present, by, act } => {
                 check_json("caller", by)?;
                 self.check_witness_act((folder, *present), act.as_deref())?;
-                witness::check_path(folder)?;
+                check_path(folder)?;
                 let known = self.fold.witnesses();
                 if *present && known.len() >= WITNESSES_MAX && !known.contains(folder) {
                     let allowed = format!("at most {WITNESSES_MAX}");

@@ -1,71 +1,16 @@
 //! Changes about approvals: requests, signed decisions, and their one use.
 
 use rusqlite::params;
-use serde::{Deserialize, Serialize};
 
 use super::apply::{Applier, ChangeEffect, check_int, check_json, check_name};
 use super::change::ApprovalRequest;
 use super::error::StoreError;
-use holdpoint_approvals::{Approval, Nonce, PersonDirectory, PersonState, SignedApproval};
-use holdpoint_governance::approval::{ApprovalDecision, Role};
+use holdpoint_approvals::{PersonDirectory, PersonState, SignedApproval};
+use holdpoint_audit::recorded_approval::RecordedApproval;
+use holdpoint_governance::approval::ApprovalDecision;
 use holdpoint_governance::ids::{CapabilityId, Digest, canonical_json};
-use holdpoint_governance::profile::ProfileName;
 use holdpoint_governance::record::RecordKind;
 use holdpoint_governance::wall_time::WallTime;
-
-/// An approval in its record's form; its signature is in its row.
-#[derive(Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub(crate) struct RecordedApproval {
-    pub(crate) change: String,
-    pub(crate) who: String,
-    pub(crate) role: Role,
-    pub(crate) decision: ApprovalDecision,
-    pub(crate) reason: String,
-    pub(crate) row_version: u64,
-    pub(crate) evidence_digest: Digest,
-    pub(crate) policy_digest: Digest,
-    pub(crate) profile: ProfileName,
-    pub(crate) not_after_ms: u64,
-    pub(crate) nonce: Nonce,
-    /// The signed data without the store's key: equal in equal runs. Earlier versions signed none.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    shown: Option<DisplayDigests>,
-}
-
-/// The signed data of a decision, in its record's form.
-#[derive(Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-struct DisplayDigests {
-    renderer: u32,
-    lines: Digest,
-    facts: Digest,
-    request: Nonce,
-}
-
-impl RecordedApproval {
-    pub(crate) fn of(approval: &Approval) -> Self {
-        Self {
-            change: "put-approval".to_owned(),
-            who: approval.who.clone(),
-            role: approval.role,
-            decision: approval.decision,
-            reason: approval.reason.clone(),
-            row_version: approval.row_version,
-            evidence_digest: approval.evidence_digest,
-            policy_digest: approval.policy_digest,
-            profile: approval.profile,
-            not_after_ms: approval.not_after_ms,
-            nonce: approval.nonce.clone(),
-            shown: approval.shown.as_ref().map(|shown| DisplayDigests {
-                renderer: shown.renderer,
-                lines: shown.lines,
-                facts: shown.facts,
-                request: shown.request.clone(),
-            }),
-        }
-    }
-}
 
 impl Applier<'_> {
     pub(super) fn put_request(&mut self, request: &ApprovalRequest) -> Result<ChangeEffect, StoreError> {

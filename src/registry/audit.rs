@@ -1,18 +1,15 @@
-//! The audit chain: append-only records, each holding the hash of the one before.
-//!
-//! Owns the bytes of a record, and appends and reads records. Virtual time is hashed and wall time never, so that equal
-//! runs give equal chains. [`verify`](super::verify()) checks the chain.
+//! The audit chain in its table: appends and reads records. [`verify`](super::verify()) checks the chain.
 
 use std::borrow::Cow;
-use std::io::{self, ErrorKind, Write};
+use std::io::{ErrorKind, Write};
 
 use rusqlite::{Connection, OptionalExtension, Row, params};
-use serde::Serialize;
-use serde_json::ser::Formatter;
 
 use super::error::{StoreError, StoreFailure};
-use super::merkle::Frontier;
 use super::row_limit::error_message;
+use holdpoint_audit::ascii_json::ascii_json;
+use holdpoint_audit::chain::Head;
+use holdpoint_audit::merkle::Frontier;
 use holdpoint_governance::closed_set::Lenient;
 use holdpoint_governance::ids::Digest;
 use holdpoint_governance::record::{AuditRecord, RecordKind};
@@ -33,17 +30,6 @@ pub(crate) fn read(row: &Row<'_>) -> rusqlite::Result<AuditRecord> {
         body: row.get(6)?,
         wall_ms: row.get(7)?,
     })
-}
-
-/// The end of the chain.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Head {
-    /// Sequence number of the last record, 0 if there is none.
-    pub seq: u64,
-    /// Its hash, zeros if there is none.
-    pub hash: Digest,
-    /// Its virtual time, ms; the next record's is not before it.
-    pub at_ms: u64,
 }
 
 /// Reads the end of the chain.
@@ -211,80 +197,5 @@ pub(crate) fn export(
         Err(ExportError::Write(error)) if error.kind() == ErrorKind::BrokenPipe => Ok(written),
         Err(error) => Err(error),
         Ok(()) => Ok(written),
-    }
-}
-
-/// Writes a value as JSON with everything but printable ASCII as `\u` escapes.
-pub(crate) fn write_ascii_json(out: impl Write, value: &impl Serialize) -> serde_json::Result<()> {
-    value.serialize(&mut serde_json::Serializer::with_formatter(out, AsciiFormatter))
-}
-
-/// As [`write_ascii_json`], as a text.
-pub(crate) fn ascii_json(value: &impl Serialize) -> serde_json::Result<String> {
-    let mut text = Vec::new();
-    write_ascii_json(&mut text, value)?;
-    String::from_utf8(text).map_err(serde::ser::Error::custom)
-}
-
-struct AsciiFormatter;
-
-impl Formatter for AsciiFormatter {
-    fn write_string_fragment<W: ?Sized + Write>(&mut self, out: &mut W, fragment: &str) -> io::Result<()> {
-        let is_plain = |character: char| matches!(character, ' '..='~');
-        for piece in fragment.split_inclusive(|character| !is_plain(character)) {
-            let last = piece.chars().next_back().filter(|character| !is_plain(*character));
-            let plain = piece.len() - last.map_or(0, char::len_utf8);
-            out.write_all(&piece.as_bytes()[..plain])?;
-            for unit in last.iter().flat_map(|last| last.encode_utf16(&mut [0; 2]).to_vec()) {
-                write!(out, "\\u{unit:04x}")?;
-            }
-        }
-        Ok(())
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn escaped_json_keeps_its_value() {
-        for value in ["plain", "\u{9b}31m", "\u{202e}evil", "é", "😀", "\u{7f}", "\u{1b}[2J"] {
-            let text = ascii_json(&value).unwrap();
-            assert!(text.bytes().all(|b| (b' '..=b'~').contains(&b)), "{text}");
-            assert_eq!(serde_json::from_str::<String>(&text).unwrap(), value);
-        }
-    }
-
-    #[test]
-    fn every_field_is_hashed_but_wall_time() {
-        let zero = Digest::from_bytes([0; 32]);
-        let record = AuditRecord {
-            seq: 1,
-            prev: zero,
-            hash: zero,
-            at_ms: 2,
-            kind: Lenient::read("k".into()),
-            subject: "s".into(),
-            body: "{}".into(),
-            wall_ms: 3,
-        };
-        let hash = record.expected_hash();
-        let edits: [fn(&mut AuditRecord); 6] = [
-            |r| r.seq = 2,
-            |r| r.prev = Digest::from_bytes([1; 32]),
-            |r| r.at_ms = 3,
-            |r| r.kind = Lenient::read("l".into()),
-            |r| r.subject = "t".into(),
-            |r| r.body = "[]".into(),
-        ];
-        for (index, edit) in edits.into_iter().enumerate() {
-            let mut edited = record.clone();
-            edit(&mut edited);
-            assert_ne!(edited.expected_hash(), hash, "edit {index}");
-        }
-        let mut later = record.clone();
-        later.wall_ms = 9;
-        assert_eq!(later.expected_hash(), hash);
     }
 }

@@ -4,11 +4,10 @@ use rusqlite::Connection;
 use serde::Deserialize;
 
 use super::change::Change;
-use super::profile_downgrade::{ProfileChangeBody, ProfileHistory};
-use super::verify_error::VerifyError;
-use holdpoint_approvals::{Person, PersonDirectory, PersonError, SignedProfileAct};
+use holdpoint_approvals::{Person, PersonDirectory};
+use holdpoint_audit::history_error::HistoryError;
+use holdpoint_audit::profile_history::{ProfileChangeBody, ProfileHistory, check_key_guarded};
 use holdpoint_governance::ids::Digest;
-use holdpoint_governance::profile::ProfileName;
 use holdpoint_governance::record::RecordKind;
 
 /// The checked part of an authorization's record.
@@ -26,7 +25,7 @@ struct AuthorizationBody {
 pub(crate) fn check_authorizations(
     connection: &Connection,
     persons: &PersonDirectory,
-) -> rusqlite::Result<Result<(), VerifyError>> {
+) -> rusqlite::Result<Result<(), HistoryError>> {
     let kinds = [RecordKind::WitnessSet, RecordKind::ProfileAllowed, RecordKind::ContextSet];
     let mut select = connection
         .prepare("SELECT seq, prev, body, kind FROM audit WHERE kind IN (?1, ?2, ?3) ORDER BY seq")?;
@@ -34,7 +33,7 @@ pub(crate) fn check_authorizations(
     let mut history = ProfileHistory::default();
     while let Some(row) = rows.next()? {
         let (seq, prev, body): (u64, [u8; 32], String) = (row.get(0)?, row.get(1)?, row.get(2)?);
-        let bad = |problem: String| Ok(Err(VerifyError::Record { seq, problem }));
+        let bad = |problem: String| Ok(Err(HistoryError::Record { seq, problem }));
         if row.get::<_, String>(3)? == RecordKind::ContextSet.name() {
             let set = serde_json::from_str::<ProfileChangeBody>(&body).map_err(|error| error.to_string());
             match set.and_then(|set| history.take(seq, set.change)) {
@@ -72,20 +71,8 @@ pub(crate) fn check_authorizations(
         };
         if let Err(error) = checked {
             let problem = format!("in record {seq}: {error}");
-            return Ok(Err(VerifyError::Person { name: by.clone(), problem }));
+            return Ok(Err(HistoryError::Person { name: by.clone(), problem }));
         }
     }
     Ok(Ok(()))
-}
-
-/// Under a profile with approvers, before or after the change, only the administrator may be able to give the
-/// authorization.
-pub(crate) fn check_key_guarded(
-    act: &SignedProfileAct,
-    persons: &PersonDirectory,
-    last: Option<ProfileName>,
-) -> Result<(), PersonError> {
-    // Earlier versions checked the profile in force alone.
-    let next = act.act().rules.as_ref().map(|_| act.act().profile);
-    if [last, next].contains(&Some(ProfileName::Human)) { act.check_guarded(persons) } else { Ok(()) }
 }

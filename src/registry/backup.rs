@@ -16,16 +16,17 @@ use serde::Serialize;
 use sha2::{Digest as _, Sha256};
 
 use super::chain_signature;
-use super::checkpoint::{name, read_all};
 use super::error::StoreError;
-use super::export_file::until;
-use super::layout::{Layout, sync_folder};
+use super::export_store::until;
+use super::layout::Layout;
 use super::migrate::{STORE, TELEMETRY};
 use super::open::{copy_into, damaged, open_reader};
 use super::verify::{DatabaseLocation, VerifyOptions, VerifyReport, verify_against};
 use super::verify_error::VerifyError;
 use super::views::Views;
 use holdpoint_approvals::keyfile;
+use holdpoint_audit::checkpoint::{name, read_all};
+use holdpoint_audit::files::sync_folder;
 use holdpoint_governance::ids::Digest;
 use holdpoint_text::file::{NO_LINK, regular};
 use holdpoint_text::{ErrorDetails, ErrorReason, Hint};
@@ -157,7 +158,7 @@ pub fn backup(folder: &Path, to: &Path, parts: BackupParts<'_>) -> Result<Backup
         let whole = if alone { part.join(ALONE) } else { part.clone() };
         renameat_with(CWD, &whole, CWD, to, RenameFlags::NOREPLACE)
             .map_err(|error| StoreError::io("rename", &whole)(error.into()))?;
-        sync_folder(parent)?;
+        sync_folder(parent).map_err(StoreError::from)?;
         Ok(report)
     });
     if report.is_err() || alone {
@@ -445,7 +446,7 @@ fn sync_tree(folder: &Path) -> Result<(), StoreError> {
             sync(&path)?;
         }
     }
-    sync_folder(folder)
+    Ok(sync_folder(folder)?)
 }
 
 /// Adds up the files of a folder.

@@ -4,14 +4,17 @@
 //! signed end. The end refers to the newest checkpoint file by number and digest, so that removed files are noticed. An
 //! attacker with an earlier signed end can restore the whole store to it: only a copy elsewhere shows that.
 
+use std::path::Path;
+
 use ed25519_dalek::VerifyingKey;
 use rusqlite::{Connection, OptionalExtension, params};
 
 use super::audit;
-use super::checkpoint::{Checkpoint, StoredCheckpoint, check_links, check_newest};
 use super::error::StoreError;
 use super::fold::Fold;
+use super::open::open_sound;
 use super::row_limit;
+use holdpoint_audit::checkpoint::{Checkpoint, StoredCheckpoint, check_links, check_newest};
 
 /// Its key in `meta`.
 pub(crate) const KEY: &str = "signed_end";
@@ -55,6 +58,16 @@ pub(crate) fn read(connection: &Connection) -> Result<Option<Checkpoint>, String
         Err(serde::de::Error::custom("it is not as it was written"))
     };
     text.map(read).transpose().map_err(|error: serde_json::Error| error.to_string())
+}
+
+/// Reads that of a database elsewhere, `None` if there is none.
+///
+/// # Errors
+/// What is wrong with it, or with the database.
+pub(crate) fn read_elsewhere(database: &Path) -> Result<Option<Checkpoint>, String> {
+    open_sound(database)
+        .map_err(|error| row_limit::error_message(&error))
+        .and_then(|connection| read(&connection))
 }
 
 /// The signed end, if this store and this key signed it; without a key, signatures are not checked.

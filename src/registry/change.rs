@@ -7,11 +7,11 @@
 use serde::{Deserialize, Serialize};
 
 use super::error::StoreError;
-use super::profile_downgrade::ContextRules;
 use super::store_terms::{EvidenceKind, RequestState};
 use holdpoint_approvals::{
     Nonce, PersonActKind, SignedApproval, SignedPersonAct, SignedProfileAct, SignedWitnessAct,
 };
+use holdpoint_audit::profile_history::ContextRules;
 use holdpoint_governance::alarms::{AlarmState, Priority};
 use holdpoint_governance::ids::{CapabilityId, Digest, Family};
 use holdpoint_governance::lifecycle::State;

@@ -7,11 +7,9 @@ use ed25519_dalek::VerifyingKey;
 use rusqlite::Connection;
 
 use super::chain_signature::{self, SigningFault};
-use super::checkpoint::{StoredCheckpoint, read_all};
 use super::compare::{check_approvals, compare};
 use super::error::{RefusalCause, StoreError};
 use super::fold::{ChainFault, Fold, FoldError, ReadProgress};
-use super::head_copies::ChainPoint;
 use super::invariants::check_registry;
 use super::layout::Layout;
 use super::migrate::STORE;
@@ -26,8 +24,10 @@ use super::schema_shape::first_difference;
 use super::snapshot;
 use super::store_id;
 use super::structure;
-use super::witness::{self, WitnessProblems};
 use holdpoint_approvals::keyfile;
+use holdpoint_audit::checkpoint::{StoredCheckpoint, read_all};
+use holdpoint_audit::head_copies::ChainPoint;
+use holdpoint_audit::witness::{WitnessProblems, compare_witnesses};
 use holdpoint_governance::ids::Digest;
 
 /// The most records that are applied again only to name the different columns of a row.
@@ -57,7 +57,7 @@ pub(crate) fn check_existing(
     check_signed(&fold, &connection, layout, &checkpoints, (&store_id, key))?;
     check_tables(&fold, &connection, &database, &store_id)?;
     let chain_at = |seq: u64| chain_at(&fold, &connection, seq);
-    witness::compare_witnesses(fold.witnesses().iter(), (&store_id, key), fold.end().seq, chain_at, problems)
+    compare_witnesses(fold.witnesses().iter(), (&store_id, key), fold.end().seq, chain_at, problems)
         .map_err(|(file, fault)| contradicted_by_copy(&database, &file, &fault))?;
     Ok(fold)
 }
@@ -247,5 +247,5 @@ fn refused_unsigned(database: &Path, found: SigningFault) -> StoreError {
 
 /// The key is the store's own, as far as its id shows.
 pub(crate) fn check_key(store_id: &str, key: &VerifyingKey, database: &Path) -> Result<(), StoreError> {
-    store_id::check_key(store_id, key).map_err(|problem| foreign_key(database, &problem))
+    holdpoint_audit::store_id::check_key(store_id, key).map_err(|problem| foreign_key(database, &problem))
 }

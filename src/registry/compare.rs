@@ -24,13 +24,14 @@ use ed25519_dalek::VerifyingKey;
 use rusqlite::{Connection, OptionalExtension};
 
 use super::change::Receipt;
-use super::display_records::DisplayRecords;
 use super::fold::{ChainFault, Fold, HEAD_ROW};
 use super::row_images::{ChainedTable, RowName, all_rows};
-use super::verify_error::VerifyError;
 use holdpoint_approvals::SignedApproval;
 use holdpoint_approvals::keyfile::hex;
+use holdpoint_audit::display_records::DisplayRecords;
+use holdpoint_audit::history_error::HistoryError;
 use holdpoint_governance::ids::canonical_json;
+use holdpoint_governance::record::RecordKind;
 
 fn row(table: &'static str, key: &str, problem: impl Into<String>) -> ChainFault {
     ChainFault::Row { table, key: key.to_owned(), problem: problem.into() }
@@ -185,6 +186,26 @@ fn commands(fold: &Fold, connection: &Connection) -> rusqlite::Result<Option<Cha
     Ok(None)
 }
 
+/// The records of a whole store about displayed texts.
+///
+/// # Errors
+/// If the store cannot be read; then the first record that is bad.
+fn displays(connection: &Connection) -> rusqlite::Result<Result<DisplayRecords, (u64, String)>> {
+    let mut select = connection
+        .prepare("SELECT seq, kind, subject, body FROM audit WHERE kind IN (?1, ?2, ?3) ORDER BY seq")?;
+    let mut rows = select.query(DisplayRecords::KINDS.map(RecordKind::name))?;
+    let mut read = DisplayRecords::default();
+    while let Some(row) = rows.next()? {
+        let (seq, kind): (u64, String) = (row.get(0)?, row.get(1)?);
+        let (subject, body): (String, String) = (row.get(2)?, row.get(3)?);
+        let kind = DisplayRecords::KINDS.into_iter().find(|known| known.name() == kind);
+        if let Err(problem) = read.take(kind, &subject, &body) {
+            return Ok(Err((seq, problem)));
+        }
+    }
+    Ok(Ok(read))
+}
+
 /// Every approval is signed, for this store, matches its claim in the chain, and covers the displayed text on record.
 /// Returns their number.
 ///
@@ -194,10 +215,10 @@ pub(crate) fn check_approvals(
     connection: &Connection,
     store_id: &str,
     key: Option<&VerifyingKey>,
-) -> rusqlite::Result<Result<u64, VerifyError>> {
-    let shown = match DisplayRecords::read(connection)? {
+) -> rusqlite::Result<Result<u64, HistoryError>> {
+    let shown = match displays(connection)? {
         Ok(shown) => shown,
-        Err((seq, problem)) => return Ok(Err(VerifyError::Record { seq, problem })),
+        Err((seq, problem)) => return Ok(Err(HistoryError::Record { seq, problem })),
     };
     let key = key.map(|key| hex(key.as_bytes()));
     let mut select = connection.prepare("SELECT nonce, claim, signed FROM approval ORDER BY seq")?;
@@ -214,7 +235,7 @@ pub(crate) fn check_approvals(
                 .and_then(|()| shown.check(signed.approval(), key.as_deref())),
         };
         if let Err(problem) = checked {
-            return Ok(Err(VerifyError::Approval { nonce, problem }));
+            return Ok(Err(HistoryError::Approval { nonce, problem }));
         }
         good += 1;
     }

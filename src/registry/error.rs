@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use super::administrator::FIRST_ADMINISTRATOR;
 use super::row_limit::ROW_BYTES_MAX;
 use holdpoint_approvals::keyfile::KeyError;
+use holdpoint_audit::files::FileError;
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_text::{ErrorDetails, ErrorReason, Hint, shell_word};
 
@@ -248,6 +249,15 @@ pub enum StoreError {
     Failpoint(&'static str),
 }
 
+impl From<FileError> for StoreError {
+    fn from(error: FileError) -> Self {
+        match error {
+            FileError::Io { what, path, source } => Self::Io { what, path, source },
+            FileError::Invalid { what, value, allowed } => Self::Invalid { what, value, allowed },
+        }
+    }
+}
+
 impl StoreError {
     /// Whether a start was refused without a failure: because of the profile, a script, or another program that writes
     /// to the store.
@@ -365,5 +375,27 @@ impl StoreError {
     /// A value that is not allowed.
     pub(crate) fn invalid(what: &'static str, value: impl ToString, allowed: impl ToString) -> Self {
         Self::Invalid { what, value: value.to_string(), allowed: allowed.to_string() }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn file_error_keeps_its_message_and_its_details() {
+        let errors: [fn() -> FileError; 2] = [
+            || FileError::Io {
+                what: "read",
+                path: PathBuf::from("a"),
+                source: std::io::ErrorKind::NotFound.into(),
+            },
+            || FileError::Invalid { what: "witness", value: "a".to_owned(), allowed: "a path".to_owned() },
+        ];
+        for error in errors {
+            let (of_file, of_store) = (error(), StoreError::from(error()));
+            assert_eq!(of_file.to_string(), of_store.to_string());
+            assert_eq!((of_file.details(), of_file.hint()), (of_store.details(), of_store.hint()));
+        }
     }
 }

@@ -9,14 +9,15 @@ use rusqlite::{Connection, Row};
 use serde::de::IgnoredAny;
 use serde::{Deserialize, Serialize};
 
-use super::audit::{self, Head, head};
+use super::audit::{self, head};
 use super::chain_signature;
-use super::merkle::Frontier;
-use super::profile_downgrade::ProfileHistory;
 use super::row_images::{ChainedTable, RowName};
 use super::store_terms::is_own;
 use super::structure::IndexSums;
 use super::telemetry_seals::TelemetryAccount;
+use holdpoint_audit::chain::Head;
+use holdpoint_audit::merkle::{self, Frontier};
+use holdpoint_audit::profile_history::ProfileHistory;
 use holdpoint_governance::ids::Digest;
 use holdpoint_governance::lifecycle::State;
 use holdpoint_governance::record::{RecordKind, RecordRef};
@@ -56,9 +57,6 @@ impl From<rusqlite::Error> for FoldError {
         Self::Read { seq: 0, source }
     }
 }
-
-/// Before the first record.
-pub(crate) const START: Head = Head { seq: 0, hash: Digest::from_bytes([0; 32]), at_ms: 0 };
 
 /// A batch of telemetry the chain vouches for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -205,8 +203,8 @@ impl Fold {
     /// The fold of no records.
     pub(crate) fn empty() -> Self {
         Self {
-            end: START,
-            since: START,
+            end: Head::START,
+            since: Head::START,
             rows: BTreeMap::new(),
             states: BTreeMap::new(),
             sets: BTreeMap::new(),
@@ -298,7 +296,7 @@ impl Fold {
         }
         self.roots.get(&size).copied().or_else(|| {
             let read = self.hashes.get(..usize::try_from(size).ok()?)?;
-            (self.since.seq == 0).then(|| super::merkle::root(read))
+            (self.since.seq == 0).then(|| merkle::root(read))
         })
     }
 
@@ -457,19 +455,8 @@ impl Fold {
 
     /// Adds a record.
     pub(crate) fn push(&mut self, record: &RecordRef<'_>) -> Result<(), ChainFault> {
-        let fault = |problem: String| ChainFault::Record { seq: self.end.seq + 1, problem };
-        if record.seq != self.end.seq + 1 {
-            return Err(fault(format!("it is missing; the next one is {}", record.seq)));
-        }
-        if record.prev != self.end.hash {
-            return Err(fault("it does not follow from the record before".to_owned()));
-        }
-        if record.hash != record.expected_hash() {
-            return Err(fault("its content does not match its hash".to_owned()));
-        }
-        if record.at_ms < self.end.at_ms {
-            return Err(fault("it is older than the record before".to_owned()));
-        }
+        let seq = self.end.seq + 1;
+        let end = self.end.with_record(record).map_err(|problem| ChainFault::Record { seq, problem })?;
         // Most records have the kind of the one before.
         if self.last_kind.0 != record.kind {
             self.last_kind = (record.kind.to_owned(), record.kind.parse().ok());
@@ -484,7 +471,7 @@ impl Fold {
             Some(RecordKind::EngineEnded) => self.cell.began = 0,
             Some(_) | None => {}
         }
-        self.end = Head { seq: record.seq, hash: record.hash, at_ms: record.at_ms };
+        self.end = end;
         self.hashes.push(record.hash);
         if let Some(indexes) = &mut self.indexes {
             indexes.add(record);

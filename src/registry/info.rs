@@ -6,10 +6,9 @@ use std::path::Path;
 use rusqlite::Connection;
 use serde::Serialize;
 
-use super::audit::{self, Head};
+use super::audit;
 use super::backup::count;
 use super::chain_signature;
-use super::checkpoint::{Checkpoint, names, read_all};
 use super::error::StoreError;
 use super::key_files::check_key_files;
 use super::layout::{Layout, lock_owner, size};
@@ -20,8 +19,11 @@ use super::schema_shape::first_difference;
 use super::telemetry_quarantine::wrong_shape;
 use super::verify::verify;
 use super::verify_error::VerifyError;
-use super::witness::{witness_heads, witnesses};
+use super::witness_appointment::witnesses;
 use holdpoint_approvals::keyfile;
+use holdpoint_audit::chain::Head;
+use holdpoint_audit::checkpoint::{Checkpoint, names, read_all};
+use holdpoint_audit::witness::witness_heads;
 
 /// Less free space than this gives a warning, bytes.
 const FREE_BYTES_MIN: u64 = 64 << 20;

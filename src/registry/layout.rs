@@ -1,13 +1,14 @@
 //! The layout of a store: the folder, its files, and the lock that gives it to one engine.
 
 use std::fs::{self, DirBuilder, File, OpenOptions, TryLockError};
-use std::io::{ErrorKind, Read, Seek, Write};
+use std::io::{Read, Seek, Write};
 use std::os::unix::fs::{DirBuilderExt, MetadataExt, OpenOptionsExt};
 use std::path::{Path, PathBuf};
 use std::time::{SystemTime, UNIX_EPOCH};
 
 use super::error::StoreError;
 use super::stop_mark::StopMarks;
+use holdpoint_audit::files::sync_folder;
 use holdpoint_text::file::{NO_LINK, kind_of, regular};
 use holdpoint_text::users::described_user;
 
@@ -249,27 +250,6 @@ pub fn lock_owner(layout: &Layout) -> Result<Option<String>, StoreError> {
         }
         Err(TryLockError::Error(source)) => Err(StoreError::io("lock", layout.folder())(source)),
     }
-}
-
-/// Forces a folder's entries to disk.
-pub(crate) fn sync_folder(path: &Path) -> Result<(), StoreError> {
-    File::open(path).and_then(|folder| folder.sync_all()).map_err(StoreError::io("write the folder", path))
-}
-
-/// Writes a whole file so that either the old or the new one is there, whatever happens.
-pub(crate) fn write_atomically(path: &Path, bytes: &[u8]) -> Result<(), StoreError> {
-    let part = path.with_extension("part");
-    // Never writes through an existing entry: a leftover of a crash, or a planted link.
-    match fs::remove_file(&part) {
-        Err(error) if error.kind() != ErrorKind::NotFound => {
-            return Err(StoreError::io("create", &part)(error));
-        }
-        Ok(()) | Err(_) => {}
-    }
-    let mut file = File::create_new(&part).map_err(StoreError::io("create", &part))?;
-    file.write_all(bytes).and_then(|()| file.sync_all()).map_err(StoreError::io("write", &part))?;
-    fs::rename(&part, path).map_err(StoreError::io("rename", &part))?;
-    path.parent().map_or(Ok(()), sync_folder)
 }
 
 /// The present wall time as text, UTC.

@@ -1,7 +1,7 @@
 //! The registry: the versions, their states, their evidence, and the audit chain of their history.
 //!
-//! Owns the store's folder and files, the one writing connection, the audit chain with its checkpoints and verifier,
-//! the views, the telemetry file and the cached results. Must not decide anything: it applies whole transactions of
+//! Owns the store's folder and files, the one writing connection, the tables with the audit chain and their verifier, the
+//! views, the telemetry file and the cached results. The forms of the chain and their proofs are the crate `audit`'s. Must not decide anything: it applies whole transactions of
 //! plain changes, refuses those that would break an invariant, and stores bodies (manifests, evidence, decisions) as
 //! given. The dispatcher gets the [`ActiveVersions`] and nothing else.
 
@@ -16,33 +16,26 @@ mod backup;
 mod chain_signature;
 mod change;
 mod check;
-mod checkpoint;
 mod columns;
 mod compare;
-mod display_records;
 mod entries;
 mod error;
-mod export_body;
-mod export_file;
-mod export_line;
-mod export_verify;
+mod export_store;
 pub mod failpoint;
 mod fold;
-mod head_copies;
 mod info;
 mod interrupted_work;
 mod invariants;
 mod key_files;
 mod layout;
 mod lock_holder;
-mod merkle;
 mod migrate;
 mod open;
 mod person_rows;
 mod profile_downgrade;
-mod proof;
+mod prove;
 mod rebuild;
-mod rebuild_report;
+mod rebuild_losses;
 mod record_times;
 mod replay;
 mod result_cache;
@@ -65,12 +58,11 @@ mod verify;
 mod verify_error;
 mod version;
 mod views;
-mod witness;
 mod witness_appointment;
 
 pub use administrator::FIRST_ADMINISTRATOR;
 pub use approve::verify_approval;
-pub use audit::{ExportError, Head};
+pub use audit::ExportError;
 pub use backup::{
     BackupError, BackupParts, BackupReport, ListRecordings, OmittedFile, RetainedRecording, backup,
 };
@@ -78,23 +70,20 @@ pub use change::{
     AUDIT_MAX, ActiveCause, ApprovalRequest, AuditBody, BODY_BYTES_MAX, BatchReceipt, CHANGES_MAX, Change,
     NewVersion, QuarantinedFile, Receipt, TEXT_BYTES_MAX, Transaction, command_id,
 };
-pub use checkpoint::{Checkpoint, CheckpointLink};
 pub use entries::{
     ActivationEntry, AlarmEntry, ApprovalEntry, AuditFilter, EvidenceEntry, FamilyStatus, VersionDetail,
     VersionFilter, VersionHistory,
 };
 pub use error::{RefusalCause, StoreError, StoreFailure};
-pub use export_file::{ExportReport, ExportScope, export_store, is_exported, verify_export};
-pub use head_copies::HeadFault;
+pub use export_store::{ExportScope, export_store};
 pub use info::{StoreCheck, StoreInfo, check_store, store_info};
 pub use interrupted_work::InterruptedWork;
 pub use invariants::{Invariant, Violation, check_invariants};
 pub use layout::{Layout, lock_owner, other_owner, size, utc};
 pub use lock_holder::{LockHolder, holds_lock, lock_holder, lock_sharers};
-pub use profile_downgrade::{ContextRules, ProfileHistory, allow_profile};
-pub use proof::{Proof, ProofError, ProofFault, ProvedRecord, prove_consistency, prove_record, stored_head};
+pub use profile_downgrade::allow_profile;
+pub use prove::{ProveError, prove_consistency, prove_record, stored_head};
 pub use rebuild::{UnsignedRecords, rebuild};
-pub use rebuild_report::{DifferingRow, RebuildReport};
 pub use record_times::RecordTime;
 pub use result_cache::{CacheLookup, CacheSecret, ResultCache};
 pub use stop_mark::StopMarks;
@@ -108,5 +97,6 @@ pub use verify::{
 };
 pub use verify_error::VerifyError;
 pub use views::{ActiveVersion, ActiveVersions, PAGE_ROWS_MAX, Views};
-pub use witness::{WITNESSES_MAX, check_witness, witness_heads, witnesses};
-pub use witness_appointment::{WitnessRequester, add_witness, remove_witness, witnesses_are_signed};
+pub use witness_appointment::{
+    WitnessRequester, add_witness, remove_witness, witnesses, witnesses_are_signed,
+};

@@ -14,10 +14,10 @@ use rusqlite::config::DbConfig;
 use rusqlite::{Connection, OpenFlags};
 
 use super::error::{RefusalCause, StoreError};
-use super::head_copies::HeadFault;
-use super::layout::sync_folder;
 use super::migrate::{Schema, migrate};
 use super::row_limit;
+use holdpoint_audit::files::sync_folder;
+use holdpoint_audit::head_copies::HeadFault;
 use holdpoint_text::file::kind_of;
 
 /// The oldest SQLite without the WAL-reset bug.
@@ -231,7 +231,7 @@ fn create(path: &Path, schema: &Schema) -> Result<(), StoreError> {
     connection.close().map_err(|(_, error)| StoreError::sql("make its database")(error))?;
     File::open(&part).and_then(|file| file.sync_all()).map_err(StoreError::io("write", &part))?;
     fs::rename(&part, path).map_err(StoreError::io("rename", &part))?;
-    path.parent().map_or(Ok(()), sync_folder)
+    Ok(path.parent().map_or(Ok(()), sync_folder)?)
 }
 
 /// Makes a complete, empty database, in the mode that writers use.

@@ -16,33 +16,36 @@ use std::path::{Path, PathBuf};
 use rusqlite::{Connection, params};
 use serde_json::{Value, json};
 
-use super::audit::{self, Head};
+use super::audit;
 use super::chain_signature;
 use super::change::Receipt;
 use super::check::{
     check_key, check_newest_checkpoint, check_signed, check_tables, checked_records, refused_chain,
     stored_checkpoints,
 };
-use super::checkpoint::{
-    Checkpoint, CheckpointLink, StoredCheckpoint, check_links, check_newest, count_earlier,
-};
 use super::compare::{compare, differing};
 use super::error::{RefusalCause, StoreError};
 use super::fold::Fold;
-use super::layout::{EngineLock, Layout, sync_folder};
-use super::merkle::Frontier;
+use super::layout::{EngineLock, Layout};
 use super::migrate::STORE;
 use super::open::{
     damaged, make, not_the_chain, open_reader, refused, remove_database, truncate_log,
     unsigned_records_refused,
 };
 use super::profile_downgrade::first_unauthorized;
-use super::rebuild_report::{DifferingRow, RebuildRecordChange, RebuildReport, lost_mark, text_of};
+use super::rebuild_losses::{lost_mark, text_of};
 use super::replay::{ReapplyError, replay};
 use super::row_images::{ChainedTable, RowName, differing_columns, row_digest};
 use super::row_limit;
 use super::structure;
 use holdpoint_approvals::keyfile;
+use holdpoint_audit::chain::Head;
+use holdpoint_audit::checkpoint::{
+    Checkpoint, CheckpointLink, StoredCheckpoint, check_links, check_newest, count_earlier,
+};
+use holdpoint_audit::files::sync_folder;
+use holdpoint_audit::merkle::Frontier;
+use holdpoint_audit::rebuild_report::{DifferingRow, RebuildRecordChange, RebuildReport};
 use holdpoint_governance::ids::canonical_json;
 use holdpoint_governance::record::RecordKind;
 

@@ -7,16 +7,16 @@ use serde::Deserialize;
 use serde_json::{Value, json};
 
 use super::apply::{Applier, ApprovalBasis};
-use super::approve::RecordedApproval;
 use super::audit;
 use super::change::Change;
 use super::compare::check_approval;
 use super::error::StoreError;
 use super::fold::Fold;
 use super::migrate::{STORE, migrate};
-use super::rebuild_report::{lost_mark, rows_lost, text_of};
+use super::rebuild_losses::{lost_mark, rows_lost, text_of};
 use super::row_images::{ChainedTable, RowName, differing_columns, row_digest};
 use holdpoint_approvals::SignedApproval;
+use holdpoint_audit::recorded_approval::RecordedApproval;
 use holdpoint_governance::ids::{CapabilityId, Digest, canonical_json};
 use holdpoint_governance::record::{AuditRecord, RecordKind};
 

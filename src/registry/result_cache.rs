@@ -20,9 +20,9 @@ use sha2_of_hmac::Sha256;
 use zeroize::Zeroizing;
 
 use super::error::StoreError;
-use super::layout::sync_folder;
 use super::telemetry::{BODY_BYTES_MAX, TelemetryFile};
 use holdpoint_approvals::keyfile::{self, hex, unhex};
+use holdpoint_audit::files::sync_folder;
 use holdpoint_governance::cached_result::CacheLocation;
 use holdpoint_governance::ids::Digest;
 
@@ -353,7 +353,7 @@ fn make(path: &Path) -> Result<(), StoreError> {
     let _ = fs::remove_file(&part);
     match placed {
         Err(error) if error.kind() != ErrorKind::AlreadyExists => Err(StoreError::io("make", path)(error)),
-        Ok(()) | Err(_) => sync_folder(folder),
+        Ok(()) | Err(_) => Ok(sync_folder(folder)?),
     }
 }
 

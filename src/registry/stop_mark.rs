@@ -13,7 +13,8 @@ use holdpoint_governance::ids::Digest;
 use holdpoint_text::file::{NO_LINK, read_text};
 
 use super::error::StoreError;
-use super::layout::{Layout, sync_folder, write_atomically};
+use super::layout::Layout;
+use holdpoint_audit::files::{sync_folder, write_atomically};
 
 /// The longest text of a stop, bytes.
 const STOP_BYTES_MAX: u64 = 64 * 1024;
@@ -103,7 +104,7 @@ fn keep_at(place: &Path, text: &str) -> Result<(), StoreError> {
         Ok(()) => Ok(()),
         // An earlier stop is there, with the same effect.
         Err(_) if fs::symlink_metadata(place).is_ok_and(|found| found.is_file()) => Ok(()),
-        Err(_) => Err(error),
+        Err(_) => Err(error.into()),
     })
 }
 
@@ -122,7 +123,7 @@ fn create_mark(place: &Path, text: &str) -> Result<(), StoreError> {
         OpenOptions::new().write(true).create_new(true).mode(0o600).custom_flags(NO_LINK).open(place);
     let mut file: File = result.map_err(StoreError::io("create", place))?;
     drop(file.write_all(text.as_bytes()).and_then(|()| file.sync_all()));
-    place.parent().map_or(Ok(()), sync_folder)
+    Ok(place.parent().map_or(Ok(()), sync_folder)?)
 }
 
 #[cfg(test)]

@@ -13,11 +13,10 @@ use rusqlite::config::DbConfig;
 use rusqlite::{Connection, TransactionBehavior};
 
 use super::apply::{ApprovalBasis, apply};
-use super::audit::{self, ExportError, Head};
+use super::audit::{self, ExportError};
 use super::chain_signature;
 use super::change::{BatchReceipt, Change, Receipt, Transaction};
 use super::check::{check_existing, stored_checkpoints};
-use super::checkpoint::{Checkpoint, CheckpointLink, EVERY_RECORDS};
 use super::compare::compare;
 use super::error::StoreError;
 use super::fold::{Fold, ReadProgress};
@@ -27,7 +26,6 @@ use super::migrate::STORE;
 use super::open::{
     Durability, FileId, WriterGuard, damaged, file_id, open_reader, open_writer, written_by_others,
 };
-use super::profile_downgrade::ProfileHistory;
 use super::result_cache::{CacheSecret, ResultCache};
 use super::schema_shape::first_difference;
 use super::snapshot;
@@ -37,7 +35,10 @@ use super::telemetry_quarantine::{ChainEvidence, prepare_file, unrecorded_files}
 use super::telemetry_seals::{SealProgress, StartupTelemetry};
 use super::unverified_store::UnverifiedStore;
 use super::views::{ActiveVersions, Views};
-use super::witness::{WitnessProblems, WitnessSenders};
+use holdpoint_audit::chain::Head;
+use holdpoint_audit::checkpoint::{Checkpoint, CheckpointLink, EVERY_RECORDS};
+use holdpoint_audit::profile_history::ProfileHistory;
+use holdpoint_audit::witness::{WitnessProblems, WitnessSenders};
 use holdpoint_governance::ids::{CapabilityId, Digest};
 use holdpoint_governance::wall_time::WallTime;
 

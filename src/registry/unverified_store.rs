@@ -5,14 +5,15 @@ use std::path::Path;
 
 use ed25519_dalek::SigningKey;
 
-use super::checkpoint;
 use super::error::StoreError;
-use super::layout::{EngineLock, Layout, sync_folder};
+use super::layout::{EngineLock, Layout};
 use super::open::{damaged, other_public_key};
 use super::store::Store;
 use super::telemetry::TelemetryLimits;
 use super::views::Views;
 use holdpoint_approvals::keyfile;
+use holdpoint_audit::checkpoint;
+use holdpoint_audit::files::sync_folder;
 
 /// The most replaced keys that one store keeps.
 const QUARANTINED_KEYS_MAX: u32 = 99;
@@ -115,7 +116,7 @@ fn set_key_aside(layout: &Layout) -> Result<(), StoreError> {
         };
         std::fs::rename(&path, &free).map_err(StoreError::io("set aside", &path))?;
     }
-    sync_folder(&layout.keys())
+    Ok(sync_folder(&layout.keys())?)
 }
 
 fn ending(path: &Path) -> String {

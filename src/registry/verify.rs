@@ -13,11 +13,9 @@ use serde::Serialize;
 use super::audit::{self, head};
 use super::authorizations::check_authorizations;
 use super::chain_signature::{self, SigningFault};
-use super::checkpoint::{BadCheckpointFile, Checkpoint, StoredCheckpoint, read_all};
 use super::compare::{check_approvals, compare};
 use super::error::StoreError;
 use super::fold::{ChainFault, Fold, FoldError};
-use super::head_copies::{ChainPoint, HeadCopy, HeadFault, check_copy, read_copies, read_witness};
 use super::invariants::{check_acknowledged, check_registry};
 use super::migrate::{STORE, TELEMETRY};
 use super::open::open_reader;
@@ -30,7 +28,10 @@ use super::telemetry::check_batch;
 use super::telemetry_quarantine::wrong_shape;
 use super::telemetry_seals::{BatchState, absent};
 use super::verify_error::VerifyError;
-use super::witness::folder_of;
+use holdpoint_audit::checkpoint::{BadCheckpointFile, Checkpoint, StoredCheckpoint, read_all};
+use holdpoint_audit::head_copies::{ChainPoint, HeadCopy, HeadFault, check_copy, read_copies, read_witness};
+use holdpoint_audit::history_error::HistoryError;
+use holdpoint_audit::witness::folder_of;
 use holdpoint_governance::ids::Digest;
 
 /// The location of a database.
@@ -122,8 +123,8 @@ const STRAYS_NAMED_MAX: usize = 3;
 const CHECKPOINTS: &str = "checkpoints";
 const KEYS: &str = "keys";
 
-fn bad_file(BadCheckpointFile { file, problem }: BadCheckpointFile) -> VerifyError {
-    VerifyError::Checkpoint { file, problem }
+fn bad_file(BadCheckpointFile { file, problem }: BadCheckpointFile) -> HistoryError {
+    HistoryError::Checkpoint { file, problem }
 }
 
 fn unreadable(source: rusqlite::Error) -> VerifyError {
@@ -177,7 +178,7 @@ pub fn verify_against(database: &Path, options: &VerifyOptions<'_>) -> Result<Ve
     let mut fold = fold.map_err(|error| match error {
         FoldError::Fault(fault) => of_fault(fault),
         FoldError::Read { seq, source } => {
-            VerifyError::Record { seq, problem: row_limit::error_message(&source) }
+            HistoryError::Record { seq, problem: row_limit::error_message(&source) }.into()
         }
     })?;
     file.unwrap_or_else(|_| Err("looking at its structure failed".to_owned()))
@@ -191,13 +192,13 @@ pub fn verify_against(database: &Path, options: &VerifyOptions<'_>) -> Result<Ve
         stored.retain(|entry| entry.checkpoint.number() <= end.number());
     }
     if let Some(key) = public_key {
-        store_id::check_key(&store_id, key).map_err(VerifyError::Unsigned)?;
+        holdpoint_audit::store_id::check_key(&store_id, key).map_err(HistoryError::Unsigned)?;
     }
     let checkpoints = check_checkpoints((&stored, &connection), &fold, &store_id, public_key)?;
     let by = (store_id.as_str(), public_key);
     let mut copies = Vec::new();
     for path in options.against {
-        copies.extend(read_copies(path, &store_id).map_err(bad_copy)?);
+        copies.extend(read_copies(path, &store_id, &chain_signature::read_elsewhere).map_err(bad_copy)?);
     }
     let mut copy_count = check_copies(&copies, &mut fold, by, |_| false)?;
     let in_place = options.place == DatabaseLocation::Store;
@@ -215,8 +216,8 @@ pub fn verify_against(database: &Path, options: &VerifyOptions<'_>) -> Result<Ve
         Ok(_) | Err(_) => chain_signature::check(&fold, &connection, &stored, by),
     };
     signed.map_err(|found| match found {
-        SigningFault::Chain { seq, problem } => VerifyError::Record { seq, problem },
-        SigningFault::Signature(problem) => VerifyError::Unsigned(problem),
+        SigningFault::Chain { seq, problem } => HistoryError::Record { seq, problem },
+        SigningFault::Signature(problem) => HistoryError::Unsigned(problem),
     })?;
     if let Some(fault) = compare(&fold, &connection).map_err(unreadable)? {
         return Err(of_fault(fault));
@@ -229,7 +230,7 @@ pub fn verify_against(database: &Path, options: &VerifyOptions<'_>) -> Result<Ve
     let approvals = check_approvals(&connection, &store_id, public_key).map_err(unreadable)??;
     let persons = person_rows::read(&connection, &store_id)
         .map_err(unreadable)?
-        .map_err(|(name, problem)| VerifyError::Person { name, problem })?;
+        .map_err(|(name, problem)| HistoryError::Person { name, problem })?;
     check_authorizations(&connection, &persons).map_err(unreadable)??;
     if let Some(problem) = first_difference(&connection, &STORE).map_err(unreadable)? {
         return Err(VerifyError::Damaged(problem));
@@ -259,7 +260,7 @@ pub fn verify_against(database: &Path, options: &VerifyOptions<'_>) -> Result<Ve
 
 fn of_fault(fault: ChainFault) -> VerifyError {
     match fault {
-        ChainFault::Record { seq, problem } => VerifyError::Record { seq, problem },
+        ChainFault::Record { seq, problem } => HistoryError::Record { seq, problem }.into(),
         ChainFault::Row { table, key, problem } => VerifyError::State { table, key, problem },
     }
 }
@@ -270,10 +271,10 @@ fn check_checkpoints(
     fold: &Fold,
     store_id: &str,
     public_key: Option<&VerifyingKey>,
-) -> Result<u64, VerifyError> {
+) -> Result<u64, HistoryError> {
     let mut good = 0;
     for StoredCheckpoint { file, checkpoint } in kept {
-        let bad = |problem: String| VerifyError::Checkpoint { file: file.clone(), problem };
+        let bad = |problem: String| HistoryError::Checkpoint { file: file.clone(), problem };
         if checkpoint.store_id != store_id {
             return Err(bad(format!("it belongs to the store {:?}", checkpoint.store_id)));
         }
@@ -294,11 +295,11 @@ fn check_checkpoints(
             }
             Some(_) => {
                 let problem = format!("the checkpoint {file:?} differs: history was rewritten");
-                return Err(VerifyError::Record { seq: checkpoint.seq, problem });
+                return Err(HistoryError::Record { seq: checkpoint.seq, problem });
             }
             None => {
                 let problem = format!("it is missing, although the checkpoint {file:?} was made after it");
-                return Err(VerifyError::Record { seq: fold.end().seq + 1, problem });
+                return Err(HistoryError::Record { seq: fold.end().seq + 1, problem });
             }
         }
     }
@@ -311,7 +312,7 @@ fn check_copies(
     fold: &mut Fold,
     by: (&str, Option<&VerifyingKey>),
     since: impl Fn(&HeadCopy) -> bool,
-) -> Result<u64, VerifyError> {
+) -> Result<u64, HistoryError> {
     fold.note_roots(copies.iter().map(|copy| copy.checkpoint.seq).collect());
     let fold = &*fold;
     let chain_at = |seq: u64| Some(ChainPoint { hash: fold.hash(seq)?, root: fold.root(seq) });
@@ -320,7 +321,7 @@ fn check_copies(
         if let Err(fault) = checked
             && !(copy.checkpoint.seq > fold.end().seq && since(copy))
         {
-            return Err(VerifyError::Copy { file: copy.file.clone(), fault });
+            return Err(HistoryError::Copy { file: copy.file.clone(), fault });
         }
     }
     Ok(copies.len() as u64)
@@ -357,8 +358,8 @@ fn is_on_record(database: &Path, checkpoint: &Checkpoint) -> bool {
     hash.is_ok_and(|hash| Digest::from_bytes(hash) == checkpoint.head)
 }
 
-fn bad_copy(BadCheckpointFile { file, problem }: BadCheckpointFile) -> VerifyError {
-    VerifyError::Copy { file, fault: HeadFault::Unreadable(problem) }
+fn bad_copy(BadCheckpointFile { file, problem }: BadCheckpointFile) -> HistoryError {
+    HistoryError::Copy { file, fault: HeadFault::Unreadable(problem) }
 }
 
 fn check_telemetry(

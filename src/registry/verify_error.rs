@@ -1,9 +1,9 @@
-//! Why a history cannot be trusted.
+//! Why the history of a store cannot be trusted.
 
 use std::borrow::Cow;
 
 use super::error::StoreError;
-use super::head_copies::HeadFault;
+use holdpoint_audit::history_error::HistoryError;
 use holdpoint_text::{ErrorDetails, ErrorReason, Hint};
 
 /// The first problem.
@@ -12,34 +12,18 @@ pub enum VerifyError {
     /// The file cannot be opened or read.
     #[error(transparent)]
     Unreadable(#[from] StoreError),
+    /// The chain, its signatures, or what its records hold.
+    #[error(transparent)]
+    History(#[from] HistoryError),
     /// The file is damaged.
     #[error("the database is damaged: {0}")]
     Damaged(String),
-    /// A record of the chain.
-    #[error("audit record {seq} is bad: {problem}")]
-    Record { seq: u64, problem: String },
     /// The registry does not match the chain.
     #[error("the {table} {key:?} does not match the audit chain: {problem}")]
     State { table: &'static str, key: String, problem: String },
     /// An invariant of the registry.
     #[error("the registry breaks an invariant: {0}")]
     Invariant(String),
-    #[error("the checkpoint {file:?} is bad: {problem}")]
-    Checkpoint { file: String, problem: String },
-    /// A signed head that was kept elsewhere, or the chain that it contradicts.
-    #[error("the copy {file:?} contradicts it: {fault}")]
-    Copy { file: String, fault: HeadFault },
-    /// An invalid line of an exported file.
-    #[error("line {line} is bad: {problem}")]
-    Line { line: u64, problem: String },
-    /// The signature of the end of the chain.
-    #[error("the audit chain is not signed to its end: {0}")]
-    Unsigned(String),
-    #[error("the approval {nonce} is bad: {problem}")]
-    Approval { nonce: String, problem: String },
-    /// An act that enrolled or revoked a person.
-    #[error("the person {name:?} is bad: {problem}")]
-    Person { name: String, problem: String },
     /// The telemetry file has another form.
     #[error("the telemetry file is not as this program makes it: {0}")]
     TelemetryFile(String),
@@ -58,18 +42,13 @@ impl VerifyError {
     #[must_use]
     pub const fn record(&self) -> Option<u64> {
         match self {
-            Self::Record { seq, .. } | Self::Telemetry { seq, .. } => Some(*seq),
+            Self::History(error) => error.record(),
+            Self::Telemetry { seq, .. } => Some(*seq),
             Self::Unreadable(_)
             | Self::Damaged(_)
             | Self::TelemetryFile(_)
             | Self::State { .. }
-            | Self::Invariant(_)
-            | Self::Checkpoint { .. }
-            | Self::Copy { .. }
-            | Self::Line { .. }
-            | Self::Unsigned(_)
-            | Self::Approval { .. }
-            | Self::Person { .. } => None,
+            | Self::Invariant(_) => None,
         }
     }
 }
@@ -78,17 +57,11 @@ impl Hint for VerifyError {
     fn details(&self) -> Option<ErrorDetails> {
         match self {
             Self::Unreadable(error) => error.details(),
+            Self::History(error) => error.details(),
             Self::Damaged(_)
             | Self::TelemetryFile(_)
-            | Self::Record { .. }
             | Self::State { .. }
             | Self::Invariant(_)
-            | Self::Checkpoint { .. }
-            | Self::Copy { .. }
-            | Self::Line { .. }
-            | Self::Unsigned(_)
-            | Self::Approval { .. }
-            | Self::Person { .. }
             | Self::Telemetry { .. } => Some(ErrorReason::StoreRefused.into()),
         }
     }
@@ -96,17 +69,11 @@ impl Hint for VerifyError {
     fn hint(&self) -> Option<Cow<'static, str>> {
         match self {
             Self::Unreadable(error) => error.hint(),
+            Self::History(error) => error.hint(),
             Self::Damaged(_)
             | Self::TelemetryFile(_)
-            | Self::Record { .. }
             | Self::State { .. }
             | Self::Invariant(_)
-            | Self::Checkpoint { .. }
-            | Self::Copy { .. }
-            | Self::Line { .. }
-            | Self::Unsigned(_)
-            | Self::Approval { .. }
-            | Self::Person { .. }
             | Self::Telemetry { .. } => None,
         }
     }

@@ -1,5 +1,10 @@
-//! Adds and removes witnesses on record; where robots or people are at risk, by an administrator's signed
+//! The witnesses on record: lists, adds and removes them; where robots or people are at risk, by an administrator's signed
 //! authorization.
+
+use std::collections::BTreeSet;
+use std::path::Path;
+
+use serde::Deserialize;
 
 use super::apply::Applier;
 use super::chain_signature;
@@ -8,12 +13,43 @@ use super::error::StoreError;
 use super::migrate::STORE;
 use super::open::open_reader;
 use super::store::Store;
-use super::witness::{check_path, prepare, witnesses};
 use holdpoint_approvals::SignedWitnessAct;
+use holdpoint_audit::witness::{check_path, prepare};
 use holdpoint_governance::profile::ProfileName;
+use holdpoint_governance::record::RecordKind;
 
 /// The requesting system user, JSON text, and the authorizing administrator.
 pub type WitnessRequester = (String, Option<Box<SignedWitnessAct>>);
+
+/// The witness folders of a store, from its records.
+///
+/// # Errors
+/// If the store cannot be read.
+pub fn witnesses(database: &Path) -> Result<BTreeSet<String>, StoreError> {
+    #[derive(Deserialize)]
+    struct RecordedWitness {
+        change: Change,
+    }
+    let error = StoreError::sql("read the audit chain");
+    let connection = open_reader(database, &STORE)?;
+    let mut select =
+        connection.prepare("SELECT seq, body FROM audit WHERE kind = ?1 ORDER BY seq").map_err(&error)?;
+    let mut rows = select.query([RecordKind::WitnessSet.name()]).map_err(&error)?;
+    let mut found = BTreeSet::new();
+    while let Some(row) = rows.next().map_err(&error)? {
+        let (seq, body): (u64, String) = (row.get(0).map_err(&error)?, row.get(1).map_err(&error)?);
+        let read: RecordedWitness =
+            serde_json::from_str(&body).map_err(|it| StoreError::invalid("audit record", seq, it))?;
+        if let Change::SetWitness { folder, present, .. } = read.change {
+            if present {
+                found.insert(folder);
+            } else {
+                found.remove(&folder);
+            }
+        }
+    }
+    Ok(found)
+}
 
 /// Adds a witness: makes its folder for this store and puts it on record. `by` is the requesting user.
 ///

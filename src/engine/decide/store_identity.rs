@@ -3,6 +3,7 @@
 //! They are in the store's context record. Another robot is refused before anything is written, with a hint; another agent
 //! halts the engine; another site voids the evidence.
 
+use holdpoint_audit::profile_history::{ContextRules, ProfileHistory};
 use holdpoint_governance::ablation::AblatedParts;
 use holdpoint_governance::ids::{Digest, Family};
 use holdpoint_governance::lifecycle::LifecycleEvent;
@@ -12,7 +13,7 @@ use holdpoint_governance::profile::Profile;
 use holdpoint_governance::profile_downgrade::{DowngradeExtent, ProfileRules};
 use holdpoint_governance::record::RecordKind;
 use holdpoint_governance::site_profile::ProfileTexts;
-use holdpoint_registry::{AuditBody, Change, ContextRules, ProfileHistory, StoreError, Views};
+use holdpoint_registry::{AuditBody, Change, StoreError, Views};
 use holdpoint_text::Hint as _;
 use holdpoint_trials::site::StoreSite;
 

@@ -6,6 +6,7 @@ mod site;
 use std::path::Path;
 
 use holdpoint_approvals::SignedProfileAct;
+use holdpoint_audit::profile_history::ContextRules;
 use holdpoint_governance::alarms::AlarmKey;
 use holdpoint_governance::decision::ReasonCode;
 use holdpoint_governance::ids::{CapabilityId, Digest};
@@ -13,7 +14,7 @@ use holdpoint_governance::lifecycle::State;
 use holdpoint_governance::outcome::PolicyOutcome;
 use holdpoint_governance::profile::ProfileName;
 use holdpoint_protocol::command::{Caller, Command, Operation, Reply};
-use holdpoint_registry::{Change, ContextRules, Store, Transaction, allow_profile, verify};
+use holdpoint_registry::{Change, Store, Transaction, allow_profile, verify};
 use holdpoint_trials::seeds::EpisodeSeeds;
 
 use super::*;

@@ -4,6 +4,7 @@ use std::fs;
 use std::panic::catch_unwind;
 use std::path::Path;
 
+use holdpoint_audit::history_error::HistoryError;
 use holdpoint_governance::alarms::{AlarmState, Priority};
 use holdpoint_governance::record::AuditRecord;
 use holdpoint_registry::store_terms::EvidenceKind;
@@ -81,31 +82,45 @@ fn every_tampering_is_found() {
     type ErrorCheck = fn(&VerifyError) -> bool;
     let table: [(&str, &str, ErrorCheck); 17] = [
         ("body", "UPDATE audit SET body = '[]' WHERE seq = 5", |e| {
-            matches!(e, VerifyError::Record { seq: 5, .. })
+            matches!(e, VerifyError::History(HistoryError::Record { seq: 5, .. }))
         }),
         ("kind", "UPDATE audit SET kind = 'x' WHERE seq = 6", |e| {
-            matches!(e, VerifyError::Record { seq: 6, .. })
+            matches!(e, VerifyError::History(HistoryError::Record { seq: 6, .. }))
         }),
         ("time", "UPDATE audit SET at_ms = 0 WHERE seq = 7", |e| {
-            matches!(e, VerifyError::Record { seq: 7, .. })
+            matches!(e, VerifyError::History(HistoryError::Record { seq: 7, .. }))
         }),
         ("hash", "UPDATE audit SET hash = zeroblob(32) WHERE seq = 8", |e| {
-            matches!(e, VerifyError::Record { seq: 8, .. })
+            matches!(e, VerifyError::History(HistoryError::Record { seq: 8, .. }))
         }),
-        ("dropped", "DELETE FROM audit WHERE seq = 9", |e| matches!(e, VerifyError::Record { seq: 9, .. })),
+        ("dropped", "DELETE FROM audit WHERE seq = 9", |e| {
+            matches!(e, VerifyError::History(HistoryError::Record { seq: 9, .. }))
+        }),
         ("first dropped", "DELETE FROM audit WHERE seq = 1", |e| {
-            matches!(e, VerifyError::Record { seq: 1, .. })
+            matches!(e, VerifyError::History(HistoryError::Record { seq: 1, .. }))
         }),
         (
             "reordered",
             "UPDATE audit SET seq = -seq WHERE seq IN (3, 4); UPDATE audit SET seq = 7 + seq WHERE seq < 0",
-            |e| matches!(e, VerifyError::Record { seq: 3, .. } | VerifyError::Damaged(_)),
+            |e| {
+                matches!(
+                    e,
+                    VerifyError::History(HistoryError::Record { seq: 3, .. }) | VerifyError::Damaged(_)
+                )
+            },
         ),
-        ("cut off", "DELETE FROM audit WHERE seq > 10", |e| matches!(e, VerifyError::Record { seq: 11, .. })),
+        ("cut off", "DELETE FROM audit WHERE seq > 10", |e| {
+            matches!(e, VerifyError::History(HistoryError::Record { seq: 11, .. }))
+        }),
         (
             "cut off with its end",
             "DELETE FROM audit WHERE seq > 10; UPDATE audit_head SET seq = 10, hash = (SELECT hash FROM audit WHERE seq = 10)",
-            |e| matches!(e, VerifyError::State { .. } | VerifyError::Record { seq: 11, .. }),
+            |e| {
+                matches!(
+                    e,
+                    VerifyError::State { .. } | VerifyError::History(HistoryError::Record { seq: 11, .. })
+                )
+            },
         ),
         ("state", "UPDATE version SET state = 'demoted' WHERE name = 'grasp@1.0.0'", state),
         ("bundle", "UPDATE version SET bundle_digest = candidate_digest WHERE name = 'grasp@1.0.0'", state),
@@ -116,7 +131,7 @@ fn every_tampering_is_found() {
         (
             "approval's words",
             "UPDATE approval SET signed = replace(signed, '\"reason\":\"seen\"', '\"reason\":\"glad\"')",
-            |e| matches!(e, VerifyError::Approval { .. }),
+            |e| matches!(e, VerifyError::History(HistoryError::Approval { .. })),
         ),
         ("alarm", "DELETE FROM alarm", state),
     ];
@@ -258,11 +273,17 @@ fn rewritten_chain_is_found_by_its_checkpoints() {
     rewrite(folder.path(), "UPDATE audit SET body = '{\"edited\":1}' WHERE kind = 'decision' AND seq = 5");
     let error = verify(&database, Some(&key)).unwrap_err();
     let signed = heads(folder.path()).into_iter().map(|(_, head)| head.seq).find(|seq| *seq >= 5).unwrap();
-    assert!(matches!(error, VerifyError::Record { seq, .. } if seq == signed), "{error}");
+    assert!(
+        matches!(error, VerifyError::History(HistoryError::Record { seq, .. }) if seq == signed),
+        "{error}"
+    );
     // Removing them does not help either.
     fs::remove_dir_all(folder.path().join("checkpoints")).unwrap();
     let error = verify(&database, Some(&key)).unwrap_err();
-    assert!(matches!(error, VerifyError::Record { seq, .. } if seq == records), "{error}");
+    assert!(
+        matches!(error, VerifyError::History(HistoryError::Record { seq, .. }) if seq == records),
+        "{error}"
+    );
 }
 
 #[test]
@@ -272,14 +293,14 @@ fn checkpoints_of_another_store_are_refused() {
         (make_store_with_approval(ours.path()), make_store_with_approval(theirs.path()));
     let database = ours.path().join("holdpoint.db");
     let error = verify(&database, Some(&their_key)).unwrap_err();
-    assert!(matches!(error, VerifyError::Unsigned(_)), "{error}");
+    assert!(matches!(error, VerifyError::History(HistoryError::Unsigned(_))), "{error}");
     for entry in fs::read_dir(theirs.path().join("checkpoints")).unwrap() {
         let entry = entry.unwrap();
         fs::copy(entry.path(), ours.path().join("checkpoints").join(entry.file_name())).unwrap();
     }
     for key in [Some(&our_key), None] {
         let error = verify(&database, key).unwrap_err();
-        assert!(matches!(error, VerifyError::Checkpoint { .. }), "{error}");
+        assert!(matches!(error, VerifyError::History(HistoryError::Checkpoint { .. })), "{error}");
     }
     let copied = tempfile::tempdir().unwrap();
     fs::copy(&database, copied.path().join("copy.db")).unwrap();
@@ -354,5 +375,5 @@ fn record_with_the_largest_number_does_not_break_the_verifier() {
         ),
     );
     let error = verify(&store.join("holdpoint.db"), None).unwrap_err();
-    assert!(matches!(error, VerifyError::Record { .. }), "{error}");
+    assert!(matches!(error, VerifyError::History(HistoryError::Record { .. })), "{error}");
 }

@@ -1,11 +1,11 @@
 //! A change of profile where robots or people are at risk needs an administrator's authorization, once and directly
 //! before it.
 
+use holdpoint_audit::chain::Head;
 use holdpoint_governance::approval::Role;
 use holdpoint_governance::profile::ProfileName;
 use holdpoint_registry::{
-    Change, Head, RefusalCause, Store, StoreError, UnsignedRecords, VerifyError, allow_profile, rebuild,
-    verify,
+    Change, RefusalCause, Store, StoreError, UnsignedRecords, VerifyError, allow_profile, rebuild, verify,
 };
 
 use crate::damage::rewrite;

@@ -5,9 +5,10 @@ use std::path::{Path, PathBuf};
 
 use ed25519_dalek::VerifyingKey;
 use holdpoint_approvals::keyfile;
+use holdpoint_audit::checkpoint::Checkpoint;
+use holdpoint_audit::proof::{Proof, ProofError, ProofFault};
 use holdpoint_registry::{
-    Checkpoint, Proof, ProofError, ProofFault, RefusalCause, Store, prove_consistency, prove_record,
-    stored_head, verify,
+    ProveError, RefusalCause, Store, prove_consistency, prove_record, stored_head, verify,
 };
 
 use crate::edits::{make_full_store, quick_folder};
@@ -27,9 +28,9 @@ pub fn heads(folder: &Path) -> Vec<(PathBuf, Checkpoint)> {
 }
 
 /// Why there is no proof.
-fn fault<T: std::fmt::Debug>(result: Result<T, ProofError>) -> ProofFault {
+fn fault<T: std::fmt::Debug>(result: Result<T, ProveError>) -> ProofFault {
     match result.unwrap_err() {
-        ProofError::Impossible(fault) => fault,
+        ProveError::Impossible(fault) => fault,
         other => panic!("{other}"),
     }
 }

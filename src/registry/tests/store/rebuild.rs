@@ -3,10 +3,10 @@
 use std::fs;
 use std::path::Path;
 
+use holdpoint_audit::rebuild_report::RebuildReport;
 use holdpoint_governance::record::RecordKind;
 use holdpoint_registry::{
-    AuditFilter, RebuildReport, RefusalCause, Store, StoreError, UnsignedRecords, VersionFilter, Views,
-    rebuild, verify,
+    AuditFilter, RefusalCause, Store, StoreError, UnsignedRecords, VersionFilter, Views, rebuild, verify,
 };
 use holdpoint_text::Hint as _;
 use rusqlite::Connection;

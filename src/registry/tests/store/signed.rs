@@ -4,10 +4,12 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use holdpoint_approvals::keyfile;
+use holdpoint_audit::checkpoint::Checkpoint;
+use holdpoint_audit::history_error::HistoryError;
 use holdpoint_governance::record::RecordKind;
 use holdpoint_registry::{
-    AuditBody, AuditFilter, Checkpoint, RefusalCause, Store, StoreError, Transaction, UnsignedRecords,
-    VerifyError, Views, rebuild, verify,
+    AuditBody, AuditFilter, RefusalCause, Store, StoreError, Transaction, UnsignedRecords, VerifyError,
+    Views, rebuild, verify,
 };
 use holdpoint_text::Hint as _;
 use rusqlite::Connection;
@@ -77,7 +79,9 @@ fn rewritten_chain_is_refused_without_its_checkpoints() {
     };
     let error = refused(folder.path());
     assert!(is_damaged(&error), "{error}");
-    assert!(matches!(not_sound(folder.path()), VerifyError::Record { seq, .. } if seq == last));
+    assert!(
+        matches!(not_sound(folder.path()), VerifyError::History(HistoryError::Record { seq, .. }) if seq == last)
+    );
     Views::open_checked(&folder.path().join("holdpoint.db")).unwrap_err();
     let error = rebuild(folder.path(), UnsignedRecords::Refuse, BY, 7).unwrap_err();
     assert!(is_damaged(&error), "{error}");
@@ -85,7 +89,7 @@ fn rewritten_chain_is_refused_without_its_checkpoints() {
     sql(folder.path(), "DELETE FROM meta WHERE key = 'signed_end'");
     let error = refused(folder.path());
     assert!(is_unsigned_at(&error, last), "{error}");
-    assert!(matches!(not_sound(folder.path()), VerifyError::Unsigned(_)));
+    assert!(matches!(not_sound(folder.path()), VerifyError::History(HistoryError::Unsigned(_))));
     Views::open_checked(&folder.path().join("holdpoint.db")).unwrap_err();
 }
 
@@ -126,7 +130,10 @@ fn missing_checkpoint_is_reported() {
     for missing in [0..1, 1..2, all.len() - 2..all.len(), 0..all.len()] {
         all[missing.clone()].iter().for_each(|file| fs::remove_file(file).unwrap());
         assert_eq!(refusal(&refused(folder.path())).0, RefusalCause::Unsigned, "{missing:?}");
-        assert!(matches!(not_sound(folder.path()), VerifyError::Unsigned(_)), "{missing:?}");
+        assert!(
+            matches!(not_sound(folder.path()), VerifyError::History(HistoryError::Unsigned(_))),
+            "{missing:?}"
+        );
         put_back();
         drop(open(folder.path()));
     }
@@ -208,7 +215,7 @@ fn store_with_checkpoints_of_an_earlier_version_continues_from_them() {
     // The last of them is expected from then on.
     fs::remove_file(earlier.last().unwrap()).unwrap();
     assert_eq!(refusal(&refused(&store)).0, RefusalCause::Unsigned);
-    assert!(matches!(not_sound(&store), VerifyError::Unsigned(_)));
+    assert!(matches!(not_sound(&store), VerifyError::History(HistoryError::Unsigned(_))));
 
     // A store of an earlier version with removed checkpoints is unsigned.
     let folder = tempfile::tempdir().unwrap();
@@ -243,7 +250,7 @@ fn replaced_store_key_is_refused() {
     // Signs everything of the store again.
     for file in files(folder.path()) {
         let old = Checkpoint::read(&file).unwrap();
-        let head = holdpoint_registry::Head { seq: old.seq, hash: old.head, at_ms: old.at_ms };
+        let head = holdpoint_audit::chain::Head { seq: old.seq, hash: old.head, at_ms: old.at_ms };
         let new = Checkpoint::sign(
             &old.store_id,
             (head, old.root.unwrap()),
@@ -260,7 +267,10 @@ fn replaced_store_key_is_refused() {
         assert!(cause == RefusalCause::ForeignKey && problem.contains(&id), "{error}");
     }
     let error = not_sound(folder.path());
-    assert!(matches!(&error, VerifyError::Unsigned(problem) if problem.contains(&id)), "{error}");
+    assert!(
+        matches!(&error, VerifyError::History(HistoryError::Unsigned(problem)) if problem.contains(&id)),
+        "{error}"
+    );
     assert!(verify(&database, Some(&ours)).is_err());
 }
 

@@ -5,7 +5,8 @@ use std::fs;
 use std::path::Path;
 use std::process::Command;
 
-use holdpoint_registry::{VerifyError, verify_export};
+use holdpoint_audit::export_file::verify_export;
+use holdpoint_audit::history_error::HistoryError;
 
 use crate::edits::quick_folder;
 use crate::forged::{Keys, RepairedParts, repair_export};
@@ -196,7 +197,7 @@ fn other_bytes_are_refused_by_both_verifiers() {
     let at = bytes.windows(5).position(|five| five == b"grasp").unwrap();
     bytes[at] = 0xff;
     fs::write(&file, &bytes).unwrap();
-    assert!(matches!(verify_by_both(&file), Err(VerifyError::Line { .. })));
+    assert!(matches!(verify_by_both(&file), Err(HistoryError::Line { .. })));
 }
 
 /// A key of mixed order and its signature over the first approval of the released store, for which the digest of the
@@ -237,7 +238,7 @@ fn keys_of_small_or_mixed_order_are_refused_by_both_verifiers() {
         approval.set(&["signature"], text(signature));
         fs::write(&file, written(&lines)).unwrap();
         let error = verify_by_both(&file).unwrap_err();
-        assert!(matches!(error, VerifyError::Approval { .. }), "{error}");
+        assert!(matches!(error, HistoryError::Approval { .. }), "{error}");
     }
     // The equation alone accepts the first signature.
     let bytes = |digits: &str| holdpoint_approvals::keyfile::unhex::<32>(digits).unwrap();
@@ -248,7 +249,7 @@ fn keys_of_small_or_mixed_order_are_refused_by_both_verifiers() {
         let mut lines = lines.clone();
         lines[0].set(&["export", "public_key"], text(key));
         fs::write(&file, written(&lines)).unwrap();
-        assert!(matches!(verify_by_both(&file), Err(VerifyError::Line { line: 1, .. })));
+        assert!(matches!(verify_by_both(&file), Err(HistoryError::Line { line: 1, .. })));
     }
 }
 

@@ -7,6 +7,7 @@ use holdpoint_approvals::{
     Approval, DisplayBinding, Identity, IdentityInfo, Nonce, SignedApproval, SignedProfileAct, facts_digest,
     lines_digest,
 };
+use holdpoint_audit::profile_history::ContextRules;
 use holdpoint_governance::approval::ApprovalDecision;
 use holdpoint_governance::approval::Role;
 use holdpoint_governance::ids::{CapabilityId, Digest, Family, canonical_json};
@@ -18,8 +19,8 @@ use holdpoint_governance::profile_downgrade::{DowngradedField, ProfileSettings};
 use holdpoint_governance::wall_time::WallTime;
 use holdpoint_registry::store_terms::{EvidenceKind, RequestState};
 use holdpoint_registry::{
-    ActiveCause, ApprovalRequest, AuditBody, Change, ContextRules, NewVersion, Receipt, RefusalCause, Store,
-    StoreError, Transaction, allow_profile,
+    ActiveCause, ApprovalRequest, AuditBody, Change, NewVersion, Receipt, RefusalCause, Store, StoreError,
+    Transaction, allow_profile,
 };
 
 /// The digest of a robot.

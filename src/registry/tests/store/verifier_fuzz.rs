@@ -6,7 +6,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-use holdpoint_registry::verify_export;
+use holdpoint_audit::export_file::verify_export;
 
 use crate::edits::{Dice, quick_folder};
 use crate::forged::{Keys, RepairedParts, repair_export};

@@ -6,11 +6,12 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use holdpoint_approvals::{Identity, SignedWitnessAct};
+use holdpoint_audit::export_file::{ExportReport, is_exported, verify_export};
+use holdpoint_audit::history_error::HistoryError;
 use holdpoint_governance::approval::Role;
 use holdpoint_governance::profile::ProfileName;
 use holdpoint_registry::{
-    ExportError, ExportReport, ExportScope, RefusalCause, UnsignedRecords, VerifyError, add_witness,
-    export_store, is_exported, rebuild, verify, verify_export,
+    ExportError, ExportScope, RefusalCause, UnsignedRecords, add_witness, export_store, rebuild, verify,
 };
 
 use crate::damage::rewrite;
@@ -71,7 +72,7 @@ pub fn python_verdicts(files: &[PathBuf], key: Option<&Path>) -> Option<Vec<serd
 }
 
 /// Both verifiers have the same verdict on a file. Returns ours.
-pub fn verify_by_both(file: &Path) -> Result<(), VerifyError> {
+pub fn verify_by_both(file: &Path) -> Result<(), HistoryError> {
     let ours = verify_export(file, None);
     if let Some(theirs) = python_verdict(file) {
         check_same_verdict(&ours, &theirs).unwrap_or_else(|problem| panic!("{problem}"));
@@ -80,21 +81,21 @@ pub fn verify_by_both(file: &Path) -> Result<(), VerifyError> {
 }
 
 /// The kind of problem, as both verifiers name it.
-pub fn problem_kind(error: &VerifyError) -> &'static str {
+pub fn problem_kind(error: &HistoryError) -> &'static str {
     match error {
-        VerifyError::Record { .. } => "record",
-        VerifyError::Checkpoint { .. } => "head",
-        VerifyError::Unsigned(_) => "end",
-        VerifyError::Approval { .. } => "approval",
-        VerifyError::Person { .. } => "person",
-        VerifyError::Line { .. } => "line",
+        HistoryError::Record { .. } => "record",
+        HistoryError::Checkpoint { .. } => "head",
+        HistoryError::Unsigned(_) => "end",
+        HistoryError::Approval { .. } => "approval",
+        HistoryError::Person { .. } => "person",
+        HistoryError::Line { .. } => "line",
         other => panic!("{other}"),
     }
 }
 
 /// Checks that both verifiers agree: sound with the same numbers, or the same kind of problem at the same record.
 pub fn check_same_verdict(
-    ours: &Result<ExportReport, VerifyError>,
+    ours: &Result<ExportReport, HistoryError>,
     theirs: &serde_json::Value,
 ) -> Result<(), String> {
     let is_same = match ours {
@@ -174,7 +175,7 @@ fn exported_store_is_sound_for_both_verifiers() {
     // And so is the record of an earlier version, with an authorization of a class of profile.
     verify_by_both(Path::new("../../tests/fixtures/store-d43131bc/export.jsonl")).unwrap();
     let other = holdpoint_approvals::keyfile::generate().unwrap().verifying_key();
-    assert!(matches!(verify_export(&file, Some(&other)), Err(VerifyError::Line { line: 1, .. })));
+    assert!(matches!(verify_export(&file, Some(&other)), Err(HistoryError::Line { line: 1, .. })));
 }
 
 #[test]
@@ -242,7 +243,7 @@ fn damaged_export_gets_the_same_verdict_of_both_verifiers() {
     let error = verify_by_both(&file).unwrap_err();
     assert_eq!(problem_kind(&error), "line", "a line without its end: {error}");
     fs::write(&file, "").unwrap();
-    assert!(matches!(verify_by_both(&file), Err(VerifyError::Line { line: 1, .. })));
+    assert!(matches!(verify_by_both(&file), Err(HistoryError::Line { line: 1, .. })));
 }
 
 /// A holder of the store's key with write access cannot make a person: other keys sign the acts.
@@ -359,5 +360,5 @@ fn edited_persons_and_authorizations_are_found_by_both_verifiers() {
     let signed = other.unwrap().sign(approval).unwrap();
     *line = format!("{{\"approval\":{}}}", serde_json::to_string(&signed).unwrap());
     fs::write(&file, lines.join("\n") + "\n").unwrap();
-    assert!(matches!(verify_by_both(&file), Err(VerifyError::Approval { .. })));
+    assert!(matches!(verify_by_both(&file), Err(HistoryError::Approval { .. })));
 }

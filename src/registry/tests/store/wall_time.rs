@@ -2,6 +2,7 @@
 
 use std::fs;
 
+use holdpoint_audit::history_error::HistoryError;
 use holdpoint_governance::record::RecordKind;
 use holdpoint_governance::wall_time::WallTime;
 use holdpoint_registry::{AuditBody, RefusalCause, Store, Transaction, VerifyError, verify};
@@ -46,7 +47,7 @@ fn the_wall_time_of_the_newest_record_is_signed() {
         assert_eq!(refusal(&error).0, RefusalCause::Damaged, "{error}");
         // The checkpoint of the newest record has its wall time.
         let error = verify(&database, None).unwrap_err();
-        assert!(matches!(error, VerifyError::Checkpoint { .. }), "{error}");
+        assert!(matches!(error, VerifyError::History(HistoryError::Checkpoint { .. })), "{error}");
     }
     set_newest(folder.path(), WALL_MS);
     drop(open(folder.path()));
@@ -57,7 +58,7 @@ fn the_wall_time_of_the_newest_record_is_signed() {
     assert_ne!(edited, sound);
     fs::write(&file, edited.join("\n") + "\n").unwrap();
     let error = verify_by_both(&file).unwrap_err();
-    assert!(matches!(error, VerifyError::Checkpoint { .. } | VerifyError::Unsigned(_)), "{error}");
+    assert!(matches!(error, HistoryError::Checkpoint { .. } | HistoryError::Unsigned(_)), "{error}");
 }
 
 #[test]

@@ -6,10 +6,14 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use holdpoint_approvals::keyfile;
+use holdpoint_audit::checkpoint::Checkpoint;
+use holdpoint_audit::head_copies::HeadFault;
+use holdpoint_audit::history_error::HistoryError;
+use holdpoint_audit::witness::{WITNESSES_MAX, check_witness};
 use holdpoint_registry::{
-    BackupParts, Checkpoint, DatabaseLocation, ExportScope, HeadFault, RefusalCause, Store, StoreError,
-    UnsignedRecords, VerifyError, VerifyOptions, WITNESSES_MAX, add_witness, backup, check_witness,
-    export_store, prove_record, remove_witness, verify, verify_against, witnesses,
+    BackupParts, DatabaseLocation, ExportScope, RefusalCause, Store, StoreError, UnsignedRecords,
+    VerifyError, VerifyOptions, add_witness, backup, export_store, prove_record, remove_witness, verify,
+    verify_against, witnesses,
 };
 
 use crate::edits::{make_full_store, quick_folder};
@@ -54,7 +58,7 @@ fn against(folder: &Path, copies: &[PathBuf]) -> Result<u64, VerifyError> {
 /// The comparison's verdict, by the file that it names.
 fn copy_fault(found: Result<u64, VerifyError>, file: &Path) -> HeadFault {
     match found.unwrap_err() {
-        VerifyError::Copy { file: named, fault } => {
+        VerifyError::History(HistoryError::Copy { file: named, fault }) => {
             assert!(named.starts_with(&file.display().to_string()), "{named}: {fault}");
             fault
         }
@@ -142,7 +146,7 @@ fn witness_copy_of_another_store_is_named() {
     let (file, head) = heads(folder.path()).pop().unwrap();
     let secret = keyfile::read_secret(&folder.path().join("keys").join("store.key")).unwrap();
     let sign = |head: &Checkpoint, root: &str, key: &ed25519_dalek::SigningKey| {
-        let end = holdpoint_registry::Head { seq: head.seq, hash: head.head, at_ms: head.at_ms };
+        let end = holdpoint_audit::chain::Head { seq: head.seq, hash: head.head, at_ms: head.at_ms };
         let signed = Checkpoint::sign(
             &head.store_id,
             (end, digest(root)),
@@ -202,7 +206,7 @@ fn restored_older_store_is_refused_by_its_witness() {
     let is_refused = || assert_eq!(refusal(&refused()).0, RefusalCause::Witness);
     is_refused();
     let error = verify(&folder.path().join("holdpoint.db"), None).unwrap_err();
-    let VerifyError::Copy { fault, .. } = &error else { panic!("{error}") };
+    let VerifyError::History(HistoryError::Copy { fault, .. }) = &error else { panic!("{error}") };
     assert!(matches!(fault, HeadFault::CutOff { seq, .. } if *seq == newest.seq), "{fault}");
     // A witness that was cut back, or foreign files in it, prove nothing.
     fs::rename(&sent, folder.path().join("head")).unwrap();
@@ -225,7 +229,10 @@ fn restored_older_store_is_refused_by_its_witness() {
     fs::rename(folder.path().join("head"), &sent).unwrap();
     is_refused();
     let error = verify(&folder.path().join("holdpoint.db"), None).unwrap_err();
-    assert!(matches!(&error, VerifyError::Copy { fault, .. } if is_rewritten(fault)), "{error}");
+    assert!(
+        matches!(&error, VerifyError::History(HistoryError::Copy { fault, .. }) if is_rewritten(fault)),
+        "{error}"
+    );
     // Removing the witness is the way out.
     fs::rename(sent.parent().unwrap(), witness.path().join("put-aside")).unwrap();
     let store = open(folder.path());
@@ -471,7 +478,10 @@ fn a_stray_file_does_not_silence_a_witness() {
     put_back(folder.path(), before.path());
     fs::write(witness.path().join(store_id).join("999999999999.json"), "x").unwrap();
     let error = verify(&folder.path().join("holdpoint.db"), None).unwrap_err();
-    assert!(matches!(&error, VerifyError::Copy { fault: HeadFault::CutOff { .. }, .. }), "{error}");
+    assert!(
+        matches!(&error, VerifyError::History(HistoryError::Copy { fault: HeadFault::CutOff { .. }, .. })),
+        "{error}"
+    );
     assert!(unless_in_use(|| Store::open(folder.path())).is_err());
 }
 

@@ -7,16 +7,11 @@ use std::borrow::Cow;
 use std::path::Path;
 
 use ed25519_dalek::VerifyingKey;
-use rusqlite::{Connection, OptionalExtension};
 use serde::{Deserialize, Serialize};
 
-use super::audit;
-use super::chain_signature;
-use super::checkpoint::{Checkpoint, StoredCheckpoint, read_all};
-use super::error::StoreError;
+use super::ascii_json::ascii_json;
+use super::checkpoint::Checkpoint;
 use super::merkle;
-use super::migrate::STORE;
-use super::open::open_reader;
 use super::store_id;
 use holdpoint_governance::closed_set::Lenient;
 use holdpoint_governance::ids::Digest;
@@ -33,8 +28,11 @@ const BYTES_MAX: u64 = 32 << 20;
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ProvedRecord {
+    /// Its number, from 1 on.
     pub seq: u64,
+    /// Hash of the record before.
     pub prev: Digest,
+    /// Its own hash.
     pub hash: Digest,
     /// Virtual time, ms.
     pub at_ms: u64,
@@ -80,15 +78,9 @@ pub enum Proof {
     },
 }
 
-/// A proof that cannot be made, or is invalid.
+/// A file that is no proof, or a proof that is invalid.
 #[derive(Debug, thiserror::Error)]
 pub enum ProofError {
-    /// The store cannot be read.
-    #[error(transparent)]
-    Unreadable(#[from] StoreError),
-    /// No signed head proves it.
-    #[error("there is no proof: {0}")]
-    Impossible(ProofFault),
     /// The file is not a proof.
     #[error("{0}")]
     NoProof(String),
@@ -99,35 +91,15 @@ pub enum ProofError {
 
 impl Hint for ProofError {
     fn details(&self) -> Option<ErrorDetails> {
-        Some(match self {
-            Self::Unreadable(error) => return error.details(),
-            Self::Impossible(ProofFault::NoRecord { .. } | ProofFault::NoHead { .. }) => {
-                ErrorReason::NotFound.into()
-            }
-            Self::Impossible(ProofFault::OtherStore(_)) | Self::NoProof(_) | Self::Wrong(_) => {
-                ErrorReason::BadFile.into()
-            }
-            Self::Impossible(
-                ProofFault::Unsound(_)
-                | ProofFault::EndWithoutTree
-                | ProofFault::HeadWithoutTree
-                | ProofFault::CutOff { .. }
-                | ProofFault::NoRecords
-                | ProofFault::Rewritten,
-            ) => ErrorReason::StoreRefused.into(),
-        })
+        Some(ErrorReason::BadFile.into())
     }
 
     fn hint(&self) -> Option<Cow<'static, str>> {
-        match self {
-            Self::Unreadable(error) => error.hint(),
-            Self::Impossible(fault) => Some(fault.remedy().into()),
-            Self::NoProof(_) | Self::Wrong(_) => None,
-        }
+        None
     }
 }
 
-/// Why no signed head proves it.
+/// Why no signed head proves it; each has its remedy as a hint.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum ProofFault {
     /// The chain does not match its signatures.
@@ -152,10 +124,22 @@ pub enum ProofFault {
     Rewritten,
 }
 
-impl ProofFault {
-    /// The remedy, as a hint.
-    const fn remedy(&self) -> &'static str {
-        match self {
+impl Hint for ProofFault {
+    fn details(&self) -> Option<ErrorDetails> {
+        Some(match self {
+            Self::NoRecord { .. } | Self::NoHead { .. } => ErrorReason::NotFound.into(),
+            Self::OtherStore(_) => ErrorReason::BadFile.into(),
+            Self::Unsound(_)
+            | Self::EndWithoutTree
+            | Self::HeadWithoutTree
+            | Self::CutOff { .. }
+            | Self::NoRecords
+            | Self::Rewritten => ErrorReason::StoreRefused.into(),
+        })
+    }
+
+    fn hint(&self) -> Option<Cow<'static, str>> {
+        let remedy = match self {
             Self::Unsound(_) => "`holdpoint audit verify` says what is wrong with the store",
             Self::EndWithoutTree => "start an engine on the store once: it signs the tree of its records",
             Self::HeadWithoutTree => "`holdpoint audit verify --against FILE` compares the chain with it",
@@ -165,7 +149,8 @@ impl ProofFault {
             Self::CutOff { .. } | Self::NoRecords | Self::Rewritten => {
                 "`holdpoint audit verify --against FILE` says more"
             }
-        }
+        };
+        Some(remedy.into())
     }
 }
 
@@ -178,110 +163,78 @@ fn nearest(near: &[u64]) -> String {
     format!("the nearest: {}", near.join(", "))
 }
 
-fn unsound(problem: impl Into<String>) -> ProofError {
-    ProofError::Impossible(ProofFault::Unsound(problem.into()))
+fn unsound(problem: impl Into<String>) -> ProofFault {
+    ProofFault::Unsound(problem.into())
 }
 
-/// The state of a store when it was read: its newest signed head and the hashes of all records up to it.
-struct SignedChain {
-    connection: Connection,
+/// The hashes of all records up to a signed head, from which proofs are made.
+#[derive(Clone, Debug)]
+pub struct SignedChain {
     end: Checkpoint,
     hashes: Vec<Digest>,
 }
 
 impl SignedChain {
-    fn read(database: &Path) -> Result<Self, ProofError> {
-        let connection = open_reader(database, &STORE)?;
-        let failed = StoreError::sql("read the audit chain");
-        connection.execute_batch("BEGIN").map_err(&failed)?;
-        let end = chain_signature::read(&connection).map_err(unsound)?;
-        let Some(end) = end.filter(|end| end.root.is_some()) else {
-            return Err(ProofError::Impossible(ProofFault::EndWithoutTree));
-        };
-        let mut hashes = Vec::new();
-        let mut read = || -> rusqlite::Result<()> {
-            let mut select = connection.prepare("SELECT hash FROM audit WHERE seq <= ?1 ORDER BY seq")?;
-            let mut rows = select.query([end.seq])?;
-            while let Some(row) = rows.next()? {
-                hashes.push(Digest::from_bytes(row.get(0)?));
-            }
-            Ok(())
-        };
-        read().map_err(&failed)?;
+    /// The chain that ends at this head, with the hash of each record from the first one on.
+    ///
+    /// # Errors
+    /// [`ProofFault::EndWithoutTree`], and [`ProofFault::Unsound`] if the head was signed over other records.
+    pub fn new(end: Checkpoint, hashes: Vec<Digest>) -> Result<Self, ProofFault> {
+        if end.root.is_none() {
+            return Err(ProofFault::EndWithoutTree);
+        }
         if hashes.len() as u64 != end.seq || end.root != Some(merkle::root(&hashes)) {
             return Err(unsound("the records are not those whose tree was signed"));
         }
-        Ok(Self { connection, end, hashes })
+        Ok(Self { end, hashes })
     }
 
-    fn checked(proof: Proof) -> Result<Proof, ProofError> {
+    /// The head at which it ends.
+    #[must_use]
+    pub const fn end(&self) -> &Checkpoint {
+        &self.end
+    }
+
+    /// Proves that a record is in the chain.
+    ///
+    /// # Errors
+    /// [`ProofFault`].
+    pub fn prove_record(self, record: AuditRecord) -> Result<Proof, ProofFault> {
+        let seq = record.seq;
+        let index = seq.checked_sub(1).and_then(|index| usize::try_from(index).ok());
+        let path = index.and_then(|index| merkle::inclusion(&self.hashes, index));
+        let Some(path) = path else {
+            return Err(ProofFault::NoRecord { seq, end: self.end.seq });
+        };
+        let head = Box::new(self.end);
+        let proof = Proof::Inclusion { version: VERSION, record: record.into(), path, head };
         proof.check_tree().map_err(unsound)?;
         Ok(proof)
     }
-}
 
-/// Proves that a record is in the signed chain of a store.
-///
-/// # Errors
-/// [`ProofError::Unreadable`] and [`ProofError::Impossible`].
-pub fn prove_record(database: &Path, seq: u64) -> Result<Proof, ProofError> {
-    let chain = SignedChain::read(database)?;
-    let sql = format!("SELECT {} FROM audit WHERE seq = ?1", audit::COLUMNS);
-    let record = chain.connection.query_row(&sql, [seq], audit::read).optional();
-    let record = record.map_err(StoreError::sql("read the audit chain"))?;
-    let index = seq.checked_sub(1).and_then(|index| usize::try_from(index).ok());
-    let path = index.and_then(|index| merkle::inclusion(&chain.hashes, index));
-    let (Some(record), Some(path)) = (record, path) else {
-        return Err(ProofError::Impossible(ProofFault::NoRecord { seq, end: chain.end.seq }));
-    };
-    SignedChain::checked(Proof::Inclusion {
-        version: VERSION,
-        record: record.into(),
-        path,
-        head: Box::new(chain.end),
-    })
-}
-
-/// Proves that the chain of a store continues an earlier signed head.
-///
-/// # Errors
-/// [`ProofError::Unreadable`] and [`ProofError::Impossible`].
-pub fn prove_consistency(database: &Path, older: &Checkpoint) -> Result<Proof, ProofError> {
-    let chain = SignedChain::read(database)?;
-    if older.root.is_none() {
-        return Err(ProofError::Impossible(ProofFault::HeadWithoutTree));
+    /// Proves that the chain continues an earlier signed head.
+    ///
+    /// # Errors
+    /// [`ProofFault`].
+    pub fn prove_consistency(self, older: &Checkpoint) -> Result<Proof, ProofFault> {
+        if older.root.is_none() {
+            return Err(ProofFault::HeadWithoutTree);
+        }
+        if older.store_id != self.end.store_id {
+            return Err(ProofFault::OtherStore(older.store_id.clone()));
+        }
+        if older.seq > self.end.seq {
+            return Err(ProofFault::CutOff { seq: older.seq, end: self.end.seq });
+        }
+        let size = usize::try_from(older.seq).unwrap_or(usize::MAX);
+        let Some(path) = merkle::consistency(&self.hashes, size) else {
+            return Err(ProofFault::NoRecords);
+        };
+        let (older, newer) = (Box::new(older.clone()), Box::new(self.end));
+        let proof = Proof::Consistency { version: VERSION, older, path, newer };
+        proof.check_tree().map_err(|_| ProofFault::Rewritten)?;
+        Ok(proof)
     }
-    if older.store_id != chain.end.store_id {
-        return Err(ProofError::Impossible(ProofFault::OtherStore(older.store_id.clone())));
-    }
-    if older.seq > chain.end.seq {
-        return Err(ProofError::Impossible(ProofFault::CutOff { seq: older.seq, end: chain.end.seq }));
-    }
-    let size = usize::try_from(older.seq).unwrap_or(usize::MAX);
-    let Some(path) = merkle::consistency(&chain.hashes, size) else {
-        return Err(ProofError::Impossible(ProofFault::NoRecords));
-    };
-    let (older, newer) = (Box::new(older.clone()), Box::new(chain.end));
-    let proof = Proof::Consistency { version: VERSION, older, path, newer };
-    proof.check_tree().map_err(|_| ProofError::Impossible(ProofFault::Rewritten))?;
-    Ok(proof)
-}
-
-/// A store's signed head at a record.
-///
-/// # Errors
-/// [`ProofError::Impossible`] with the nearest heads that there are.
-pub fn stored_head(folder: &Path, seq: u64) -> Result<Checkpoint, ProofError> {
-    let checkpoints = read_all(&folder.join("checkpoints"))
-        .map_err(|bad| unsound(format!("the checkpoint {:?} is bad: {}", bad.file, bad.problem)))?;
-    let seq_of = |stored: &StoredCheckpoint| stored.checkpoint.seq;
-    if let Some(stored) = checkpoints.iter().find(|stored| seq_of(stored) == seq) {
-        return Ok(stored.checkpoint.clone());
-    }
-    let before = checkpoints.iter().rev().map(seq_of).find(|head_seq| *head_seq < seq);
-    let after = checkpoints.iter().map(seq_of).find(|head_seq| *head_seq > seq);
-    let near = before.into_iter().chain(after).collect();
-    Err(ProofError::Impossible(ProofFault::NoHead { seq, near }))
 }
 
 impl Proof {
@@ -313,7 +266,7 @@ impl Proof {
     /// # Errors
     /// If it has no JSON form.
     pub fn text(&self) -> Result<String, serde_json::Error> {
-        audit::ascii_json(self)
+        ascii_json(self)
     }
 
     /// The signed heads in it.

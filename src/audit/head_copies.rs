@@ -2,7 +2,8 @@
 //! copy.
 //!
 //! A copy is a checkpoint's file, a file of `store export` or `audit proof`, a database, or a folder: of checkpoints,
-//! of a whole store, or of a witness. The store must have signed each head in it, and its chain must begin with it.
+//! of a whole store, or of a witness. The store must have signed each head in it, and its chain must begin with it. The
+//! caller reads databases: see [`ReadSignedEnd`].
 
 use std::fs;
 use std::io::{BufReader, Read};
@@ -10,23 +11,21 @@ use std::path::Path;
 
 use ed25519_dalek::VerifyingKey;
 
-use super::chain_signature;
 use super::checkpoint::{BadCheckpointFile, Checkpoint, FILE_BYTES_MAX, names};
 use super::export_line::{ExportLine, next_line};
-use super::open::open_sound;
 use super::proof::Proof;
-use super::row_limit;
 use holdpoint_governance::ids::Digest;
 use holdpoint_text::file;
 
 /// The most heads that are read from one folder or file; the newest count.
-pub(crate) const HEADS_MAX: usize = 10_000;
+pub const HEADS_MAX: usize = 10_000;
 
 /// A signed head and where it was found.
 #[derive(Clone, Debug)]
-pub(crate) struct HeadCopy {
-    pub(crate) file: String,
-    pub(crate) checkpoint: Checkpoint,
+pub struct HeadCopy {
+    /// The file, with the line in one of several heads.
+    pub file: String,
+    pub checkpoint: Checkpoint,
 }
 
 /// Why a head that was kept elsewhere is not one of a chain.
@@ -64,14 +63,27 @@ fn missing(seq: u64, end: u64) -> String {
 }
 
 /// The chain's data at a record: its hash, and the root of the tree up to it if known.
-pub(crate) struct ChainPoint {
-    pub(crate) hash: Digest,
-    pub(crate) root: Option<Digest>,
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct ChainPoint {
+    /// The hash of the record.
+    pub hash: Digest,
+    /// The root of the tree up to it.
+    pub root: Option<Digest>,
 }
+
+/// Reads the signed end of a database file, `None` if it has none.
+pub type ReadSignedEnd<'a> = &'a dyn Fn(&Path) -> Result<Option<Checkpoint>, String>;
 
 /// Reads every head of a file or folder. If a folder has none, reads those of this store below it: a witness has one
 /// folder for each store.
-pub(crate) fn read_copies(path: &Path, store_id: &str) -> Result<Vec<HeadCopy>, BadCheckpointFile> {
+///
+/// # Errors
+/// The first file that is bad, or that there is no head.
+pub fn read_copies(
+    path: &Path,
+    store_id: &str,
+    read_signed_end: ReadSignedEnd<'_>,
+) -> Result<Vec<HeadCopy>, BadCheckpointFile> {
     let bad = |problem: String| BadCheckpointFile { file: path.display().to_string(), problem };
     let found = fs::metadata(path).map_err(|error| bad(error.to_string()))?;
     let copies = if found.is_dir() {
@@ -83,11 +95,11 @@ pub(crate) fn read_copies(path: &Path, store_id: &str) -> Result<Vec<HeadCopy>, 
         }
         let database = path.join("holdpoint.db");
         if database.is_file() {
-            copies.extend(read_database(&database)?);
+            copies.extend(read_database(&database, read_signed_end)?);
         }
         copies
     } else if found.is_file() {
-        read_file(path)?
+        read_file(path, read_signed_end)?
     } else {
         return Err(bad("it is neither a file nor a folder".to_owned()));
     };
@@ -108,9 +120,10 @@ fn read_folder(folder: &Path) -> Result<Vec<HeadCopy>, BadCheckpointFile> {
 }
 
 /// The heads in the files of a witness, the newest up to the limit, and its files that are not heads.
-pub(crate) fn read_witness(
-    folder: &Path,
-) -> Result<(Vec<HeadCopy>, Vec<BadCheckpointFile>), BadCheckpointFile> {
+///
+/// # Errors
+/// If the folder cannot be listed.
+pub fn read_witness(folder: &Path) -> Result<(Vec<HeadCopy>, Vec<BadCheckpointFile>), BadCheckpointFile> {
     let listed = names(folder).map_err(|error| BadCheckpointFile {
         file: folder.display().to_string(),
         problem: error.to_string(),
@@ -138,24 +151,23 @@ fn read_one(path: &Path) -> Result<HeadCopy, BadCheckpointFile> {
     }
 }
 
-/// The signed end of a database.
-fn read_database(path: &Path) -> Result<Option<HeadCopy>, BadCheckpointFile> {
+fn read_database(
+    path: &Path,
+    read_signed_end: ReadSignedEnd<'_>,
+) -> Result<Option<HeadCopy>, BadCheckpointFile> {
     let file = path.display().to_string();
-    let end = open_sound(path)
-        .map_err(|error| row_limit::error_message(&error))
-        .and_then(|it| chain_signature::read(&it));
-    match end {
+    match read_signed_end(path) {
         Ok(end) => Ok(end.map(|checkpoint| HeadCopy { file, checkpoint })),
         Err(problem) => Err(BadCheckpointFile { file, problem }),
     }
 }
 
-fn read_file(path: &Path) -> Result<Vec<HeadCopy>, BadCheckpointFile> {
+fn read_file(path: &Path, read_signed_end: ReadSignedEnd<'_>) -> Result<Vec<HeadCopy>, BadCheckpointFile> {
     let bad = |problem: String| BadCheckpointFile { file: path.display().to_string(), problem };
     let mut start = [0; 16];
     let mut start_of = file::open(path).map_err(|error| bad(error.to_string()))?;
     if start_of.read_exact(&mut start).is_ok() && &start == b"SQLite format 3\0" {
-        return read_database(path).map(|copy| copy.into_iter().collect());
+        return read_database(path, read_signed_end).map(|copy| copy.into_iter().collect());
     }
     if fs::metadata(path).is_ok_and(|found| found.len() <= FILE_BYTES_MAX)
         && let Ok(copy) = read_one(path)
@@ -207,7 +219,7 @@ fn read_lines(path: &Path) -> Result<Vec<HeadCopy>, BadCheckpointFile> {
 ///
 /// # Errors
 /// [`HeadFault`].
-pub(crate) fn check_copy(
+pub fn check_copy(
     checkpoint: &Checkpoint,
     (store_id, key): (&str, Option<&VerifyingKey>),
     end: u64,

@@ -2,8 +2,7 @@
 //!
 //! Each is a small JSON file outside the database, `checkpoints/<seq>.json`, signed with the store's key. They form
 //! their own chain: each has a number and the digest of the one before, so that a removal in the middle is noticed. The
-//! [signed end](super::chain_signature) in the database follows from the newest. Copies on another machine also bind a
-//! holder of that key.
+//! signed end in the database follows from the newest. Copies on another machine also bind a holder of that key.
 
 use std::fs;
 use std::path::Path;
@@ -11,9 +10,8 @@ use std::path::Path;
 use ed25519_dalek::{Signature, Signer, SigningKey, VerifyingKey};
 use serde::{Deserialize, Serialize};
 
-use super::audit::Head;
-use super::error::StoreError;
-use super::layout::write_atomically;
+use super::chain::Head;
+use super::files::{FileError, write_atomically};
 use holdpoint_approvals::keyfile::{hex, unhex};
 use holdpoint_governance::ids::Digest;
 use holdpoint_text::file::read_text;
@@ -33,11 +31,11 @@ const DOMAIN_DIGEST: &str = "holdpoint/checkpoint-digest/v1";
 /// The predecessor digest of a store's first checkpoint.
 const NONE_BEFORE: Digest = Digest::from_bytes([0; 32]);
 /// Records between two checkpoints.
-pub(crate) const EVERY_RECORDS: u64 = 256;
+pub const EVERY_RECORDS: u64 = 256;
 /// Checkpoints kept; older ones are removed. If there are fewer, the first of all is among them.
 const KEPT_MAX: usize = 1000;
 /// The largest checkpoint file, bytes.
-pub(crate) const FILE_BYTES_MAX: u64 = 4096;
+pub const FILE_BYTES_MAX: u64 = 4096;
 
 /// The place of a checkpoint among the checkpoints of its store.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -73,7 +71,8 @@ impl CheckpointLink {
     }
 
     /// The link from these checkpoints, oldest first. Counts unlinked ones of earlier versions if none is linked yet.
-    pub(crate) fn after_all(checkpoints: &[StoredCheckpoint]) -> Self {
+    #[must_use]
+    pub fn after_all(checkpoints: &[StoredCheckpoint]) -> Self {
         let newest = checkpoints.last().map(|stored| &stored.checkpoint);
         let link = Self::after(newest);
         if newest.is_some_and(|newest| newest.root.is_some()) {
@@ -92,10 +91,13 @@ impl CheckpointLink {
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Checkpoint {
+    /// The store whose key signed it.
     pub store_id: String,
+    /// The last record.
     pub seq: u64,
     /// Its virtual time, ms.
     pub at_ms: u64,
+    /// Its hash.
     pub head: Digest,
     /// Digest of the snapshot of the fold beside it, if there is one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -210,14 +212,17 @@ impl Checkpoint {
     }
 
     /// Writes it beside the others and removes the oldest beyond the limit.
-    pub(crate) fn write(&self, folder: &Path) -> Result<(), StoreError> {
-        let text = serde_json::to_string(self)
-            .map_err(|error| StoreError::invalid("checkpoint", self.seq, error))?;
+    ///
+    /// # Errors
+    /// [`FileError`].
+    pub fn write(&self, folder: &Path) -> Result<(), FileError> {
+        let text =
+            serde_json::to_string(self).map_err(|error| FileError::invalid("checkpoint", self.seq, error))?;
         write_atomically(&folder.join(name(self.seq)), text.as_bytes())?;
         let names = names(folder)?;
         for name in names.iter().take(names.len().saturating_sub(KEPT_MAX)) {
             let path = folder.join(name);
-            fs::remove_file(&path).map_err(StoreError::io("remove", &path))?;
+            fs::remove_file(&path).map_err(FileError::io("remove", &path))?;
         }
         Ok(())
     }
@@ -238,20 +243,23 @@ impl Checkpoint {
 
 /// A checkpoint and the name of its file.
 #[derive(Clone, Debug)]
-pub(crate) struct StoredCheckpoint {
-    pub(crate) file: String,
-    pub(crate) checkpoint: Checkpoint,
+pub struct StoredCheckpoint {
+    pub file: String,
+    pub checkpoint: Checkpoint,
 }
 
 /// A problem with a checkpoint's file.
 #[derive(Clone, Debug)]
-pub(crate) struct BadCheckpointFile {
-    pub(crate) file: String,
-    pub(crate) problem: String,
+pub struct BadCheckpointFile {
+    pub file: String,
+    pub problem: String,
 }
 
 /// Reads all checkpoints, oldest first; a missing folder has none.
-pub(crate) fn read_all(folder: &Path) -> Result<Vec<StoredCheckpoint>, BadCheckpointFile> {
+///
+/// # Errors
+/// The first bad one.
+pub fn read_all(folder: &Path) -> Result<Vec<StoredCheckpoint>, BadCheckpointFile> {
     if !folder.is_dir() {
         return Ok(Vec::new());
     }
@@ -271,7 +279,10 @@ pub(crate) fn read_all(folder: &Path) -> Result<Vec<StoredCheckpoint>, BadCheckp
 
 /// Each is linked to the one before, from the last gap that a rebuild signed on; only those removed for age are
 /// missing.
-pub(crate) fn check_links(checkpoints: &[StoredCheckpoint]) -> Result<(), BadCheckpointFile> {
+///
+/// # Errors
+/// The first that is not.
+pub fn check_links(checkpoints: &[StoredCheckpoint]) -> Result<(), BadCheckpointFile> {
     let since =
         checkpoints.iter().rposition(|stored| stored.checkpoint.link.as_ref().is_some_and(|link| link.gap));
     let since = since.unwrap_or(0);
@@ -293,7 +304,8 @@ pub(crate) fn check_links(checkpoints: &[StoredCheckpoint]) -> Result<(), BadChe
 }
 
 /// Number of unlinked checkpoints of earlier versions.
-pub(crate) fn count_earlier(checkpoints: &[StoredCheckpoint]) -> u64 {
+#[must_use]
+pub fn count_earlier(checkpoints: &[StoredCheckpoint]) -> u64 {
     checkpoints.iter().filter(|stored| stored.checkpoint.link.is_none()).count() as u64
 }
 
@@ -307,7 +319,10 @@ fn check_earlier(link: &CheckpointLink, checkpoints: &[StoredCheckpoint]) -> Res
 }
 
 /// The signed end in the database follows the newest checkpoint, or is the newest one.
-pub(crate) fn check_newest(end: &Checkpoint, checkpoints: &[StoredCheckpoint]) -> Result<(), String> {
+///
+/// # Errors
+/// What is wrong with it.
+pub fn check_newest(end: &Checkpoint, checkpoints: &[StoredCheckpoint]) -> Result<(), String> {
     let newest = checkpoints.last().map(|stored| &stored.checkpoint);
     match newest {
         Some(newest) if newest.link == end.link && (newest.seq, newest.head) == (end.seq, end.head) => Ok(()),
@@ -317,7 +332,8 @@ pub(crate) fn check_newest(end: &Checkpoint, checkpoints: &[StoredCheckpoint]) -
 }
 
 /// The file name of a record's checkpoint.
-pub(crate) fn name(seq: u64) -> String {
+#[must_use]
+pub fn name(seq: u64) -> String {
     format!("{seq:012}.json")
 }
 
@@ -328,10 +344,13 @@ fn is_name(file: &str) -> bool {
 
 /// File names of all checkpoints, oldest first. Files under other names are ignored: neither counted, removed nor
 /// expected.
-pub(crate) fn names(folder: &Path) -> Result<Vec<String>, StoreError> {
+///
+/// # Errors
+/// If the folder cannot be listed.
+pub fn names(folder: &Path) -> Result<Vec<String>, FileError> {
     let mut names = Vec::new();
-    for entry in fs::read_dir(folder).map_err(StoreError::io("list", folder))? {
-        let name = entry.map_err(StoreError::io("list", folder))?.file_name();
+    for entry in fs::read_dir(folder).map_err(FileError::io("list", folder))? {
+        let name = entry.map_err(FileError::io("list", folder))?.file_name();
         if let Some(name) = name.to_str().filter(|name| is_name(name)) {
             names.push(name.to_owned());
         }

@@ -5,18 +5,16 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use ed25519_dalek::VerifyingKey;
 
-use super::approve::RecordedApproval;
-use super::audit::Head;
-use super::authorizations::check_key_guarded;
+use super::chain::Head;
 use super::checkpoint::{Checkpoint, StoredCheckpoint, check_links, check_newest};
 use super::display_records::DisplayRecords;
 use super::export_body::{self, ExportedProfileAct, RecordStatement};
 use super::export_line::{ExportHeader, ExportLine};
-use super::fold::START;
 use super::head_copies::HEADS_MAX;
+use super::history_error::HistoryError;
 use super::merkle::Frontier;
-use super::profile_downgrade::ProfileHistory;
-use super::verify_error::VerifyError;
+use super::profile_history::{ProfileHistory, check_key_guarded};
+use super::recorded_approval::RecordedApproval;
 use holdpoint_approvals::keyfile::hex;
 use holdpoint_approvals::{
     PersonActKind, PersonDirectory, PersonError, PersonState, SignedApproval, SignedPersonAct,
@@ -26,16 +24,16 @@ use holdpoint_governance::ids::Digest;
 use holdpoint_governance::record::{AuditRecord, RecordKind};
 
 /// An invalid authorization on record, and its claimed signer.
-fn bad_authorization(by: &str, error: &PersonError) -> VerifyError {
-    VerifyError::Person { name: by.to_owned(), problem: error.to_string() }
+fn bad_authorization(by: &str, error: &PersonError) -> HistoryError {
+    HistoryError::Person { name: by.to_owned(), problem: error.to_string() }
 }
 
 /// The content of a file. Records are dropped after their check.
-pub(super) struct ExportedChain {
-    pub(super) heads: Vec<StoredCheckpoint>,
-    pub(super) signed_end: Option<Checkpoint>,
-    pub(super) end: Head,
-    pub(super) tree: Frontier,
+pub(crate) struct ExportedChain {
+    pub(crate) heads: Vec<StoredCheckpoint>,
+    pub(crate) signed_end: Option<Checkpoint>,
+    pub(crate) end: Head,
+    pub(crate) tree: Frontier,
     /// Records that a head refers to.
     head_seqs: BTreeSet<u64>,
     /// Their hash, the tree's root and their wall time.
@@ -44,8 +42,8 @@ pub(super) struct ExportedChain {
     approval_facts: BTreeMap<String, StoredApprovalFacts>,
     /// Nonces that a rebuild gave up.
     lost: BTreeSet<String>,
-    pub(super) approvals: Vec<SignedApproval>,
-    pub(super) persons: PersonDirectory,
+    pub(crate) approvals: Vec<SignedApproval>,
+    pub(crate) persons: PersonDirectory,
     history: ProfileHistory,
     shown: DisplayRecords,
 }
@@ -66,12 +64,12 @@ impl StoredApprovalFacts {
 }
 
 impl ExportedChain {
-    pub(super) fn of(store_id: &str) -> Self {
+    pub(crate) fn of(store_id: &str) -> Self {
         Self {
             persons: PersonDirectory::none(store_id),
             heads: Vec::new(),
             signed_end: None,
-            end: START,
+            end: Head::START,
             tree: Frontier::empty(),
             head_seqs: BTreeSet::new(),
             seen: BTreeMap::new(),
@@ -83,8 +81,8 @@ impl ExportedChain {
         }
     }
 
-    pub(super) fn take(&mut self, line: ExportLine, number: u64) -> Result<(), VerifyError> {
-        let bad = |problem: String| VerifyError::Line { line: number, problem };
+    pub(crate) fn take(&mut self, line: ExportLine, number: u64) -> Result<(), HistoryError> {
+        let bad = |problem: String| HistoryError::Line { line: number, problem };
         let misplaced = || bad("it does not belong here".to_owned());
         match line {
             ExportLine::Export(_) => Err(misplaced()),
@@ -117,21 +115,10 @@ impl ExportedChain {
         }
     }
 
-    fn take_record(&mut self, record: &AuditRecord) -> Result<(), VerifyError> {
+    fn take_record(&mut self, record: &AuditRecord) -> Result<(), HistoryError> {
         let seq = self.end.seq + 1;
-        let bad = |problem: &str| VerifyError::Record { seq, problem: problem.to_owned() };
-        if record.seq != seq {
-            return Err(bad(&format!("it is missing; the next one is {}", record.seq)));
-        }
-        if record.prev != self.end.hash {
-            return Err(bad("it does not follow from the record before"));
-        }
-        if record.hash != record.expected_hash() {
-            return Err(bad("its content does not match its hash"));
-        }
-        if record.at_ms < self.end.at_ms {
-            return Err(bad("it is older than the record before"));
-        }
+        let bad = |problem: &str| HistoryError::Record { seq, problem: problem.to_owned() };
+        let end = self.end.with_record(&record.hashed()).map_err(|problem| bad(&problem))?;
         self.shown
             .take(record.kind.known().copied(), &record.subject, &record.body)
             .map_err(|problem| bad(&format!("its body is not of its form: {problem}")))?;
@@ -163,7 +150,7 @@ impl ExportedChain {
             RecordStatement::Lost(nonces) => self.lost.extend(nonces),
             RecordStatement::Nothing => {}
         }
-        self.end = Head { seq, hash: record.hash, at_ms: record.at_ms };
+        self.end = end;
         self.tree.push(&record.hash);
         if self.head_seqs.contains(&seq) {
             self.seen.insert(seq, (record.hash, self.tree.root(), record.wall_ms));
@@ -171,9 +158,10 @@ impl ExportedChain {
         Ok(())
     }
 
-    fn take_approval(&mut self, record: &AuditRecord, change: RecordedApproval) -> Result<(), VerifyError> {
+    fn take_approval(&mut self, record: &AuditRecord, change: RecordedApproval) -> Result<(), HistoryError> {
         let nonce = change.nonce.to_string();
-        let bad = |problem: &str| VerifyError::Approval { nonce: nonce.clone(), problem: problem.to_owned() };
+        let bad =
+            |problem: &str| HistoryError::Approval { nonce: nonce.clone(), problem: problem.to_owned() };
         if self.approval_facts.contains_key(&nonce) {
             return Err(bad("two records name it"));
         }
@@ -203,30 +191,30 @@ impl ExportedChain {
         record: &AuditRecord,
         change: &str,
         signed: &SignedPersonAct,
-    ) -> Result<(), VerifyError> {
+    ) -> Result<(), HistoryError> {
         let act = signed.act();
         let (kind, change_name) = match act.act {
             PersonActKind::Enrol => (RecordKind::PersonEnrolled, "enrol-person"),
             PersonActKind::Confirm => (RecordKind::PersonConfirmed, "confirm-person"),
             PersonActKind::Revoke => (RecordKind::PersonRevoked, "revoke-person"),
         };
-        let bad = |problem: String| VerifyError::Person { name: act.name.clone(), problem };
+        let bad = |problem: String| HistoryError::Person { name: act.name.clone(), problem };
         if record.kind != kind || change != change_name || record.subject != act.name {
             return Err(bad("the act differs from its record".to_owned()));
         }
         self.persons.push(signed).map_err(|error| bad(error.to_string()))
     }
 
-    pub(super) fn check(&self, header: &ExportHeader, key: &VerifyingKey) -> Result<(), VerifyError> {
+    pub(crate) fn check(&self, header: &ExportHeader, key: &VerifyingKey) -> Result<(), HistoryError> {
         if self.end.seq != header.records {
             let problem = format!("it is missing; the first line names {} records", header.records);
-            return Err(VerifyError::Record { seq: self.end.seq + 1, problem });
+            return Err(HistoryError::Record { seq: self.end.seq + 1, problem });
         }
         for StoredCheckpoint { file, checkpoint } in &self.heads {
             self.check_head(checkpoint, &header.store_id, key)
-                .map_err(|problem| VerifyError::Checkpoint { file: file.clone(), problem })?;
+                .map_err(|problem| HistoryError::Checkpoint { file: file.clone(), problem })?;
         }
-        let unsigned = VerifyError::Unsigned;
+        let unsigned = HistoryError::Unsigned;
         match &self.signed_end {
             Some(end) => {
                 self.check_head(end, &header.store_id, key).map_err(unsigned)?;
@@ -245,7 +233,7 @@ impl ExportedChain {
         let gap = self.signed_end.as_ref().and_then(|end| end.link.as_ref()).is_some_and(|link| link.gap);
         if !gap {
             check_links(&self.heads)
-                .map_err(|bad| VerifyError::Checkpoint { file: bad.file, problem: bad.problem })?;
+                .map_err(|bad| HistoryError::Checkpoint { file: bad.file, problem: bad.problem })?;
             if let Some(end) = &self.signed_end {
                 check_newest(end, &self.heads).map_err(unsigned)?;
             }
@@ -276,11 +264,11 @@ impl ExportedChain {
         }
     }
 
-    fn check_approvals(&self, store_id: &str, store_key: &str) -> Result<(), VerifyError> {
+    fn check_approvals(&self, store_id: &str, store_key: &str) -> Result<(), HistoryError> {
         let mut found = BTreeSet::new();
         for signed in &self.approvals {
             let nonce = signed.approval().nonce.as_str();
-            let bad = |problem: &str| VerifyError::Approval {
+            let bad = |problem: &str| HistoryError::Approval {
                 nonce: nonce.to_owned(),
                 problem: problem.to_owned(),
             };
@@ -314,7 +302,7 @@ impl ExportedChain {
         {
             None => Ok(()),
             Some(nonce) => {
-                Err(VerifyError::Approval { nonce: nonce.clone(), problem: "it is missing".to_owned() })
+                Err(HistoryError::Approval { nonce: nonce.clone(), problem: "it is missing".to_owned() })
             }
         }
     }

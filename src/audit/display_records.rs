@@ -5,7 +5,6 @@
 
 use std::collections::BTreeMap;
 
-use rusqlite::Connection;
 use serde::{Deserialize, Serialize};
 
 use super::export_body::{typed, value_of};
@@ -27,6 +26,7 @@ struct DisplayRecord {
 }
 
 /// The displayed text, as far as decisions are compared with it.
+#[derive(Debug)]
 struct DisplayedForm {
     lines: Digest,
     facts: Digest,
@@ -40,7 +40,7 @@ struct RegisteredDigest {
 }
 
 /// The checked part of a request's record.
-#[derive(Deserialize, PartialEq)]
+#[derive(Debug, Deserialize, PartialEq)]
 struct RequestedApproval {
     id: String,
     row_version: u64,
@@ -54,44 +54,24 @@ struct ChangeField<C> {
     change: C,
 }
 
-/// The kinds of records read here.
-const KINDS: [RecordKind; 3] =
-    [RecordKind::VersionRegistered, RecordKind::ApprovalRequested, RecordKind::Shown];
-
 /// The records so far about versions, requests and displayed texts.
-#[derive(Default)]
-pub(super) struct DisplayRecords {
+#[derive(Debug, Default)]
+pub struct DisplayRecords {
     registered: BTreeMap<String, Digest>,
     requests: BTreeMap<String, (String, RequestedApproval)>,
     shown: BTreeMap<String, DisplayedForm>,
 }
 
 impl DisplayRecords {
-    /// Reads those of a whole store.
-    ///
-    /// # Errors
-    /// If the store cannot be read; then the first record that is bad.
-    pub(super) fn read(connection: &Connection) -> rusqlite::Result<Result<Self, (u64, String)>> {
-        let mut select = connection
-            .prepare("SELECT seq, kind, subject, body FROM audit WHERE kind IN (?1, ?2, ?3) ORDER BY seq")?;
-        let mut rows = select.query(KINDS.map(RecordKind::name))?;
-        let mut read = Self::default();
-        while let Some(row) = rows.next()? {
-            let (seq, kind): (u64, String) = (row.get(0)?, row.get(1)?);
-            let (subject, body): (String, String) = (row.get(2)?, row.get(3)?);
-            let kind = KINDS.into_iter().find(|known| known.name() == kind);
-            if let Err(problem) = read.take(kind, &subject, &body) {
-                return Ok(Err((seq, problem)));
-            }
-        }
-        Ok(Ok(read))
-    }
+    /// The kinds of records that [`Self::take`] reads.
+    pub const KINDS: [RecordKind; 3] =
+        [RecordKind::VersionRegistered, RecordKind::ApprovalRequested, RecordKind::Shown];
 
     /// Reads a record of any kind.
     ///
     /// # Errors
     /// What is wrong with it.
-    pub(super) fn take(&mut self, kind: Option<RecordKind>, subject: &str, body: &str) -> Result<(), String> {
+    pub fn take(&mut self, kind: Option<RecordKind>, subject: &str, body: &str) -> Result<(), String> {
         match kind {
             // Records of earlier versions must only not contradict anything.
             Some(RecordKind::VersionRegistered) => {
@@ -151,7 +131,7 @@ impl DisplayRecords {
     ///
     /// # Errors
     /// What is wrong with it.
-    pub(super) fn check(&self, approval: &Approval, store_key: Option<&str>) -> Result<(), String> {
+    pub fn check(&self, approval: &Approval, store_key: Option<&str>) -> Result<(), String> {
         let stored = self.shown.get(approval.nonce.as_str());
         let Some(shown) = &approval.shown else {
             return stored.map_or(Ok(()), |_| Err("it was signed over nothing that was shown".to_owned()));

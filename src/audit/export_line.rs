@@ -7,7 +7,7 @@ use std::io::{self, BufRead, Read as _, Write};
 
 use serde::{Deserialize, Serialize};
 
-use super::audit::write_ascii_json;
+use super::ascii_json::write_ascii_json;
 use super::checkpoint::Checkpoint;
 use holdpoint_approvals::SignedApproval;
 use holdpoint_governance::closed_set::Lenient;
@@ -15,42 +15,63 @@ use holdpoint_governance::ids::Digest;
 use holdpoint_governance::record::AuditRecord;
 
 /// The longest record line, bytes: its body has at most 4 MiB, and each byte may become an escape of six.
-pub(crate) const LINE_BYTES_MAX: u64 = 32 << 20;
+pub const LINE_BYTES_MAX: u64 = 32 << 20;
 /// The longest other line, bytes.
-pub(crate) const SHORT_LINE_BYTES_MAX: u64 = 64 << 10;
+pub const SHORT_LINE_BYTES_MAX: u64 = 64 << 10;
 /// The start of a file.
-pub(crate) const START_OF_FILE: &[u8; 10] = b"{\"export\":";
+pub const START_OF_FILE: &[u8; 10] = b"{\"export\":";
 /// The start of a record line.
 const START_OF_RECORD: &[u8] = b"{\"record\":{";
 
 /// One line.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
-pub(crate) enum ExportLine {
+pub enum ExportLine {
+    /// The first.
     Export(ExportHeader),
+    /// A checkpoint; all stand before the records, oldest first.
     Head(Checkpoint),
+    /// The signed end of the chain.
     End(Checkpoint),
+    /// A record; they stand in their order.
     Record(Box<ExportedRecord>),
+    /// A person's signed decision.
     Approval(Box<SignedApproval>),
 }
+
+/// The name of the form in the first line.
+pub(crate) const FORMAT: &str = "holdpoint-store-export";
+/// The version of the form.
+pub(crate) const VERSION: u32 = 1;
 
 /// The first line.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub(crate) struct ExportHeader {
-    pub(crate) format: String,
-    pub(crate) version: u32,
-    pub(crate) store_id: String,
+pub struct ExportHeader {
+    /// The name of the form.
+    pub format: String,
+    /// The version of the form.
+    pub version: u32,
+    /// The store that the file is of.
+    pub store_id: String,
     /// Records in the file.
-    pub(crate) records: u64,
+    pub records: u64,
     /// 64 hexadecimal digits.
-    pub(crate) public_key: Option<String>,
+    pub public_key: Option<String>,
+}
+
+impl ExportHeader {
+    /// The first line of a file of this program's form.
+    #[must_use]
+    pub fn new(store_id: String, records: u64, public_key: Option<String>) -> Self {
+        Self { format: FORMAT.to_owned(), version: VERSION, store_id, records, public_key }
+    }
 }
 
 /// A record in its line's form.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub(crate) struct ExportedRecord {
+pub struct ExportedRecord {
     seq: u64,
     prev: Digest,
     hash: Digest,
@@ -77,7 +98,10 @@ impl From<ExportedRecord> for AuditRecord {
 
 impl ExportLine {
     /// Writes it with its newline.
-    pub(crate) fn write(&self, mut out: impl Write) -> serde_json::Result<()> {
+    ///
+    /// # Errors
+    /// If it has no JSON form, or cannot be written.
+    pub fn write(&self, mut out: impl Write) -> serde_json::Result<()> {
         write_ascii_json(&mut out, self)?;
         out.write_all(b"\n").map_err(serde_json::Error::io)
     }
@@ -86,7 +110,7 @@ impl ExportLine {
     ///
     /// # Errors
     /// What is wrong with it.
-    pub(crate) fn parse(line: &[u8]) -> Result<Self, String> {
+    pub fn parse(line: &[u8]) -> Result<Self, String> {
         if line.last() != Some(&b'\n') {
             return Err("the file is cut short in it".to_owned());
         }
@@ -117,7 +141,7 @@ impl Write for UnmatchedBytes<'_> {
 ///
 /// # Errors
 /// If it cannot be read or is longer.
-pub(crate) fn next_line(reader: &mut impl BufRead) -> Result<Option<Vec<u8>>, String> {
+pub fn next_line(reader: &mut impl BufRead) -> Result<Option<Vec<u8>>, String> {
     let (mut line, mut most) = (Vec::new(), SHORT_LINE_BYTES_MAX);
     let mut read_up_to = |line: &mut Vec<u8>, bytes: u64| {
         let more = bytes.saturating_sub(line.len() as u64);

@@ -1,9 +1,9 @@
 //! Witnesses: folders elsewhere that get every new checkpoint, so that the next start detects a store that was cut back
 //! or restored from an older copy.
 //!
-//! Only the chain's records name the folders. A witness has one folder for each store, made when the witness is added
-//! and never again: if a mount is missing, nothing is written under its mount point. Each has its own thread and a
-//! bounded queue, because a network folder may hang.
+//! Only the chain's records name the folders: the store reads them, and sends its heads. A witness has one folder for
+//! each store, made when the witness is added and never again: if a mount is missing, nothing is written under its mount
+//! point. Each has its own thread and a bounded queue, because a network folder may hang.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
@@ -14,17 +14,11 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 use ed25519_dalek::VerifyingKey;
-use serde::Deserialize;
 
-use super::change::Change;
 use super::checkpoint::{self, Checkpoint};
-use super::error::StoreError;
+use super::files::{FileError, sync_folder, write_atomically};
 use super::head_copies::{ChainPoint, HEADS_MAX, HeadFault, check_copy};
-use super::layout::{sync_folder, write_atomically};
-use super::migrate::STORE;
-use super::open::open_reader;
 use holdpoint_governance::ids::is_name;
-use holdpoint_governance::record::RecordKind;
 
 /// The most witnesses of one store.
 pub const WITNESSES_MAX: usize = 8;
@@ -43,7 +37,7 @@ const PATH_BYTES_MAX: usize = 1024;
 
 /// Witnesses that cannot be written or read at present, each with the reason.
 #[derive(Clone, Debug, Default)]
-pub(crate) struct WitnessProblems(Arc<Mutex<UnreachableWitnesses>>);
+pub struct WitnessProblems(Arc<Mutex<UnreachableWitnesses>>);
 
 #[derive(Debug, Default)]
 struct UnreachableWitnesses {
@@ -81,7 +75,7 @@ impl WitnessProblems {
     }
 
     /// The start's findings are on record: from now on all witnesses get heads.
-    pub(crate) fn mark_reported(&self) {
+    pub fn mark_reported(&self) {
         self.locked().untold.clear();
     }
 
@@ -90,7 +84,8 @@ impl WitnessProblems {
     }
 
     /// All of them, in the order of the folders.
-    pub(crate) fn all(&self) -> Vec<String> {
+    #[must_use]
+    pub fn all(&self) -> Vec<String> {
         let silent = self.locked();
         let found = silent.unwritten.iter().chain(&silent.unheard);
         found.map(|(folder, problem)| format!("the witness {folder:?}: {problem}")).collect()
@@ -98,7 +93,8 @@ impl WitnessProblems {
 }
 
 /// A witness's folder for the heads of one store.
-pub(crate) fn folder_of(witness: &str, store_id: &str) -> PathBuf {
+#[must_use]
+pub fn folder_of(witness: &str, store_id: &str) -> PathBuf {
     Path::new(witness).join(store_id)
 }
 
@@ -106,8 +102,8 @@ pub(crate) fn folder_of(witness: &str, store_id: &str) -> PathBuf {
 ///
 /// # Errors
 /// If it is not an absolute path, or is an address.
-pub(crate) fn check_path(path: &str) -> Result<(), StoreError> {
-    let bad = |allowed: &str| Err(StoreError::invalid("witness", path, allowed));
+pub fn check_path(path: &str) -> Result<(), FileError> {
+    let bad = |allowed: &str| Err(FileError::invalid("witness", path, allowed));
     let address = path.contains("://") || (path.contains('@') && path.contains(':'));
     if address {
         return bad(
@@ -125,64 +121,34 @@ pub(crate) fn check_path(path: &str) -> Result<(), StoreError> {
 ///
 /// # Errors
 /// If it cannot be written.
-pub(crate) fn prepare(witness: &str, head: &Checkpoint) -> Result<(), StoreError> {
+pub fn prepare(witness: &str, head: &Checkpoint) -> Result<(), FileError> {
     let root = Path::new(witness);
     if !root.is_dir() {
-        return Err(StoreError::invalid("witness", witness, "a folder that is there"));
+        return Err(FileError::invalid("witness", witness, "a folder that is there"));
     }
     if !is_name(&head.store_id) {
-        return Err(StoreError::invalid("store id", &head.store_id, "a name: a-z, 0-9, '.', '_', '-'"));
+        return Err(FileError::invalid("store id", &head.store_id, "a name: a-z, 0-9, '.', '_', '-'"));
     }
     let folder = folder_of(witness, &head.store_id);
     if !folder.is_dir() {
-        fs::create_dir(&folder).map_err(StoreError::io("make the folder of a witness", &folder))?;
+        fs::create_dir(&folder).map_err(FileError::io("make the folder of a witness", &folder))?;
         sync_folder(root)?;
     }
     put(&folder, head)
 }
 
-fn put(folder: &Path, head: &Checkpoint) -> Result<(), StoreError> {
+fn put(folder: &Path, head: &Checkpoint) -> Result<(), FileError> {
     let text =
-        serde_json::to_string(head).map_err(|error| StoreError::invalid("checkpoint", head.seq, error))?;
+        serde_json::to_string(head).map_err(|error| FileError::invalid("checkpoint", head.seq, error))?;
     let path = folder.join(checkpoint::name(head.seq));
     // An existing head is never replaced by a different one.
     if let Ok(there) = Checkpoint::read(&path)
         && there.store_id == head.store_id
         && there.head != head.head
     {
-        return Err(StoreError::invalid("head of a witness", path.display(), "the head that it got before"));
+        return Err(FileError::invalid("head of a witness", path.display(), "the head that it got before"));
     }
     write_atomically(&path, text.as_bytes())
-}
-
-/// The witness folders of a store, from its records.
-///
-/// # Errors
-/// If the store cannot be read.
-pub fn witnesses(database: &Path) -> Result<BTreeSet<String>, StoreError> {
-    #[derive(Deserialize)]
-    struct RecordedWitness {
-        change: Change,
-    }
-    let error = StoreError::sql("read the audit chain");
-    let connection = open_reader(database, &STORE)?;
-    let mut select =
-        connection.prepare("SELECT seq, body FROM audit WHERE kind = ?1 ORDER BY seq").map_err(&error)?;
-    let mut rows = select.query([RecordKind::WitnessSet.name()]).map_err(&error)?;
-    let mut found = BTreeSet::new();
-    while let Some(row) = rows.next().map_err(&error)? {
-        let (seq, body): (u64, String) = (row.get(0).map_err(&error)?, row.get(1).map_err(&error)?);
-        let read: RecordedWitness =
-            serde_json::from_str(&body).map_err(|it| StoreError::invalid("audit record", seq, it))?;
-        if let Change::SetWitness { folder, present, .. } = read.change {
-            if present {
-                found.insert(folder);
-            } else {
-                found.remove(&folder);
-            }
-        }
-    }
-    Ok(found)
 }
 
 /// Whether a witness accepts heads of a store; reads only.
@@ -210,7 +176,7 @@ pub fn witness_heads(witness: &str, store_id: &str) -> Result<u64, String> {
 
 /// Sends heads to every witness.
 #[derive(Debug, Default)]
-pub(crate) struct WitnessSenders {
+pub struct WitnessSenders {
     threads: Vec<WitnessSender>,
     problems: WitnessProblems,
 }
@@ -225,12 +191,14 @@ struct WitnessSender {
 }
 
 impl WitnessSenders {
-    pub(crate) fn new(problems: WitnessProblems) -> Self {
+    /// Sends to no folder yet; failures become these problems.
+    #[must_use]
+    pub fn new(problems: WitnessProblems) -> Self {
         Self { threads: Vec::new(), problems }
     }
 
     /// Sends to these folders from now on, and to no others.
-    pub(crate) fn set<'a>(&mut self, witnesses: impl Iterator<Item = &'a String>, store_id: &str) {
+    pub fn set<'a>(&mut self, witnesses: impl Iterator<Item = &'a String>, store_id: &str) {
         let wanted: Vec<&String> = witnesses.collect();
         let (retained, removed) = std::mem::take(&mut self.threads)
             .into_iter()
@@ -253,7 +221,7 @@ impl WitnessSenders {
     }
 
     /// Sends a head; never waits. If the start found something missing, only after that is on record.
-    pub(crate) fn send(&self, head: &Checkpoint) {
+    pub fn send(&self, head: &Checkpoint) {
         for sender in self.threads.iter().filter(|sender| !self.problems.is_unreported(&sender.witness)) {
             let since =
                 *sender.waits.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert_with(Instant::now);
@@ -310,7 +278,7 @@ fn start(witness: &str, store_id: &str, problems: WitnessProblems) -> std::io::R
     Ok(WitnessSender { witness: witness.to_owned(), heads, ended, waits })
 }
 
-fn described(error: &StoreError, folder: &Path) -> String {
+fn described(error: &FileError, folder: &Path) -> String {
     if folder.is_dir() {
         return error.to_string();
     }
@@ -319,7 +287,7 @@ fn described(error: &StoreError, folder: &Path) -> String {
 
 /// A start's finding at a witness.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub(crate) enum WitnessFinding {
+enum WitnessFinding {
     /// The newest head there is of this chain.
     Agrees,
     /// It cannot be read.
@@ -329,7 +297,7 @@ pub(crate) enum WitnessFinding {
 }
 
 /// Reads the newest head that this store signed from a witness.
-pub(crate) fn compare_witness(
+fn compare_witness(
     witness: &str,
     (store_id, key): (&str, &VerifyingKey),
     end: u64,
@@ -398,7 +366,7 @@ fn newest_signed(
 ///
 /// # Errors
 /// The first that contradicts the chain.
-pub(crate) fn compare_witnesses<'a>(
+pub fn compare_witnesses<'a>(
     witnesses: impl Iterator<Item = &'a String>,
     by: (&str, &VerifyingKey),
     end: u64,
@@ -440,7 +408,7 @@ mod tests {
         put(folder.path(), &head("one")).unwrap();
         let error = put(folder.path(), &head("other")).unwrap_err();
         let there = path.display().to_string();
-        assert!(matches!(&error, StoreError::Invalid { value, .. } if *value == there), "{error}");
+        assert!(matches!(&error, FileError::Invalid { value, .. } if *value == there), "{error}");
         assert_eq!(fs::read(&path).unwrap(), testimony);
         // Nothing is written through a planted link in place of the file.
         let elsewhere = folder.path().join("elsewhere");

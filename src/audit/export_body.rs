@@ -5,9 +5,9 @@ use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
-use super::approve::RecordedApproval;
-use super::profile_downgrade::ContextRules;
+use super::profile_history::ContextRules;
 use super::rebuild_report::RebuildRecordChange;
+use super::recorded_approval::RecordedApproval;
 use holdpoint_approvals::{SignedPersonAct, SignedProfileAct, SignedWitnessAct};
 use holdpoint_governance::ids::{Digest, canonical_json};
 use holdpoint_governance::profile::ProfileName;
@@ -19,7 +19,7 @@ const BODY_MARKS_MAX: usize = 1 << 20;
 const BODY_DEPTH_MAX: usize = 32;
 
 /// The judged content of a record.
-pub(super) enum RecordStatement {
+pub(crate) enum RecordStatement {
     Put(RecordedApproval),
     /// An act about a person, and the name of the change.
     Act {
@@ -37,40 +37,40 @@ pub(super) enum RecordStatement {
 /// A witness that was added or removed.
 #[derive(Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub(super) struct ExportedWitness {
+pub(crate) struct ExportedWitness {
     change: String,
-    pub(super) folder: String,
-    pub(super) present: bool,
+    pub(crate) folder: String,
+    pub(crate) present: bool,
     by: String,
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub(super) act: Option<Box<SignedWitnessAct>>,
+    pub(crate) act: Option<Box<SignedWitnessAct>>,
 }
 
 /// A change of profile that was authorized.
 #[derive(Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub(super) struct ExportedProfileAct {
+pub(crate) struct ExportedProfileAct {
     change: String,
-    pub(super) profile: ProfileName,
+    pub(crate) profile: ProfileName,
     by: String,
-    pub(super) act: Box<SignedProfileAct>,
+    pub(crate) act: Box<SignedProfileAct>,
 }
 
 /// A profile that came into force.
 #[derive(Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub(super) struct ExportedContext {
+pub(crate) struct ExportedContext {
     change: String,
     /// Its content, which records of earlier versions lack.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     json: Option<String>,
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
-    pub(super) looser_by_word: bool,
+    pub(crate) looser_by_word: bool,
     policy_digest: Digest,
-    pub(super) profile: ProfileName,
+    pub(crate) profile: ProfileName,
     /// Its requirements, which records of earlier versions lack.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub(super) rules: Option<ContextRules>,
+    pub(crate) rules: Option<ContextRules>,
 }
 
 /// A body of a record that the store writes itself.
@@ -85,7 +85,7 @@ struct ExportedBody<C> {
 ///
 /// # Errors
 /// What is wrong with it.
-pub(super) fn read(kind: Option<&RecordKind>, text: &str) -> Result<RecordStatement, String> {
+pub(crate) fn read(kind: Option<&RecordKind>, text: &str) -> Result<RecordStatement, String> {
     match kind {
         Some(RecordKind::ApprovalPut) => {
             let change: RecordedApproval = change_of(text)?;
@@ -134,7 +134,7 @@ fn change_of<C: Serialize + DeserializeOwned>(text: &str) -> Result<C, String> {
 }
 
 /// A value with the fields of its form: all of them, and optional ones only with content.
-pub(super) fn typed<T: Serialize + DeserializeOwned>(value: Value) -> Result<T, String> {
+pub(crate) fn typed<T: Serialize + DeserializeOwned>(value: Value) -> Result<T, String> {
     let typed = T::deserialize(&value).map_err(|error| error.to_string())?;
     if serde_json::to_value(&typed).map_err(|error| error.to_string())? == value {
         return Ok(typed);
@@ -143,7 +143,7 @@ pub(super) fn typed<T: Serialize + DeserializeOwned>(value: Value) -> Result<T, 
 }
 
 /// Parses a text that must be the canonical text of its value.
-pub(super) fn value_of(text: &str) -> Result<Value, String> {
+pub(crate) fn value_of(text: &str) -> Result<Value, String> {
     if text.bytes().filter(|byte| matches!(byte, b',' | b'[' | b'{')).count() > BODY_MARKS_MAX {
         return Err(format!(
             "it has more than {BODY_MARKS_MAX} commas and brackets, and so many are allowed"

@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 use sha2::{Digest as _, Sha256};
 
 /// The longest path of a proof: a tree of 2^63 leaves has no longer one, and a consistency proof has one hash more.
-pub(crate) const PATH_MAX: usize = 64;
+pub const PATH_MAX: usize = 64;
 
 fn leaf(record: &Digest) -> Digest {
     let mut bytes = [0; 33];
@@ -27,29 +27,32 @@ fn node(left: &Digest, right: &Digest) -> Digest {
 /// The roots of the complete subtrees of the records so far, the largest first.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub(crate) struct Frontier {
+pub struct Frontier {
     size: u64,
     peaks: Vec<Digest>,
 }
 
 impl Frontier {
     /// The frontier of no records.
-    pub(crate) const fn empty() -> Self {
+    #[must_use]
+    pub const fn empty() -> Self {
         Self { size: 0, peaks: Vec::new() }
     }
 
     /// Records in the tree.
-    pub(crate) const fn size(&self) -> u64 {
+    #[must_use]
+    pub const fn size(&self) -> u64 {
         self.size
     }
 
     /// Whether it can be the frontier of this number of records.
-    pub(crate) fn is_of(&self, size: u64) -> bool {
+    #[must_use]
+    pub fn is_of(&self, size: u64) -> bool {
         self.size == size && self.peaks.len() as u64 == u64::from(size.count_ones())
     }
 
     /// Adds the next record.
-    pub(crate) fn push(&mut self, record: &Digest) {
+    pub fn push(&mut self, record: &Digest) {
         let mut right = leaf(record);
         for _ in 0..self.size.trailing_ones() {
             if let Some(left) = self.peaks.pop() {
@@ -61,14 +64,16 @@ impl Frontier {
     }
 
     /// The root of the whole tree.
-    pub(crate) fn root(&self) -> Digest {
+    #[must_use]
+    pub fn root(&self) -> Digest {
         let joined = self.peaks.iter().rev().copied().reduce(|right, left| node(&left, &right));
         joined.unwrap_or_else(|| Digest::from_bytes(Sha256::digest([]).into()))
     }
 }
 
 /// The root of the tree of these records.
-pub(crate) fn root(records: &[Digest]) -> Digest {
+#[must_use]
+pub fn root(records: &[Digest]) -> Digest {
     let mut frontier = Frontier::empty();
     for record in records {
         frontier.push(record);
@@ -82,7 +87,8 @@ const fn left_size(size: usize) -> usize {
 }
 
 /// The path from a record, counted from 0, to the root of all of them; `None` if there is no such record.
-pub(crate) fn inclusion(records: &[Digest], index: usize) -> Option<Vec<Digest>> {
+#[must_use]
+pub fn inclusion(records: &[Digest], index: usize) -> Option<Vec<Digest>> {
     if index >= records.len() {
         return None;
     }
@@ -105,7 +111,8 @@ pub(crate) fn inclusion(records: &[Digest], index: usize) -> Option<Vec<Digest>>
 
 /// The proof that the tree of the first `older` records is the beginning of the tree of all of them; `None` where
 /// there is no such tree, or it is empty.
-pub(crate) fn consistency(records: &[Digest], older: usize) -> Option<Vec<Digest>> {
+#[must_use]
+pub fn consistency(records: &[Digest], older: usize) -> Option<Vec<Digest>> {
     if older == 0 || older > records.len() {
         return None;
     }
@@ -132,7 +139,8 @@ pub(crate) fn consistency(records: &[Digest], older: usize) -> Option<Vec<Digest
 
 /// Whether this path leads from a record, counted from 0, to the root of the tree of `size` records (RFC 9162,
 /// 2.1.3.2).
-pub(crate) fn includes(record: &Digest, index: u64, (size, root): (u64, &Digest), path: &[Digest]) -> bool {
+#[must_use]
+pub fn includes(record: &Digest, index: u64, (size, root): (u64, &Digest), path: &[Digest]) -> bool {
     if index >= size || path.len() > PATH_MAX {
         return false;
     }
@@ -158,7 +166,8 @@ pub(crate) fn includes(record: &Digest, index: u64, (size, root): (u64, &Digest)
 
 /// Whether this path shows that one tree is the beginning of another, both with their sizes and roots (RFC 9162,
 /// 2.1.4.2). Nothing is shown of a tree without records.
-pub(crate) fn begins(older: (u64, &Digest), newer: (u64, &Digest), path: &[Digest]) -> bool {
+#[must_use]
+pub fn begins(older: (u64, &Digest), newer: (u64, &Digest), path: &[Digest]) -> bool {
     if older.0 == 0 || older.0 > newer.0 || path.len() > PATH_MAX {
         return false;
     }
