@@ -69,18 +69,47 @@ fn crates_of(program: &str, format: &str) -> String {
     run_cargo(&[&tree[..], &["-p", program, "--format", format]].concat())
 }
 
-/// Tests do not count: they may set up what they need.
+/// The rooms of a table with the rooms that each uses. A room uses only rooms above it.
+fn documented_rooms(heading: &str) -> BTreeMap<String, BTreeSet<String>> {
+    let rows = table("src/ARCHITECTURE.md", heading);
+    let mut above: BTreeSet<String> = BTreeSet::new();
+    let mut documented = BTreeMap::new();
+    for row in &rows {
+        let room = quoted(&row[0]).concat();
+        let uses: BTreeSet<String> = quoted(&row[3]).into_iter().collect();
+        let upward: Vec<&String> = uses.difference(&above).collect();
+        assert!(upward.is_empty(), "{room} uses {upward:?}, which come after it");
+        above.insert(room.clone());
+        documented.insert(room, uses);
+    }
+    documented
+}
+
+/// The code of these files. Tests do not count: they may set up what they need.
+fn code_of(files: Vec<PathBuf>) -> String {
+    files.iter().filter(|path| !is_test_file(path)).map(|path| program(path)).collect()
+}
+
+/// The code of a room: its file, and the files in its folder.
+fn code_of_room(folder: &str, room: &str) -> String {
+    let mut files = sources(&format!("{folder}/{room}"));
+    files.push(root().join(format!("{folder}/{room}.rs")));
+    code_of(files)
+}
+
+/// The other rooms of its crate that the code of a room names.
+fn rooms_used<'a>(code: &str, room: &str, rooms: impl Iterator<Item = &'a str>) -> BTreeSet<String> {
+    rooms
+        .filter(|other| *other != room && !lines_with(code, &format!("crate::{other}")).is_empty())
+        .map(str::to_owned)
+        .collect()
+}
+
 #[test]
 fn the_rooms_of_the_engine_use_each_other_as_documented() {
-    let rows = table("src/ARCHITECTURE.md", "Rooms of the engine");
-    let documented: BTreeMap<String, BTreeSet<String>> =
-        rows.iter().map(|row| (quoted(&row[0]).concat(), quoted(&row[3]).into_iter().collect())).collect();
     let rooms = ["live", "decide"];
     // These are crates of their own, so cargo keeps them from using what is below.
     let crates = ["trials", "record", "explain", "service"];
-    let code_of = |files: Vec<PathBuf>| -> String {
-        files.iter().filter(|path| !is_test_file(path)).map(|path| program(path)).collect()
-    };
     let uses_of = |code: &str| {
         let named = |path: String, name: &str| (!lines_with(code, &path).is_empty()).then(|| name.to_owned());
         let of_crates = crates.iter().filter_map(|name| named(format!("holdpoint_{name}"), name));
@@ -95,25 +124,30 @@ fn the_rooms_of_the_engine_use_each_other_as_documented() {
         actual.insert(name.to_owned(), used);
     }
     for room in rooms {
-        let mut files = sources(&format!("src/engine/{room}"));
-        files.push(root().join(format!("src/engine/{room}.rs")));
-        let code = code_of(files);
-        let mut used: BTreeSet<String> = rooms
-            .iter()
-            .filter(|other| **other != room && !lines_with(&code, &format!("crate::{other}")).is_empty())
-            .map(|other| (*other).to_owned())
-            .collect();
+        let code = code_of_room("src/engine", room);
+        let mut used = rooms_used(&code, room, rooms.into_iter());
         used.extend(uses_of(&code));
         actual.insert(room.to_owned(), used);
     }
+    assert_eq!(documented_rooms("Rooms of the engine"), actual);
+}
+
+#[test]
+fn the_rooms_of_the_registry_use_each_other_as_documented() {
+    let documented = documented_rooms("Rooms of the registry");
+    let folder = root().join("src/registry");
+    let own = fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path());
+    let own = own.filter(|path| path.extension().is_some_and(|extension| extension == "rs"));
+    let own: BTreeSet<String> =
+        own.map(|path| path.file_stem().unwrap().to_str().unwrap().to_owned()).collect();
+    let expected = documented.keys().cloned().chain(["failpoint", "lib"].map(str::to_owned));
+    assert_eq!(own, expected.collect::<BTreeSet<String>>());
+    let uses_of = |room: &String| {
+        let code = code_of_room("src/registry", room);
+        (room.clone(), rooms_used(&code, room, documented.keys().map(String::as_str)))
+    };
+    let actual: BTreeMap<String, BTreeSet<String>> = documented.keys().map(uses_of).collect();
     assert_eq!(documented, actual);
-    let mut above: BTreeSet<String> = BTreeSet::new();
-    for row in &rows {
-        let room = quoted(&row[0]).concat();
-        let upward: Vec<&String> = documented[&room].difference(&above).collect();
-        assert!(upward.is_empty(), "{room} uses {upward:?}, which come after it");
-        above.insert(room);
-    }
 }
 
 #[test]

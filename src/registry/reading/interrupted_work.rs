@@ -1,0 +1,44 @@
+//! The leftovers of an interrupted engine. Listing only: the engine finishes or undoes each, and reports it.
+
+use crate::database::columns::parsed_option;
+use rusqlite::Connection;
+
+use holdpoint_governance::ids::CapabilityId;
+use holdpoint_governance::lifecycle::Stage;
+
+/// An operation that was running when the last engine ended.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum InterruptedWork {
+    /// A stage was running; its result does not count and must be run again.
+    Stage { version: CapabilityId, stage: Stage },
+    /// An activation is provisional: monitor it before its next tick, or roll it back.
+    Provisional { version: CapabilityId },
+    /// A rollback was begun: finish it.
+    RollbackPending { version: CapabilityId },
+}
+
+/// Every interrupted operation, in order of registration; a pending rollback comes before the rest of a version.
+pub(crate) fn interrupted(connection: &Connection) -> rusqlite::Result<Vec<InterruptedWork>> {
+    let mut select = connection.prepare(
+        "SELECT name, running, provisional, rollback_pending FROM version
+         WHERE running IS NOT NULL OR provisional = 1 OR rollback_pending = 1 ORDER BY id",
+    )?;
+    let mut rows = select.query([])?;
+    let mut found = Vec::new();
+    while let Some(row) = rows.next()? {
+        let name: String = row.get(0)?;
+        let version: CapabilityId = name.parse().map_err(|error| {
+            rusqlite::Error::FromSqlConversionFailure(0, rusqlite::types::Type::Text, Box::new(error))
+        })?;
+        if row.get(3)? {
+            found.push(InterruptedWork::RollbackPending { version: version.clone() });
+        }
+        if let Some(stage) = parsed_option(row, 1)? {
+            found.push(InterruptedWork::Stage { version: version.clone(), stage });
+        }
+        if row.get(2)? {
+            found.push(InterruptedWork::Provisional { version });
+        }
+    }
+    Ok(found)
+}

@@ -1,0 +1,201 @@
+//! Changes about approvals: requests, signed decisions, and their one use.
+
+use rusqlite::params;
+
+use crate::terms::change::ApprovalRequest;
+use crate::terms::error::StoreError;
+use crate::transaction::apply::{Applier, ChangeEffect, check_int, check_json, check_name};
+use holdpoint_approvals::{PersonDirectory, PersonState, SignedApproval};
+use holdpoint_audit::recorded_approval::RecordedApproval;
+use holdpoint_governance::approval::ApprovalDecision;
+use holdpoint_governance::ids::{CapabilityId, Digest, canonical_json};
+use holdpoint_governance::record::RecordKind;
+use holdpoint_governance::wall_time::WallTime;
+
+impl Applier<'_> {
+    pub(crate) fn put_request(&mut self, request: &ApprovalRequest) -> Result<ChangeEffect, StoreError> {
+        check_name("approval request", &request.id)?;
+        check_json("approval request", &request.json)?;
+        check_int("row version", request.row_version)?;
+        self.version(&request.version)?;
+        self.execute(
+            "keep an approval request",
+            "INSERT INTO approval_request (id, version, row_version, evidence_digest, policy_digest, profile, needed,
+               asked_ms, deadline_ms, state, json)
+             VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, ?9, ?10, ?11)
+             ON CONFLICT (id) DO UPDATE SET state = ?10, json = ?11
+               WHERE version = ?2 AND row_version = ?3 AND evidence_digest = ?4 AND policy_digest = ?5
+                 AND profile = ?6 AND needed = ?7 AND deadline_ms = ?9",
+            params![
+                request.id,
+                request.version.to_string(),
+                request.row_version,
+                request.evidence_digest.to_string(),
+                request.policy_digest.to_string(),
+                request.profile.name(),
+                request.needed,
+                self.at_ms,
+                request.until.ms(),
+                request.state.name(),
+                request.json
+            ],
+        )
+        .and_then(|changed| match changed {
+            0 => Err(StoreError::Exists { what: "approval request (for something else)", name: request.id.clone() }),
+            _ => Ok(()),
+        })?;
+        Ok(ChangeEffect::new(RecordKind::ApprovalRequested, &request.version))
+    }
+
+    pub(crate) fn put_approval(&mut self, signed: &SignedApproval) -> Result<ChangeEffect, StoreError> {
+        let approval = signed.approval();
+        let nonce = approval.nonce.to_string();
+        let refuse = |problem: String| StoreError::Approval { nonce: nonce.clone(), problem };
+        verify_approval(signed, &self.persons()?).map_err(&refuse)?;
+        if approval.store_id != self.place.store_id {
+            return Err(refuse(format!("it was made for the store {:?}", approval.store_id)));
+        }
+        match &approval.shown {
+            Some(shown) if shown.store_key != self.place.store_key => {
+                return Err(refuse("it was made for a store with another key".to_owned()));
+            }
+            None if approval.decision == ApprovalDecision::Approve => {
+                return Err(refuse("it is signed over nothing that was shown".to_owned()));
+            }
+            Some(_) | None => {}
+        }
+        check_int("expiry", approval.not_after_ms)?;
+        check_int("row version", approval.row_version)?;
+        self.version(&approval.version)?;
+        if self
+            .find("find an approval", "SELECT 1 FROM approval WHERE nonce = ?1", [&nonce], |_| Ok(()))?
+            .is_some()
+        {
+            return Err(refuse("its nonce was seen before".to_owned()));
+        }
+        let text = canonical_json(signed).map_err(|error| refuse(error.to_string()))?;
+        let recorded = RecordedApproval::of(approval);
+        self.write_approval(&approval.version, &recorded, approval.claim_digest(), &text)
+    }
+
+    /// Stores an approval after the checks: its record's form, the digest of its claim, and all of it as JSON text.
+    pub(crate) fn write_approval(
+        &self,
+        version: &CapabilityId,
+        recorded: &RecordedApproval,
+        claim: Digest,
+        signed: &str,
+    ) -> Result<ChangeEffect, StoreError> {
+        self.execute(
+            "keep an approval",
+            "INSERT INTO approval (nonce, seq, version, who, decision, row_version, not_after_ms, claim, at_ms, signed)
+             VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, ?9, ?10)",
+            params![
+                recorded.nonce.as_str(),
+                self.next_seq(),
+                version.to_string(),
+                recorded.who,
+                recorded.decision.name(),
+                recorded.row_version,
+                recorded.not_after_ms,
+                claim.to_string(),
+                self.at_ms,
+                signed
+            ],
+        )?;
+        Ok(ChangeEffect::new(RecordKind::ApprovalPut, version))
+    }
+
+    pub(crate) fn consume_approval(
+        &mut self,
+        nonce: &str,
+        evidence_digest: Digest,
+        at: Option<WallTime>,
+    ) -> Result<ChangeEffect, StoreError> {
+        let refuse =
+            |problem: &str| StoreError::Approval { nonce: nonce.to_owned(), problem: problem.to_owned() };
+        let (text, seq, consumed): (String, u64, Option<u64>) = self
+            .find(
+                "find an approval",
+                "SELECT signed, seq, consumed_seq FROM approval WHERE nonce = ?1",
+                [nonce],
+                |row| Ok((row.get(0)?, row.get(1)?, row.get(2)?)),
+            )?
+            .ok_or_else(|| StoreError::NotFound { what: "approval", name: nonce.to_owned() })?;
+        let signed: SignedApproval =
+            serde_json::from_str(&text).map_err(|error| refuse(&format!("it is damaged: {error}")))?;
+        let approval = signed.approval();
+        let name = approval.version.to_string();
+        let (_, row_version) = self.version(&approval.version)?;
+        let (profile, policy_digest, context_seq) = self.context()?;
+        let (candidate_digest, void_seq): (String, u64) = self
+            .find(
+                "find a version",
+                "SELECT v.candidate_digest, f.void_seq FROM version v JOIN family f ON f.name = v.family
+                 WHERE v.name = ?1",
+                [&name],
+                |row| Ok((row.get(0)?, row.get(1)?)),
+            )?
+            .ok_or_else(|| StoreError::NotFound { what: "version", name: name.clone() })?;
+        // The first problem that applies is reported, from the plainest to the subtlest.
+        let problem = if consumed.is_some() {
+            Some("it was used already")
+        } else if approval.decision != ApprovalDecision::Approve {
+            Some("it is a refusal")
+        } else if approval.shown.is_none() {
+            Some("it was signed by an earlier version, over nothing that was shown")
+        } else if at.is_none_or(|at| at >= approval.not_after()) {
+            Some("it has expired")
+        } else if approval.row_version != self.row_version_before(&name, row_version) {
+            Some("the version has changed since")
+        } else if approval.candidate_digest.to_string() != candidate_digest {
+            Some("it is for another candidate")
+        } else if approval.evidence_digest != evidence_digest {
+            Some("the evidence has changed since")
+        } else if approval.profile != profile || approval.policy_digest.to_string() != policy_digest {
+            Some("profile or policy have changed since")
+        } else if seq <= void_seq || seq <= context_seq {
+            Some("it was voided by a change of the family's active version, profile, policy or thresholds")
+        } else {
+            None
+        };
+        if let Some(problem) = problem {
+            return Err(refuse(problem));
+        }
+        // The row was on disk since: an editor of the file has no key of an enrolled person.
+        verify_approval(&signed, &self.persons()?).map_err(|problem| refuse(&problem))?;
+        self.write_consumed(nonce)?;
+        crate::fp!("approval-consumed");
+        let touched = ChangeEffect::new(RecordKind::ApprovalConsumed, &approval.version);
+        self.approved.entry(name).or_default().insert(signed.public_key().to_owned());
+        Ok(touched)
+    }
+
+    /// Consumes an approval after the checks.
+    pub(crate) fn write_consumed(&self, nonce: &str) -> Result<(), StoreError> {
+        self.execute(
+            "use an approval",
+            "UPDATE approval SET consumed_seq = ?2 WHERE nonce = ?1 AND consumed_seq IS NULL",
+            params![nonce, self.next_seq()],
+        )
+        .and_then(|changed| match changed {
+            1 => Ok(()),
+            _ => Err(StoreError::Approval {
+                nonce: nonce.to_owned(),
+                problem: "it was used already".to_owned(),
+            }),
+        })
+    }
+}
+
+/// The one verification of a signed decision: its signer is enrolled, in this role, and signed exactly this. It runs in the
+/// transaction that stores the decision, in the one that uses it, and when a restart restores it from its row.
+///
+/// # Errors
+/// The problem.
+pub fn verify_approval(signed: &SignedApproval, persons: &PersonDirectory) -> Result<(), String> {
+    let name = &signed.approval().who;
+    let person = persons.named(name).filter(|person| person.state == PersonState::Enrolled);
+    let person = person.ok_or_else(|| format!("{name:?} is not enrolled in this store"))?;
+    signed.verify(&person.info()).map_err(|error| error.to_string())
+}

@@ -1,0 +1,30 @@
+//! Puts an administrator's authorization of a change of profile on record.
+
+use crate::terms::change::{Change, Transaction, command_id};
+use crate::terms::error::StoreError;
+use crate::writer::store::Store;
+use holdpoint_approvals::SignedProfileAct;
+use holdpoint_governance::profile::ProfileName;
+
+/// Puts an administrator's authorization of a change of profile on record. It is valid while no other record follows
+/// it.
+///
+/// # Errors
+/// If the signer may not authorize, or not this change.
+pub fn allow_profile(
+    store: &Store,
+    profile: ProfileName,
+    (by, act): (String, SignedProfileAct),
+    wall_ms: i64,
+) -> Result<(), StoreError> {
+    let head = store.views()?.head()?;
+    store
+        .commit(Transaction {
+            command_id: command_id("profile")?,
+            at_ms: head.at_ms,
+            wall_ms,
+            changes: vec![Change::AllowProfile { profile, by, act: Box::new(act) }],
+            audit: Vec::new(),
+        })
+        .map(drop)
+}
