@@ -309,7 +309,7 @@ mod tests {
     use ProfileName::{Human, Real, Sim};
     use holdpoint_governance::policy::PolicyTable;
     use holdpoint_governance::profile::Profile;
-    use holdpoint_governance::profile::fields::{FIELDS, ProfileField, StricterDirection};
+    use holdpoint_governance::profile::fields::{FIELDS, ProfileField, StricterDirection, default_of};
 
     fn rules(text: &str, is_looser: bool) -> ContextRules {
         let one = DowngradedField {
@@ -394,8 +394,11 @@ mod tests {
             for ProfileField { path, lowest, highest, tighter, .. } in FIELDS {
                 let mut value = serde_json::to_value(&shipped).unwrap();
                 let pointer = format!("/{}", path.replace('.', "/"));
-                let number = value.pointer_mut(&pointer).unwrap();
-                let now = number.as_f64().unwrap();
+                // A number at the value that it has without being set is not written.
+                let now = value
+                    .pointer(&pointer)
+                    .map_or_else(|| default_of(path), serde_json::Value::as_f64)
+                    .unwrap();
                 let loosest = match tighter {
                     StricterDirection::Lower => highest,
                     StricterDirection::Higher => lowest,
@@ -406,7 +409,14 @@ mod tests {
                     continue;
                 }
                 // A whole number is kept as one.
-                *number = serde_json::from_str(&loosest.to_string()).unwrap();
+                let number = serde_json::from_str(&loosest.to_string()).unwrap();
+                match value.pointer_mut(&pointer) {
+                    Some(written) => *written = number,
+                    None => {
+                        let (table, key) = path.split_once('.').unwrap();
+                        value[table][key] = number;
+                    }
+                }
                 let loose = of(&serde_json::from_value(value).unwrap());
                 for (history, seq) in [(&ProfileHistory::default(), 1), (&begun, 2)] {
                     let next = history.next(&loose, false);

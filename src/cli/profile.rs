@@ -18,6 +18,7 @@ use crate::error::{CliError, Exit};
 use holdpoint_approvals::{RulesChange, SignedProfileAct};
 use holdpoint_governance::ids::Digest;
 use holdpoint_governance::policy::{PolicyProblem, PolicyTable};
+use holdpoint_governance::profile::fields::in_full;
 use holdpoint_governance::profile::{Profile, ProfileName, ReasonedNumber, SiteName, titled};
 use holdpoint_governance::profile_downgrade::{
     DowngradedField, PreviousProfile, ProfileRules, downgrade_summary,
@@ -113,9 +114,10 @@ struct ProfileCheck {
 }
 
 #[derive(Serialize)]
-struct ProfileRow<'a> {
+struct ProfileRow {
     digest: Digest,
-    profile: &'a Profile,
+    /// With every number, also those that the digest leaves out.
+    profile: Value,
 }
 
 /// Runs the verb.
@@ -127,9 +129,10 @@ pub fn run(context: &CliContext, args: &ProfileArgs, out: &mut CommandOutput<'_>
         ProfileVerb::Show { profile } => {
             let (profile, _) = rules(&chosen(&context.data, Some(profile))?)?;
             let digest = profile.digest().map_err(CliError::internal)?;
-            out.answer(&ProfileRow { digest, profile: &profile }, |out| {
+            let row = ProfileRow { digest, profile: in_full(&profile) };
+            out.answer(&row, |out| {
                 out.line(&format!("digest {digest}"))?;
-                print_fields(&serde_json::to_value(&profile).map_err(CliError::internal)?, out)
+                print_fields(&row.profile, out)
             })?;
         }
         ProfileVerb::Check { file } => {

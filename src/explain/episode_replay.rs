@@ -210,7 +210,8 @@ impl EpisodeReplay<'_> {
                 let task = self.versions[0].bundle.task();
                 let under = match solo.mode {
                     SandboxMode::Adversarial => {
-                        let stress = stress::of_episode(solo.place, task, cell);
+                        let share = self.context.profile.evaluation.stress_tightened_share;
+                        let stress = stress::of_episode(solo.place, task, cell, share);
                         (terms.stressed(stress), Conditions::Sandbox)
                     }
                     SandboxMode::Perturbation | SandboxMode::Confirmation => (terms, Conditions::Sandbox),

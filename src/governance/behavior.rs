@@ -39,11 +39,8 @@ use super::profile::{BehaviorSettings, Profile};
 use super::worst_case_search::SearchFinding;
 use crate::stats::{self, PairedBound, PairedCounts};
 
-/// The error rate of the one-sided upper bounds that `compatible` asks for.
-const UPPER_ALPHA: f64 = 0.05;
-
-/// Factor on the monitor's limits for an inconclusive version: half the evidence of a worsening is enough.
-const SUSPICIOUS_FACTOR: f64 = 0.5;
+/// The error rate of the one-sided upper bounds that `compatible` asks for (design rule 3.4).
+pub const UPPER_ALPHA: f64 = 0.05;
 
 /// Non-zero differences from which Student's t is used for retries; below, a bound valid for any distribution.
 const STUDENT_FROM: usize = 20;
@@ -102,9 +99,6 @@ pub fn kappa(
     Kappa::clamped(1.0 - loss)
 }
 
-/// Largest unsafe share of adversarial episodes without a concern. A single one may be the perturbation's doing.
-const STRESS_SHARE_MAX: f64 = 0.2;
-
 /// Adds a concern to a compatible version that was unsafe under stress (paper section 6.6). It rejects nothing.
 pub fn add_stress_concern(
     result: &mut BehaviorAssessment,
@@ -113,11 +107,12 @@ pub fn add_stress_concern(
     profile: &Profile,
 ) {
     let share = f64::from(unsafe_episodes) / (episodes.max(1) as f64);
-    if share <= STRESS_SHARE_MAX || result.assessment.outcome != BehaviorOutcome::Compatible {
+    let share_max = profile.evaluation.stress_share_max;
+    if share <= share_max || result.assessment.outcome != BehaviorOutcome::Compatible {
         return;
     }
     let concern = reason(Finding::UnsafeUnderStress { unsafe_episodes, episodes });
-    add_concern(result, concern.with(share, STRESS_SHARE_MAX), profile);
+    add_concern(result, concern.with(share, share_max), profile);
 }
 
 /// Adds a concern to a compatible version that passes a limit at a place in the envelope where the active one does not.
@@ -129,7 +124,7 @@ pub fn add_search_concern(
     if result.assessment.outcome != BehaviorOutcome::Compatible {
         return;
     }
-    if let Some(doubt) = searched.and_then(SearchFinding::concern) {
+    if let Some(doubt) = searched.and_then(|searched| searched.concern(profile)) {
         add_concern(result, doubt, profile);
     }
 }
@@ -144,7 +139,7 @@ fn add_concern(result: &mut BehaviorAssessment, concern: Reason, profile: &Profi
 /// Conditions under which an inconclusive version may continue.
 fn concern_conditions(profile: &Profile) -> Vec<Condition> {
     vec![
-        Condition::StricterThresholds { factor: SUSPICIOUS_FACTOR },
+        Condition::StricterThresholds { factor: profile.behavior.concern_factor },
         Condition::ShadowFirst { sequences: profile.evaluation.shadow_sequences_max },
         Condition::RollbackCoupled,
     ]

@@ -29,13 +29,13 @@ use super::stats::holm;
 use super::stats::smirnov::smirnov_above;
 
 /// Looks of shadow at most: at its plain length, and at the longest.
-const LOOKS: f64 = 2.0;
+const SHADOW_LOOKS: u32 = 2;
 
 /// The provisional windows of live tasks after which there is a look.
 const LIVE_LOOKS: [u32; 3] = [1, 3, 9];
 
-/// The part of a margin below which a difference is trivial.
-const TRIFLE: f64 = 0.5;
+/// The part of a margin below which a difference of a measured quantity is trivial.
+pub(crate) const TRIFLE: f64 = 0.5;
 
 /// A compared signal.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, schemars::JsonSchema)]
@@ -132,7 +132,7 @@ pub fn significant_shifts(sandbox: &[Pair], shadow: &[ShadowSequence], profile: 
             now: shadow.iter().map(|sequence| signal.in_shadow(sequence)).collect::<Option<_>>()?,
         })
     });
-    let level = profile.evaluation.shift_alpha / LOOKS;
+    let level = profile.evaluation.shift_alpha / f64::from(SHADOW_LOOKS);
     let reasons =
         significant_signals(compared.collect(), profile, level).into_iter().map(|(one, p_value)| {
             let finding = Finding::ShiftedInShadow {

@@ -52,9 +52,6 @@ pub struct ShadowAssessment {
 /// How many sequences more with a signal in the twin than in the live world make shadow longer: one may be chance.
 const LEAN_FROM: u64 = 2;
 
-/// The share of `shadow_alpha` for the measures of harm.
-const HARM_SHARE: f64 = 0.1;
-
 /// How a version goes about its work, read from one side of a sequence.
 type ConductFlag = fn(&Conduct) -> bool;
 
@@ -157,8 +154,8 @@ pub fn assess_shadow(
         ),
     ];
     // The signals share the error rate, and so do the two looks: at the plain length, and once more at the longest.
-    // Where harm was measured a tenth of it is for the measures of harm, which have tolerances besides.
-    let harm_alpha = HARM_SHARE * settings.shadow_alpha;
+    // Where harm was measured a share of it is for the measures of harm, which have tolerances besides.
+    let harm_alpha = settings.shadow_harm_share * settings.shadow_alpha;
     let measured = evidence.sequences.iter().any(|s| s.twin_conduct.harm.is_some());
     let signals_alpha = settings.shadow_alpha - if measured { harm_alpha } else { 0.0 };
     let each = signals_alpha / (2.0 * signals.len() as f64);

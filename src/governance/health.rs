@@ -9,9 +9,6 @@ use serde::{Deserialize, Serialize};
 use crate::profile::HealthSettings;
 use crate::stats::{Cusum, DriftSignal, StatsError, wilson_upper};
 
-/// One-sided error of the bound that a commissioning leaves open: what so few tasks cannot exclude counts as normal.
-const NORMAL_ALPHA: f64 = 0.05;
-
 crate::closed_set! {
     /// The charted rates of a family, each as the share of bad tasks.
     HealthRate, "rate of a family's health", {
@@ -132,7 +129,9 @@ impl FamilyHealth {
 
     fn set_charts(&mut self) -> Result<(), StatsError> {
         let limit = self.settings.failure_max;
-        let share = |count: u32, tasks: u32| wilson_upper(count.into(), tasks.into(), NORMAL_ALPHA);
+        // What so few tasks cannot exclude counts as normal.
+        let alpha = self.settings.normal_alpha;
+        let share = |count: u32, tasks: u32| wilson_upper(count.into(), tasks.into(), alpha);
         let rates = match &self.normal {
             // Until the normal rates are known, the profile's maximum counts as normal, and no force does.
             None => vec![(HealthRate::Failure, limit), (HealthRate::Timeout, limit)],
@@ -322,7 +321,7 @@ mod tests {
             let rate = wilson_upper(
                 health.normal().unwrap().failures.into(),
                 health.normal().unwrap().tasks.into(),
-                NORMAL_ALPHA,
+                settings().normal_alpha,
             )
             .unwrap();
             for _ in 0..tasks {

@@ -15,9 +15,6 @@ use super::harm::{HarmKind, HarmMeasures, HarmPast};
 use super::profile::{HarmSettings, Profile};
 use crate::stats::{RateRise, StatsError, wilson_upper};
 
-/// One-sided level of the bound that all tasks with a known result leave open.
-const NORMAL_ALPHA: f64 = 0.10;
-
 /// The largest rate that counts as normal: a rate of 1 could not rise.
 const NORMAL_MAX: f64 = 0.99;
 
@@ -132,11 +129,12 @@ impl LiveHarm {
         let mut past = profile.harm.past(harm);
         past.retain(|one| !(tightened && follows_from_restriction(one.measure)));
         self.lived.note(&past);
+        let alpha = profile.live_harm.normal_alpha;
         // As many tasks as an evaluation has show what is normal for a version without one.
         if self.measured.tasks < u64::from(profile.evaluation.sandbox_pairs) {
             self.measured.note(&past);
         } else {
-            self.chart(&past)?;
+            self.chart(&past, alpha)?;
         }
         let (evidence, limit) = (self.evidence(), 1.0 / profile.live_harm.life_alpha);
         // A value that is no number is past every limit.
@@ -144,23 +142,23 @@ impl LiveHarm {
         let danger = profile.live_harm.dangers(harm);
         Ok(TaskHarm {
             danger: danger.iter().map(danger_reason).collect(),
-            rise: self.rise(evidence, limit).filter(|_| self.alarmed),
+            rise: self.rise(evidence, limit, alpha).filter(|_| self.alarmed),
             past,
         })
     }
 
-    fn chart(&mut self, past: &[HarmPast]) -> Result<(), StatsError> {
+    fn chart(&mut self, past: &[HarmPast], alpha: f64) -> Result<(), StatsError> {
         for (measure, chart) in &mut self.measures {
             chart.update(past.iter().any(|one| one.measure == *measure));
         }
         if let Some(chart) = &mut self.any {
             chart.update(!past.is_empty());
         } else if !past.is_empty() {
-            self.any = Some(self.opened(None)?);
+            self.any = Some(self.opened(None, alpha)?);
         }
         let first = past.iter().map(|one| one.measure).filter(|one| !self.measures.contains_key(one));
         let opened: Vec<(HarmKind, RateRise)> = first
-            .map(|measure| Ok((measure, self.opened(Some(measure))?)))
+            .map(|measure| Ok((measure, self.opened(Some(measure), alpha)?)))
             .collect::<Result<_, StatsError>>()?;
         self.measures.extend(opened);
         self.charted = self.charted.saturating_add(1);
@@ -168,8 +166,8 @@ impl LiveHarm {
     }
 
     /// The chart of a measure in the task in which it is past its limit for the first time.
-    fn opened(&self, measure: Option<HarmKind>) -> Result<RateRise, StatsError> {
-        let mut chart = RateRise::new(self.normal(measure)?)?;
+    fn opened(&self, measure: Option<HarmKind>, alpha: f64) -> Result<RateRise, StatsError> {
+        let mut chart = RateRise::new(self.normal(measure, alpha)?)?;
         for _ in 0..self.charted {
             chart.update(false);
         }
@@ -177,15 +175,15 @@ impl LiveHarm {
         Ok(chart)
     }
 
-    /// The rate that is normal for the version: what all tasks together leave open, and no less than the version's own
-    /// evaluation or the anchor's tasks show.
+    /// The rate that is normal for the version: what all tasks together leave open at `alpha`, and no less than the
+    /// version's own evaluation or the anchor's tasks show.
     ///
     /// # Errors
     /// If nothing was measured.
-    pub fn normal(&self, measure: Option<HarmKind>) -> Result<f64, StatsError> {
+    pub fn normal(&self, measure: Option<HarmKind>, alpha: f64) -> Result<f64, StatsError> {
         let (own, anchor) = (self.measured.count(measure), self.anchor.count(measure));
         let tasks = self.measured.tasks.saturating_add(self.anchor.tasks);
-        let together = wilson_upper(own.saturating_add(anchor), tasks, NORMAL_ALPHA)?;
+        let together = wilson_upper(own.saturating_add(anchor), tasks, alpha)?;
         // No task of many past a limit is no proof of a rate of 0.
         let own_rate = (own as f64 + 0.5) / (self.measured.tasks as f64 + 1.0);
         let anchor_rate = anchor as f64 / self.anchor.tasks.max(1) as f64;
@@ -201,7 +199,7 @@ impl LiveHarm {
     }
 
     /// The reason from the rates; it names the measure with the most evidence.
-    fn rise(&self, evidence: f64, limit: f64) -> Option<Reason> {
+    fn rise(&self, evidence: f64, limit: f64, alpha: f64) -> Option<Reason> {
         let (measure, _) =
             self.measures.iter().max_by(|(_, one), (_, other)| one.value().total_cmp(&other.value()))?;
         let finding = Finding::HarmRoseLive {
@@ -209,7 +207,7 @@ impl LiveHarm {
             past: self.lived.count(Some(*measure)),
             any: self.lived.any,
             tasks: self.lived.tasks,
-            normal: self.normal(None).unwrap_or(NORMAL_MAX),
+            normal: self.normal(None, alpha).unwrap_or(NORMAL_MAX),
         };
         Some(Reason::new(Dimension::Monitor, finding).with(evidence, limit))
     }

@@ -11,10 +11,7 @@ use std::collections::BTreeMap;
 use serde::{Deserialize, Serialize};
 
 use super::lifecycle::Stage;
-use crate::stats::{self, Interval, StatsError};
-
-/// Confidence level of every interval of these metrics.
-pub const LEVEL: f64 = 0.95;
+use crate::stats::{self, Interval, SHOWN_LEVEL, StatsError};
 
 /// A proportion with its Wilson interval; no interval if there is nothing to divide by.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -39,7 +36,7 @@ impl Proportion {
             total += 1;
             count += u64::from(case);
         }
-        let interval = if total == 0 { None } else { Some(stats::wilson(count, total, LEVEL)?) };
+        let interval = if total == 0 { None } else { Some(stats::wilson(count, total, SHOWN_LEVEL)?) };
         Ok(Self { count, total, interval })
     }
 

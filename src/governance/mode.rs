@@ -9,6 +9,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::manifest::Permissions;
+use super::profile::RuntimeLimits;
 
 /// A path by which a version can move something.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, JsonSchema)]
@@ -236,22 +237,19 @@ impl std::fmt::Display for ModeKey {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum LimitBand {
-    /// Up to 80 % of the limit.
+    /// Up to the profile's `high_share` of the limit.
     Normal,
-    /// Above 80 % and up to the limit: high risk.
+    /// Above it and up to the limit: high risk.
     High,
     /// Above the limit: usable in a tighter envelope only.
     Over,
 }
 
 impl LimitBand {
-    /// Share of a limit above which a mode is of high risk.
-    pub const HIGH_FROM: f64 = 0.8;
-
-    /// The band of `value` against `limit`; NaN is over the limit.
+    /// The band of `value` against `limit`, of which `high_share` is the normal part; NaN is over the limit.
     #[must_use]
-    pub fn of(value: f64, limit: f64) -> Self {
-        if value <= Self::HIGH_FROM * limit {
+    pub fn of(value: f64, limit: f64, high_share: f64) -> Self {
+        if value <= high_share * limit {
             Self::Normal
         } else if value <= limit {
             Self::High
@@ -297,21 +295,21 @@ pub struct RequiredCommand {
 /// The modes that permissions, or what the code needs, can reach (`kappa_P`, design rule 3.3).
 ///
 /// The declared channels and commands are joined with `needs`: what the code can do counts even if the manifest is
-/// silent. Speed and force are compared with `speed_max_m_s` and `force_max_n`.
+/// silent. Speed and force are compared with the profile's limits.
 #[must_use]
 pub fn reachable(
     permissions: &Permissions,
     needs: &BTreeSet<RequiredCommand>,
-    speed_max_m_s: f64,
-    force_max_n: f64,
+    limits: &RuntimeLimits,
 ) -> BTreeSet<ReachableMode> {
     let declared = permissions.channels.iter().flat_map(|channel| {
         let taken = permissions.commands.iter().filter(|command| channel.takes(**command));
         taken.map(|command| RequiredCommand { channel: *channel, command: *command })
     });
     let pairs: BTreeSet<RequiredCommand> = declared.chain(needs.iter().copied()).collect();
-    let speed = LimitBand::of(permissions.max_speed_m_s, speed_max_m_s);
-    let force = LimitBand::of(permissions.max_force_n, force_max_n);
+    let band = |value, limit| LimitBand::of(value, limit, limits.high_share);
+    let speed = band(permissions.max_speed_m_s, limits.tool_speed_max_m_s);
+    let force = band(permissions.max_force_n, limits.contact_force_max_n);
     let mut modes = BTreeSet::new();
     for RequiredCommand { channel, command } in pairs {
         for zone in &permissions.zones {
@@ -350,7 +348,7 @@ mod tests {
             (1.01, LimitBand::Over),
             (f64::NAN, LimitBand::Over),
         ] {
-            assert_eq!(LimitBand::of(value, 1.0), band, "{value}");
+            assert_eq!(LimitBand::of(value, 1.0, 0.8), band, "{value}");
         }
     }
 }

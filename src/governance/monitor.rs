@@ -130,12 +130,11 @@ crate::closed_set! {
     }
 }
 
-/// The share of episodes past a limit of harm that may be without any change: baselines are past one in far fewer.
-const HARM_SHARE: f64 = 0.05;
+/// The largest rate that a chart is tuned to: a chart needs a rate below 1.
+const DEGRADED_MAX: f64 = 0.95;
 
-/// The share of episodes that may be slow without any change: that none of twenty twins was slower than the bound leaves
-/// .119 open (Wilson, one-sided .05), and no shadow is shorter.
-const SLOW_SHARE: f64 = 0.12;
+/// The largest shift that a chart is tuned to; the range of the profile's field ends there.
+const SHIFT_MAX: f64 = 0.9;
 
 impl Rate {
     /// `slow_over_s`: from where an episode is slow; absent if that is not known. `limits`: of harm, if known.
@@ -159,8 +158,9 @@ impl Rate {
             Self::Harm => limits.zip(episode.harm).is_some_and(|(limits, harm)| limits.is_past(&harm)),
         }
     }
-    /// The share of bad episodes that is normal, from what was measured before activation.
-    fn normal(self, signature: &Signature) -> f64 {
+    /// The share of bad episodes that is normal, from what was measured before activation or, where nothing was, from the
+    /// profile.
+    fn normal(self, signature: &Signature, settings: &MonitorSettings) -> f64 {
         match self {
             Self::Failure => 1.0 - signature.success,
             Self::Violation => signature.violation,
@@ -172,8 +172,8 @@ impl Rate {
             Self::Timeout => signature.timeout,
             Self::PolicyWarning => signature.policy_warning,
             Self::NearLimit => signature.near_limit,
-            Self::Slow => SLOW_SHARE,
-            Self::Harm => HARM_SHARE,
+            Self::Slow => settings.slow_share,
+            Self::Harm => settings.harm_share,
         }
     }
 
@@ -322,13 +322,13 @@ impl Monitor {
         let settings = profile.monitor;
         let mut charts = Vec::new();
         for rate in Rate::ALL {
-            let value = rate.normal(expected);
+            let value = rate.normal(expected, &settings);
             let allowed = value.is_finite() && value >= 0.0 && (value <= 1.0 || rate == Rate::Retry);
             if !allowed {
                 return Err(MonitorError::Rate { rate: rate.name(), value });
             }
             // Room for a worse rate has to be left, whatever was measured.
-            let normal_max = 0.95 - settings.shift.min(0.9);
+            let normal_max = DEGRADED_MAX - settings.shift.min(SHIFT_MAX);
             if rate.is_manner() && value > normal_max {
                 // A rate close to 1 cannot rise significantly.
                 continue;

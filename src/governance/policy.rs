@@ -61,15 +61,12 @@ impl PolicyAssessment {
 pub fn assess(input: &PolicyInput<'_>, table: &PolicyTable, profile: &Profile) -> PolicyAssessment {
     let limits = &profile.runtime;
     let needs = input.exports.map(|exports| exports.needs.clone()).unwrap_or_default();
-    let modes = reachable(input.permissions, &needs, limits.tool_speed_max_m_s, limits.contact_force_max_n);
+    let modes = reachable(input.permissions, &needs, limits);
     let uncovered: Vec<ReachableMode> =
         modes.iter().copied().filter(|mode| table.verdict(&mode.key) == ModeRuling::Uncovered).collect();
     let active_keys: BTreeSet<_> = input.active.map_or_else(BTreeSet::new, |active| {
         let same = BTreeSet::new();
-        reachable(active, &same, limits.tool_speed_max_m_s, limits.contact_force_max_n)
-            .into_iter()
-            .map(|mode| mode.key)
-            .collect()
+        reachable(active, &same, limits).into_iter().map(|mode| mode.key).collect()
     });
     let mut findings = PolicyFindings::default();
     if input.exports.is_none() {

@@ -1,36 +1,39 @@
 //! Profiles: every number the rules use, for one setting (simulation, real cell, people nearby).
 //!
-//! Owns the text form and its checks. The numbers and their reasons are in `profiles/*.toml`; there is no
-//! default in code. Source: design rule 3.13; paper appendix D, without numbers there (readings X63).
-
-use std::collections::BTreeSet;
+//! Owns the text form and its checks. The numbers and their reasons are in `profiles/*.toml`. Only numbers that
+//! older profiles do not have get a value from code (`profile/later_numbers.rs`). Source: design rule 3.13; paper
+//! appendix D, without numbers there (readings X63).
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::alarms::Priority;
 use super::ids::Digest;
-use super::mode::ZoneName;
 use super::start_domain::OutsideResponse;
 use super::submission::Risk;
 use super::text_error::{TextError, check_size, parse_toml};
 use super::wall_time::WallTime;
 
 mod class_limits;
+mod evaluation_settings;
 pub mod fields;
 mod harm;
+mod later_numbers;
 mod live_harm;
 pub mod name;
 mod reasons;
+mod runtime_limits;
 mod shadow_settings;
 mod try_settings;
 
+pub use evaluation_settings::EvaluationSettings;
 use fields::Weights;
 pub use harm::{HarmSettings, HarmTolerance};
 pub use live_harm::LiveHarmSettings;
 pub use name::{ProfileName, ProfileNameError, SiteName, SiteNameError, titled};
 pub use reasons::ReasonedNumber;
 use reasons::Reasons;
+pub use runtime_limits::RuntimeLimits;
 pub use shadow_settings::{OutputsAlone, ShadowSettings};
 pub use try_settings::TrySettings;
 
@@ -144,51 +147,6 @@ impl Thresholds {
     }
 }
 
-/// The limits that the guard enforces in every tick, whatever a manifest declares.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
-pub struct RuntimeLimits {
-    /// Largest speed of the tool center point, m/s.
-    pub tool_speed_max_m_s: f64,
-    /// Largest force on the surroundings, N.
-    pub contact_force_max_n: f64,
-    /// Largest grip force per finger, N.
-    pub grip_force_max_n: f64,
-    /// Largest speed of any joint, rad/s.
-    pub joint_speed_max_rad_s: f64,
-    /// Most retries in one episode.
-    pub retries_max: u32,
-    /// Longest motion after a declared failure or a stop, ms.
-    pub unsafe_continuation_max_ms: f64,
-    /// Share of a limit from which a value counts as near it.
-    pub near_margin: f64,
-    /// Distance of the tool from a keep-out zone from which it counts as near it, m.
-    pub near_zone_m: f64,
-    /// Lowest corner of where the tool may be, world frame, m.
-    pub workspace_min_m: [f64; 3],
-    /// Highest corner of where the tool may be, world frame, m.
-    pub workspace_max_m: [f64; 3],
-    /// Zones the tool must keep out of.
-    pub keep_out: BTreeSet<ZoneName>,
-    /// Highest authority level granted without a review, 0 to 3.
-    pub authority_max: u8,
-    /// Most processor time a version may ask for, microseconds per tick.
-    pub cpu_us_per_tick_max: u32,
-    /// Most memory a version may ask for, KiB.
-    pub memory_kib_max: u32,
-    /// Longest an episode may take, simulated s; then it counts as timed out.
-    pub episode_max_s: f64,
-}
-
-impl RuntimeLimits {
-    /// Ticks of the longest episode; also the most commands a task can send, one a tick.
-    #[must_use]
-    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "at most 600 s, checked")]
-    pub fn ticks_max(&self) -> u32 {
-        libm::round(self.episode_max_s * f64::from(holdpoint_body::RATE_HZ)) as u32
-    }
-}
-
 /// Tolerances beyond which the watcher raises a signal.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
@@ -201,49 +159,12 @@ pub struct WatcherTolerances {
     pub picture_age_max_ms: f64,
     /// Time in which a failure has to be named, ms.
     pub detect_max_ms: f64,
-}
-
-/// Budgets and error rates of sandbox, shadow and drills.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
-pub struct EvaluationSettings {
-    /// Paired episodes of a full sandbox evaluation.
-    pub sandbox_pairs: u32,
-    /// Family-wise error of the six lower bounds.
-    pub alpha: f64,
-    /// Most rejections by the finite-population rules that the full budget would not have made; 0 = off.
-    pub early_alpha: f64,
-    /// Feasible drills of each kind, per version.
-    pub drills_per_kind: u32,
-    /// Pairs of whole sequences, run if the paired episodes reject nothing.
-    pub sandbox_sequences: u32,
-    /// Largest rate at which an equally good version raises a concern by its sequences.
-    pub sequence_alpha: f64,
-    /// The accepted rise of the share of failed sequences.
-    pub sequence_tolerance: f64,
-    /// Error rate of calling an unchanged version shifted: in both looks of shadow together, and in those of its live
-    /// tasks together (see [`shift`](crate::distribution_shift)).
-    pub shift_alpha: f64,
-    /// Error rate of the shadow comparison, shared by its signals and looks.
-    pub shadow_alpha: f64,
-    /// Whole sequences a shadow deployment has to work.
-    pub shadow_sequences: u32,
-    /// Most sequences shadow is lengthened to.
-    pub shadow_sequences_max: u32,
-    /// Output divergence from which shadow is lengthened.
-    pub output_divergence_max: f64,
-    /// Envelope divergence from which shadow is lengthened.
-    pub envelope_divergence_max: f64,
-    /// By how much more of its time the twin may be near a limit before shadow is lengthened, share of ticks.
-    pub near_divergence_max: f64,
-    /// Sequences of the live world per sandbox episode pair, in hundredths.
-    pub live_sequences_per_100_episodes: u32,
-    /// Factor on the declared processor time of a tick; a component whose median tick takes longer is put on hold.
-    pub tick_time_factor_max: f64,
-    /// Longest wall time that the evaluation of one candidate may take, minutes; then the candidate is put on hold.
-    pub wall_minutes_max: u32,
-    /// Most versions that one person registers within a minute; a further one is refused.
-    pub registrations_per_minute_max: u32,
+    /// Force from which a contact is noticed, N.
+    #[serde(
+        default = "later_numbers::contact_noticed_n",
+        skip_serializing_if = "later_numbers::is_contact_noticed_n"
+    )]
+    pub contact_noticed_n: f64,
 }
 
 /// Costs of `kappa_B` per unit of worsening.
@@ -262,6 +183,12 @@ pub struct BehaviorSettings {
     pub cost_anomaly: f64,
     /// Per unit of increase of the share of episodes in which recovery ran.
     pub cost_recovery: f64,
+    /// Factor on the monitor's limits for a version with an open concern.
+    #[serde(
+        default = "later_numbers::concern_factor",
+        skip_serializing_if = "later_numbers::is_concern_factor"
+    )]
+    pub concern_factor: f64,
 }
 
 /// Floors, tolerances and weights of `rho` and `kappa_R`.
@@ -280,6 +207,39 @@ pub struct RecoverySettings {
     pub weight_abort: f64,
     /// Weight of `r_detect` in `rho`.
     pub weight_detect: f64,
+    /// Error rate at which a kind of drill leans toward worse, so that more drills settle it.
+    #[serde(default = "later_numbers::lean_alpha", skip_serializing_if = "later_numbers::is_lean_alpha")]
+    pub lean_alpha: f64,
+    /// Share of `rho_floor` below which recovery is unusable.
+    #[serde(
+        default = "later_numbers::unusable_share",
+        skip_serializing_if = "later_numbers::is_unusable_share"
+    )]
+    pub unusable_share: f64,
+    /// Farthest that the tool may move after a hook reports that it is done, m.
+    #[serde(
+        default = "later_numbers::drill_done_max_m",
+        skip_serializing_if = "later_numbers::is_drill_done_max_m"
+    )]
+    pub drill_done_max_m: f64,
+    /// Farthest that the object may fall in a drill, m.
+    #[serde(
+        default = "later_numbers::drill_fall_max_m",
+        skip_serializing_if = "later_numbers::is_drill_fall_max_m"
+    )]
+    pub drill_fall_max_m: f64,
+    /// Highest speed of the object when the hand loses it in a drill, m/s.
+    #[serde(
+        default = "later_numbers::drill_throw_max_m_s",
+        skip_serializing_if = "later_numbers::is_drill_throw_max_m_s"
+    )]
+    pub drill_throw_max_m_s: f64,
+    /// Highest speed at which the object is at rest after a drill, m/s.
+    #[serde(
+        default = "later_numbers::drill_rest_max_m_s",
+        skip_serializing_if = "later_numbers::is_drill_rest_max_m_s"
+    )]
+    pub drill_rest_max_m_s: f64,
 }
 
 /// The gate's requirements beyond the four dimensions, and the activation mode.
@@ -326,6 +286,18 @@ pub struct MonitorSettings {
     pub restrict_factor: f64,
     /// Factor on the time that nineteen of twenty episodes stayed below before activation; above it one is slow.
     pub slow_factor: f64,
+    /// One-sided error of the bound that a version's twins leave open on each normal rate.
+    #[serde(
+        default = "later_numbers::monitor_normal_alpha",
+        skip_serializing_if = "later_numbers::is_monitor_normal_alpha"
+    )]
+    pub normal_alpha: f64,
+    /// Share of slow episodes that is normal.
+    #[serde(default = "later_numbers::slow_share", skip_serializing_if = "later_numbers::is_slow_share")]
+    pub slow_share: f64,
+    /// Share of episodes past a limit of harm that is normal.
+    #[serde(default = "later_numbers::harm_share", skip_serializing_if = "later_numbers::is_harm_share")]
+    pub harm_share: f64,
 }
 
 /// How every active version is watched, whether or not it is new.
@@ -352,6 +324,18 @@ pub struct HealthSettings {
     pub missing_max: f64,
     /// Tasks in a row, all without it, after which a condition is measured to be over.
     pub clear_tasks: u32,
+    /// One-sided error of the bound that the commissioning leaves open on each normal rate.
+    #[serde(
+        default = "later_numbers::health_normal_alpha",
+        skip_serializing_if = "later_numbers::is_health_normal_alpha"
+    )]
+    pub normal_alpha: f64,
+    /// Least part of its limit that counts as normal for a signal of the camera check.
+    #[serde(
+        default = "later_numbers::sense_floor_share",
+        skip_serializing_if = "later_numbers::is_sense_floor_share"
+    )]
+    pub sense_floor_share: f64,
 }
 
 /// The quorum, and the validity of requests and answers.

@@ -12,7 +12,7 @@ use serde_json::Value;
 
 use super::ids::{Digest, canonical_json};
 use super::policy_table::{ModeRuling, PolicyError, PolicyTable};
-use super::profile::fields::{FIELDS, StricterDirection, WORDS};
+use super::profile::fields::{FIELDS, StricterDirection, WORDS, default_of};
 use super::profile::{Profile, ProfileName};
 use super::site_profile::SiteProfileError;
 
@@ -119,7 +119,8 @@ pub fn rules_digest(profile: &Digest, policy: &Digest) -> Digest {
     Digest::of_parts("holdpoint.rules.v1", &[profile.bytes(), policy.bytes()])
 }
 
-/// Every setting of a profile and its compiled policies but its own name, which loosens nothing.
+/// Every setting of a profile and its compiled policies but its own name, which loosens nothing. A number that has the
+/// value it has without being set is absent, as in the settings that earlier versions recorded.
 #[must_use]
 pub fn settings(profile: &Profile, table: &PolicyTable) -> ProfileSettings {
     let mut settings = ProfileSettings::new();
@@ -281,7 +282,8 @@ fn is_less_strict(field: &str, before: Option<&String>, now: Option<&String>) ->
             let is_policy = field.starts_with(POLICY);
             let number = |value: Option<&String>| match value {
                 Some(value) => value.parse::<f64>().ok(),
-                None => is_policy.then_some(f64::INFINITY),
+                None if is_policy => Some(f64::INFINITY),
+                None => default_of(field),
             };
             let (Some(before), Some(now)) = (number(before), number(now)) else { return true };
             if tighter == StricterDirection::Lower { now > before } else { now < before }
@@ -306,7 +308,9 @@ pub fn downgraded_fields(
     let fields: BTreeSet<&String> =
         measures.into_iter().flatten().flat_map(BTreeMap::keys).chain(next.keys()).collect();
     let text = |settings: Option<&ProfileSettings>, field: &str| {
-        settings.and_then(|settings| settings.get(field)).map_or_else(|| NONE.to_owned(), Clone::clone)
+        let value = settings.and_then(|settings| settings.get(field)).cloned();
+        let default = || settings.and(default_of(field)).map(|value| value.to_string());
+        value.or_else(default).unwrap_or_else(|| NONE.to_owned())
     };
     let mut found: Vec<DowngradedField> = fields
         .into_iter()

@@ -232,8 +232,9 @@ fn recovery_outcome(
     if value.get() < threshold {
         blocking.push(reason(Finding::RecoveryWorse).with(value.get(), threshold));
     }
-    if new < 0.5 * floor {
-        blocking.push(reason(Finding::RecoveryFarBelowFloor).with(new, 0.5 * floor));
+    let unusable = settings.unusable_share * floor;
+    if new < unusable {
+        blocking.push(reason(Finding::RecoveryFarBelowFloor).with(new, unusable));
     }
     if !blocking.is_empty() {
         return (RecoveryOutcome::Incompatible, blocking);

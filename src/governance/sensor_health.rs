@@ -9,13 +9,6 @@ use serde::{Deserialize, Serialize};
 use crate::profile::HealthSettings;
 use crate::stats::{Cusum, DriftSignal, StatsError, wilson_upper};
 
-/// One-sided error of the bound that a commissioning leaves open, as in [`crate::health`].
-const NORMAL_ALPHA: f64 = 0.05;
-
-/// Least part of its limit that is taken for normal: a quantity that was hardly there in 40 tasks is not for that
-/// reason abnormal when it is measured at all.
-const FLOOR_SHARE: f64 = 0.1;
-
 crate::closed_set! {
     /// The signals of the camera check.
     SensorSignal, "sense of the cell", {
@@ -118,7 +111,8 @@ impl SensorMonitor {
             SensorSignal::PicturesMissing => self.settings.missing_max,
         };
         self.normal.map_or(most, |normal| {
-            (normal.of(sense).max(FLOOR_SHARE * most) * self.settings.sense_margin).min(most)
+            let floor = self.settings.sense_floor_share * most;
+            (normal.of(sense).max(floor) * self.settings.sense_margin).min(most)
         })
     }
 
@@ -182,7 +176,7 @@ impl SensorMonitor {
 
 /// One for each signal: how often a task is beyond the largest value of the commissioning.
 fn charts(settings: &HealthSettings) -> Result<Vec<(SensorSignal, Cusum)>, StatsError> {
-    let normal = wilson_upper(0, settings.commissioning_tasks.into(), NORMAL_ALPHA)?;
+    let normal = wilson_upper(0, settings.commissioning_tasks.into(), settings.normal_alpha)?;
     let normal = normal.clamp(settings.rate_min, settings.failure_max);
     SensorSignal::ALL
         .into_iter()

@@ -37,6 +37,13 @@ pub use rise::RateRise;
 pub use special::{normal_cdf, normal_quantile, student_cdf, student_quantile};
 pub use wilcoxon::{EXACT_PAIRS_MAX, SignedRank, signed_rank};
 
+/// Level of the two-sided intervals that are shown. No rule decides about a version by them.
+pub const SHOWN_LEVEL: f64 = 0.95;
+
+/// The most evidence that a chart keeps: far above every threshold, far below the largest number that the next product
+/// could not hold.
+const STATISTIC_MAX: f64 = 1e100;
+
 /// The most observations one analysis accepts.
 pub const SAMPLES_MAX: usize = 1_000_000;
 

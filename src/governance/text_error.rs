@@ -80,10 +80,13 @@ impl TextError {
     }
 }
 
+/// The size from which a number is shown with its exponent.
+const EXPONENT_FROM: f64 = 1e16;
+
 /// A number as errors show it: a huge one with its exponent, not with hundreds of digits.
 #[must_use]
 pub fn number_text(value: f64) -> String {
-    if value.abs() >= 1e16 { format!("{value:e}") } else { value.to_string() }
+    if value.abs() >= EXPONENT_FROM { format!("{value:e}") } else { value.to_string() }
 }
 
 /// Refuses a text over `bytes_max`, before anything looks into it.

@@ -12,10 +12,6 @@ use super::gate::ShadowAssessment;
 use super::outcome::{Assessment, Basis, BehaviorOutcome, CheckResult};
 use super::profile::Profile;
 
-/// The time of a tick up to which none is too slow, us: the call of a component takes time, most in a build without
-/// optimization.
-const TICK_US_MIN: f64 = 200.0;
-
 const MS_PER_MINUTE: f64 = 60_000.0;
 
 /// A time that is longer than allowed.
@@ -36,9 +32,9 @@ pub enum TimeExcess {
     },
 }
 
-/// The longest time of a median tick, us: the declared one times the profile's factor.
+/// The longest time of a median tick, us: the declared one times the profile's factor, and no less than its minimum.
 fn tick_limit_us(declared_us: u32, profile: &Profile) -> f64 {
-    (profile.evaluation.tick_time_factor_max * f64::from(declared_us)).max(TICK_US_MIN)
+    (profile.evaluation.tick_time_factor_max * f64::from(declared_us)).max(profile.evaluation.tick_us_min)
 }
 
 impl TimeExcess {
@@ -116,7 +112,8 @@ mod tests {
         let is_slow = |measured, declared| TimeExcess::of_tick(measured, declared, &profile).is_some();
         assert!(!is_slow(1_000.0 * factor, 1_000) && is_slow(1_000.0 * factor + 1.0, 1_000));
         // A declaration of one microsecond leaves no room for the call itself.
-        assert!(!is_slow(TICK_US_MIN, 1) && is_slow(TICK_US_MIN + 1.0, 1));
+        let least = profile.evaluation.tick_us_min;
+        assert!(!is_slow(least, 1) && is_slow(least + 1.0, 1));
         assert!(!is_slow(f64::NAN, 1), "what was not measured is no excess");
         let excess = TimeExcess::of_tick(9_500.0, 1_000, &profile).unwrap();
         let reason = excess.reason(&profile);

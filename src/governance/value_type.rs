@@ -12,6 +12,9 @@ pub const ENUM_VALUES_MAX: usize = 32;
 /// The most elements a list field may allow.
 pub const LIST_LENGTH_MAX: u32 = 64;
 
+/// How far the squared length of a unit quaternion may be from 1: rounding of the numbers in a file.
+const UNIT_WITHIN: f64 = 1e-6;
+
 /// The largest magnitude a declared number may have.
 pub const MAGNITUDE_MAX: f64 = 1.0e9;
 
@@ -300,7 +303,7 @@ impl FieldSpec {
 }
 
 fn unit_length(v: &[f64]) -> bool {
-    (v.iter().map(|v| v * v).sum::<f64>() - 1.0).abs() < 1e-6
+    (v.iter().map(|v| v * v).sum::<f64>() - 1.0).abs() < UNIT_WITHIN
 }
 
 #[cfg(test)]

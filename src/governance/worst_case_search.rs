@@ -4,6 +4,7 @@ use serde::{Deserialize, Serialize};
 
 use super::decision::{Dimension, Reason};
 use super::finding::Finding;
+use super::profile::Profile;
 use super::stats::{PairedCounts, binary_pairs};
 
 /// The finding.
@@ -20,16 +21,13 @@ pub struct SearchFinding {
     pub repeats: PairedCounts,
 }
 
-/// One-sided error rate of the concern: the largest rate at which it affects an equally good version. The pairs ran
-/// after the place was chosen, so that the number of places tried does not count.
-const ALPHA: f64 = 0.01;
-
 impl SearchFinding {
-    /// The concern, if the candidate passes a limit there significantly more often than the active version.
+    /// The concern, if the candidate passes a limit there significantly more often than the active version. The pairs
+    /// ran after the place was chosen, so that the number of places tried does not count.
     #[must_use]
-    pub fn concern(&self) -> Option<Reason> {
+    pub fn concern(&self, profile: &Profile) -> Option<Reason> {
         let PairedCounts { pairs, candidate_only, active_only } = self.repeats;
-        let bound = binary_pairs(self.repeats, ALPHA).ok()?;
+        let bound = binary_pairs(self.repeats, profile.evaluation.search_alpha).ok()?;
         if bound.lower <= 0.0 {
             return None;
         }
@@ -42,6 +40,7 @@ impl SearchFinding {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::profile::ProfileName;
 
     fn found(candidate_only: u64, active_only: u64) -> SearchFinding {
         let repeats = PairedCounts { pairs: 12, candidate_only, active_only };
@@ -50,10 +49,11 @@ mod tests {
 
     #[test]
     fn searched_place_is_a_concern_only_if_significant() {
-        assert_eq!(found(0, 0).concern(), None);
-        assert_eq!(found(6, 6).concern(), None);
-        assert_eq!(found(3, 0).concern(), None, "three of twelve may be chance");
-        let reason = found(10, 0).concern().unwrap();
+        let profile = Profile::builtin(ProfileName::Sim).unwrap();
+        assert_eq!(found(0, 0).concern(&profile), None);
+        assert_eq!(found(6, 6).concern(&profile), None);
+        assert_eq!(found(3, 0).concern(&profile), None, "three of twelve may be chance");
+        let reason = found(10, 0).concern(&profile).unwrap();
         let place = vec![("object.mass_kg".to_owned(), 0.35)];
         let finding = Finding::SearchedPlace { candidate_only: 10, active_only: 0, pairs: 12, place };
         assert_eq!(reason.finding, Some(finding));

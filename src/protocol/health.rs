@@ -14,7 +14,7 @@ use serde::{Deserialize, Serialize};
 use super::clock::clock_time;
 use holdpoint_governance::calendar;
 use holdpoint_governance::ids::{CapabilityId, Family};
-use holdpoint_governance::stats::{difference, wilson};
+use holdpoint_governance::stats::{SHOWN_LEVEL, difference, wilson};
 
 pub use self::alarm_history::{AlarmEpisode, AlarmStep, duration_label};
 pub use self::chart_content::{HealthPanel, MarkContent, MarkedAct};
@@ -33,9 +33,6 @@ pub const BUCKET_MS_MAX: u64 = 86_400_000;
 pub const BUCKET_WIDTHS_MS: [u64; 10] = [
     60_000, 300_000, 900_000, 1_800_000, 3_600_000, 7_200_000, 14_400_000, 28_800_000, 43_200_000, 86_400_000,
 ];
-
-/// Level of every interval here.
-pub const LEVEL: f64 = 0.95;
 
 holdpoint_governance::closed_set! {
     /// The clock of the buckets.
@@ -383,7 +380,7 @@ impl HealthSeries {
         }
         let [before, since] = halves;
         let counts = |half: &VerdictSide| (half.succeeded, half.tasks);
-        let interval = difference(counts(&before), counts(&since), LEVEL).ok();
+        let interval = difference(counts(&before), counts(&since), SHOWN_LEVEL).ok();
         HealthVerdict {
             family: family.clone(),
             moment: self.time_text(self.start_ms(bucket)),
@@ -400,7 +397,7 @@ impl HealthSeries {
 pub fn together<'a>(points: impl Iterator<Item = &'a HealthPoint>) -> Option<(u64, u64, [f64; 2])> {
     let (tasks, done) =
         points.fold((0, 0), |(tasks, done), point| (tasks + point.tasks, done + point.succeeded));
-    let interval = wilson(done, tasks, LEVEL).ok()?;
+    let interval = wilson(done, tasks, SHOWN_LEVEL).ok()?;
     Some((tasks, done, [interval.lower, interval.upper]))
 }
 

@@ -24,7 +24,7 @@ use holdpoint_governance::ids::{CapabilityId, Digest};
 use holdpoint_governance::monitor::normal_rates;
 use holdpoint_governance::outcome::{Assessment, Basis, DimensionOutcome};
 use holdpoint_governance::permission::PermissionUse;
-use holdpoint_governance::profile::{Profile, ProfileName};
+use holdpoint_governance::profile::{MonitorSettings, Profile, ProfileName};
 use holdpoint_governance::recovery::{DrillContrast, RecoveryAssessment};
 use holdpoint_governance::risk::RiskClass;
 use holdpoint_governance::shared_event::SharedEvent;
@@ -235,15 +235,19 @@ impl EvidenceFile {
 
     /// The normal rates of the version: those of its twins, or of its pairs where shadow rested on outputs alone.
     #[must_use]
-    pub fn normal_rates(&self) -> Option<Signature> {
-        if self.outputs.is_empty() { normal_rates(&self.twins) } else { self.normal_rates_in_pairs() }
+    pub fn normal_rates(&self, settings: &MonitorSettings) -> Option<Signature> {
+        if self.outputs.is_empty() {
+            normal_rates(&self.twins, settings)
+        } else {
+            self.normal_rates_in_pairs(settings)
+        }
     }
 
     /// The normal rates of the version by its pairs.
     #[must_use]
-    pub fn normal_rates_in_pairs(&self) -> Option<Signature> {
+    pub fn normal_rates_in_pairs(&self, settings: &MonitorSettings) -> Option<Signature> {
         let alone: Vec<EpisodeValues> = self.pairs.iter().map(|pair| pair.candidate).collect();
-        normal_rates(&alone)
+        normal_rates(&alone, settings)
     }
 
     /// Adds the static assessment.

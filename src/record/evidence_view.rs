@@ -8,7 +8,7 @@ use holdpoint_governance::evidence::{DrillKind, DrillTally, ShadowSequence, Sign
 use holdpoint_governance::explanation::{MeasuredQuantity, ShadowDifference, ShadowEvent};
 use holdpoint_governance::phase::WorkPhase;
 use holdpoint_governance::profile::EvaluationSettings;
-use holdpoint_governance::stats::wilson;
+use holdpoint_governance::stats::{SHOWN_LEVEL, wilson};
 use holdpoint_protocol::detail::{DrillView, MeasuredValue, ModeView, PhaseDrillView};
 use holdpoint_protocol::snapshot::{Disagreement, PairsView, ShadowView};
 use holdpoint_trials::mode_metrics::{ComparedVersion, Metric, ModeMetrics, VersionMode};
@@ -136,7 +136,7 @@ pub fn pairs(evidence_file: &EvidenceFile) -> Option<PairsView> {
     let n = evidence_file.pairs.len() as u64;
     let active = behavior::signature(evidence_file.pairs.iter().map(|pair| &pair.active))?;
     let candidate = behavior::signature(evidence_file.pairs.iter().map(|pair| &pair.candidate))?;
-    let interval = |count: usize| wilson(count as u64, n, 0.95).ok().map(|i| [i.lower, i.upper]);
+    let interval = |count: usize| wilson(count as u64, n, SHOWN_LEVEL).ok().map(|i| [i.lower, i.upper]);
     let succeeded = |of: fn(&holdpoint_governance::evidence::Pair) -> bool| {
         evidence_file.pairs.iter().filter(|pair| of(pair)).count()
     };

@@ -19,6 +19,9 @@ use super::meter::TickMeter;
 /// Ticks that the tool has to be in a zone before it counts as entered: a noisy sample on the border is no entry.
 const ENTERED_TICKS: u32 = 3;
 
+/// The least declaration that an excess is divided by, so that the quotient is a number.
+const DECLARED_MIN: f64 = 1e-9;
+
 /// What one version may ask for in one task, and what it has asked for so far.
 #[derive(Clone, Debug)]
 pub struct Grant {
@@ -112,7 +115,7 @@ impl Grant {
             }
         };
         // A declaration that is no number, or none, lets nothing be asked for; the manifest rules both out.
-        if requested <= declared { 0.0 } else { (requested - declared) / declared.max(1e-9) }
+        if requested <= declared { 0.0 } else { (requested - declared) / declared.max(DECLARED_MIN) }
     }
 
     /// Whether a command that leads to a zone is declared. To stand still needs no permission: refused, it would be

@@ -16,6 +16,7 @@ use holdpoint_governance::mode::{Authority, CommandKind, ModeKey, ZoneName};
 use holdpoint_governance::permission::PermissionsUsed;
 use holdpoint_governance::policy::{ModeRuling, PolicyTable};
 pub use holdpoint_governance::policy_hit::PolicyHit;
+use holdpoint_governance::profile::{Profile, RuntimeLimits};
 
 /// What became of a command.
 #[derive(Clone, Debug, PartialEq)]
@@ -28,21 +29,14 @@ pub struct CheckedCommand {
     pub hit: Option<PolicyHit>,
 }
 
-/// How long ahead a motion is predicted, s: about the time the servo needs to stop.
-const LOOK_AHEAD_SECS: f64 = 0.08;
-
-/// Commands are clamped below the limit by this share, so that the servo's overshoot stays within.
-const CLAMP_SHARE: f64 = 0.95;
-
-/// A force limit is for lasting contact; a shorter one (a transient contact in the sense of ISO/TS
-/// 15066) may reach this many times the limit.
-pub const TRANSIENT_FACTOR: f64 = 2.0;
-
 /// Ticks after which a contact is no transient any more: 50 ms.
 const TRANSIENT_TICKS: u32 = 12;
 
-/// Measured speed may exceed the limit by this share before it is a violation: sensor noise.
-const MEASURE_SHARE: f64 = 1.05;
+/// The least predicted loss of clearance that counts as a motion toward contact, m.
+const CLEARANCE_LOSS_M: f64 = 1e-4;
+
+/// A component of a line below this, m, counts as 0: the line is parallel to a face of the box.
+const PARALLEL_M: f64 = 1e-12;
 
 /// The zones in the order in which they count where they overlap; the keep-out zone counts before any other.
 const ZONES: [ZoneName; ZoneName::ALL.len()] =
@@ -52,6 +46,7 @@ const ZONES: [ZoneName; ZoneName::ALL.len()] =
 #[derive(Clone)]
 pub struct Guard {
     table: Arc<PolicyTable>,
+    profile: Arc<Profile>,
     envelope: Envelope,
     authority: Authority,
     grant: Option<Grant>,
@@ -69,11 +64,12 @@ pub struct Guard {
 }
 
 impl Guard {
-    /// A guard over a compiled table, an envelope and the authority the version was granted. It asks no manifest:
-    /// what the runtime itself moves is declared by none.
+    /// A guard over a compiled table, its profile, an envelope and the authority the version was granted. It asks no
+    /// manifest: what the runtime itself moves is declared by none.
     #[must_use]
     pub fn new(
         table: Arc<PolicyTable>,
+        profile: Arc<Profile>,
         envelope: Envelope,
         authority: Authority,
         geometry: Arc<Geometry>,
@@ -81,6 +77,7 @@ impl Guard {
     ) -> Self {
         Self {
             table,
+            profile,
             envelope,
             authority,
             grant: None,
@@ -124,6 +121,12 @@ impl Guard {
     #[must_use]
     pub const fn envelope(&self) -> &Envelope {
         &self.envelope
+    }
+
+    /// The limits of the profile, before any cap.
+    #[must_use]
+    pub fn limits(&self) -> &RuntimeLimits {
+        &self.profile.runtime
     }
 
     /// The robot's kinematics.
@@ -193,7 +196,7 @@ impl Guard {
                 if human.into_iter().chain(self.keep_out_zones()).any(is_entered) {
                     return Err(PolicyHit::KeepOut);
                 }
-                let limit = CLAMP_SHARE * cap.tool_speed_max_m_s;
+                let limit = self.limits().clamp_share * cap.tool_speed_max_m_s;
                 let speed = max_speed_m_s.min(limit);
                 let hit = (*max_speed_m_s > limit).then_some(PolicyHit::SpeedClamped);
                 Ok((Command::ToolPose { pose: *pose, max_speed_m_s: speed }, hit))
@@ -204,7 +207,7 @@ impl Guard {
                 if !finite || q.len() != self.geometry.joint_count() {
                     return Err(PolicyHit::NotFinite);
                 }
-                let limit = CLAMP_SHARE * cap.joint_speed_max_rad_s;
+                let limit = self.limits().clamp_share * cap.joint_speed_max_rad_s;
                 let speed = max_speed_rad_s.min(limit);
                 let hit = (*max_speed_rad_s > limit).then_some(PolicyHit::SpeedClamped);
                 Ok((Command::Joints { q: q.clone(), max_speed_rad_s: speed }, hit))
@@ -214,7 +217,7 @@ impl Guard {
                 if !finite || *speed_m_s <= 0.0 {
                     return Err(PolicyHit::NotFinite);
                 }
-                let limit = CLAMP_SHARE * cap.grip_force_max_n;
+                let limit = self.limits().clamp_share * cap.grip_force_max_n;
                 let force = force_n.min(limit);
                 let hit = (*force_n > limit).then_some(PolicyHit::ForceClamped);
                 Ok((Command::Gripper { width_m: *width_m, speed_m_s: *speed_m_s, force_n: force }, hit))
@@ -272,21 +275,22 @@ impl Guard {
     }
 
     /// Holds one tick of telemetry against the envelope and the declared zones. Speed has to be over its limit for three
-    /// ticks, a force for `TRANSIENT_TICKS`, or for two ticks over `TRANSIENT_FACTOR` times it.
+    /// ticks, a force for `TRANSIENT_TICKS`, or for two ticks over the profile's `transient_factor` times it.
     pub fn measure(&mut self, seen: &Telemetry) -> Option<PolicyHit> {
         let zone = self.zone_of(seen.tool.position);
         let entered = self.grant.as_mut().and_then(|grant| grant.measure(seen, zone));
         let e = &self.envelope;
+        let RuntimeLimits { measure_share, transient_factor, .. } = *self.limits();
         let count = |over: bool, ticks: u32| if over { ticks.saturating_add(1) } else { 0 };
         // Written so that a value that is no number counts as over the limit.
-        let fast = !(seen.tool_speed_m_s <= MEASURE_SHARE * e.tool_speed_max_m_s);
+        let fast = !(seen.tool_speed_m_s <= measure_share * e.tool_speed_max_m_s);
         let force = seen.contact_force_n.max(seen.gripper_force_n);
         let over = |factor: f64| {
-            !(force <= factor * MEASURE_SHARE * e.contact_force_max_n) || seen.contact_force_n.is_nan()
+            !(force <= factor * measure_share * e.contact_force_max_n) || seen.contact_force_n.is_nan()
         };
         self.speed_over_ticks = count(fast, self.speed_over_ticks);
         self.force_over_ticks = count(over(1.0), self.force_over_ticks);
-        self.transient_over_ticks = count(over(TRANSIENT_FACTOR), self.transient_over_ticks);
+        self.transient_over_ticks = count(over(transient_factor), self.transient_over_ticks);
         if self.force_over_ticks == TRANSIENT_TICKS || self.transient_over_ticks == 2 {
             return Some(PolicyHit::ForceMeasured);
         }
@@ -305,16 +309,17 @@ impl Guard {
                 .any(|zone| zone.keep_out && is_beside(zone, seen.tool.position, e.near_zone_m))
     }
 
-    /// Whether going on as now for `LOOK_AHEAD_SECS` would strike the table or the arm itself.
+    /// Whether going on as now for the profile's `look_ahead_s` would strike the table or the arm itself.
     #[must_use]
     pub fn predicts_collision(&mut self, seen: &Telemetry) -> bool {
-        let ahead: JointVec = seen.q.iter().zip(&seen.dq).map(|(q, dq)| q + LOOK_AHEAD_SECS * dq).collect();
+        let ahead_s = self.limits().look_ahead_s;
+        let ahead: JointVec = seen.q.iter().zip(&seen.dq).map(|(q, dq)| q + ahead_s * dq).collect();
         let now = self.geometry.clearance(&seen.q);
         let then = self.geometry.clearance(&ahead);
         self.clearance_seen_m = now.table_m.min(now.self_m);
         // A motion that leads away from contact is never refused.
-        (then.table_m < 0.0 && then.table_m < now.table_m - 1e-4)
-            || (then.self_m < 0.0 && then.self_m < now.self_m - 1e-4)
+        (then.table_m < 0.0 && then.table_m < now.table_m - CLEARANCE_LOSS_M)
+            || (then.self_m < 0.0 && then.self_m < now.self_m - CLEARANCE_LOSS_M)
     }
 }
 
@@ -328,7 +333,7 @@ fn segment_enters(min: [f64; 3], max: [f64; 3], a: [f64; 3], b: [f64; 3]) -> boo
     let (mut enter, mut leave) = (0.0_f64, 1.0_f64);
     for i in 0..3 {
         let along = b[i] - a[i];
-        if along.abs() < 1e-12 {
+        if along.abs() < PARALLEL_M {
             if a[i] < min[i] || a[i] > max[i] {
                 return false;
             }

@@ -26,7 +26,7 @@ const DISTANCES_EVERY: u64 = 4;
 /// Ticks over which the closing speed of the pads is taken: one tick's difference is mostly noise.
 const PAD_TICKS: usize = 4;
 
-/// Standard acceleration of free fall, m/s².
+/// Standard acceleration of free fall, m/s² (3rd CGPM 1901; ISO 80000-3).
 const GRAVITY_M_S2: f64 = 9.806_65;
 
 /// The mean over the last [`WINDOW`] values.

@@ -3,6 +3,10 @@
 use holdpoint_body::RATE_HZ;
 use serde::{Deserialize, Serialize};
 
+/// The least share of speed and force that an envelope is tightened to, so that an arm can still be moved clear. It is the
+/// least that a profile may set as a share of them, too.
+const SHARE_MIN: f64 = 0.05;
+
 /// What the guard enforces at every tick, outside the skill. SI units, world frame.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Envelope {
@@ -44,7 +48,7 @@ impl Envelope {
     /// Speed and force are multiplied by `share`, which lies in (0, 1].
     #[must_use]
     pub fn tightened(mut self, share: f64) -> Self {
-        let share = if share.is_finite() { share.clamp(0.05, 1.0) } else { 0.05 };
+        let share = if share.is_finite() { share.clamp(SHARE_MIN, 1.0) } else { SHARE_MIN };
         self.tool_speed_max_m_s *= share;
         self.joint_speed_max_rad_s *= share;
         self.grip_force_max_n *= share;

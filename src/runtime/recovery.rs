@@ -312,10 +312,13 @@ impl AbortRun {
     }
 }
 
-/// The ticks of a declared stop time, at most ten seconds.
+/// The longest stop time that counts, s: twice the longest that a manifest may declare.
+const HOOK_SECS_MAX: f64 = 10.0;
+
+/// The ticks of a declared stop time.
 #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a number from 0 to 2,400")]
 fn ticks_of(hook_secs: f64) -> u64 {
-    (hook_secs.clamp(0.0, 10.0) * f64::from(RATE_HZ)) as u64
+    (hook_secs.clamp(0.0, HOOK_SECS_MAX) * f64::from(RATE_HZ)) as u64
 }
 
 /// Aborts a running skill. `hook_secs` is the stop time the version declares.

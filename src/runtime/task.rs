@@ -22,7 +22,7 @@ use super::harm::HarmMeter;
 use super::limits::WatchLimits;
 use super::recovery::RecoveryReport;
 use super::skill::{ConfinementReport, Skill};
-use super::watcher::{RaisedSignal, Watcher, WatcherSignal};
+use super::watcher::{RaisedSignal, WIDTH_STEP_M, Watcher, WatcherSignal};
 use holdpoint_body::Body;
 use holdpoint_governance::evidence::{Conduct, EpisodeValues, HardStop};
 use holdpoint_governance::failure_cause::FailureCause;
@@ -242,6 +242,9 @@ impl TaskRecord {
     }
 }
 
+/// A commanded change of height below this, m, is a correction, which is part of the same attempt.
+const CORRECTION_M: f64 = 0.008;
+
 /// Counts attempts from what is commanded: a close of the hand in a grasp, a descent otherwise.
 #[derive(Clone, Debug)]
 struct AttemptCounter {
@@ -258,12 +261,11 @@ impl AttemptCounter {
     fn note(&mut self, command: &Command, seen: &Telemetry) {
         let engages = match (self.task, command) {
             (TaskKind::Grasp, Command::Gripper { width_m, .. }) => {
-                Some(*width_m < seen.gripper_width_m - 0.002)
+                Some(*width_m < seen.gripper_width_m - WIDTH_STEP_M)
             }
             (TaskKind::Align | TaskKind::Place, Command::ToolPose { pose, .. }) => {
                 let rise_m = pose.position[2] - seen.tool.position[2];
-                // Small corrections at one height are part of one attempt.
-                if rise_m.abs() < 0.008 { None } else { Some(rise_m < 0.0) }
+                if rise_m.abs() < CORRECTION_M { None } else { Some(rise_m < 0.0) }
             }
             _ => None,
         };

@@ -15,11 +15,30 @@ use super::task::TaskTerms;
 use holdpoint_governance::manifest::Permissions;
 use holdpoint_governance::mode::Authority;
 use holdpoint_governance::policy::PolicyTable;
-use holdpoint_governance::profile::Profile;
+use holdpoint_governance::profile::fields::default_of;
+use holdpoint_governance::profile::{Profile, RuntimeLimits};
+
+/// The guard's margins that are not those of a profile that sets none; empty if all are.
+fn changed_margins(limits: &RuntimeLimits) -> String {
+    let margins = [
+        ("runtime.look_ahead_s", limits.look_ahead_s),
+        ("runtime.clamp_share", limits.clamp_share),
+        ("runtime.transient_factor", limits.transient_factor),
+        ("runtime.measure_share", limits.measure_share),
+    ];
+    let mut changed = String::new();
+    for (path, value) in margins {
+        if default_of(path) != Some(value) {
+            changed.push_str(&format!("|{path}={value:?}"));
+        }
+    }
+    changed
+}
 
 /// Everything around a skill but the skill.
 #[derive(Clone)]
 pub struct SkillTerms {
+    profile: Arc<Profile>,
     table: Arc<PolicyTable>,
     geometry: Arc<Geometry>,
     zones: Arc<[Zone]>,
@@ -69,6 +88,7 @@ impl SkillTerms {
         let watch = WatchLimits {
             slip_max_m: watcher.slip_max_m,
             tracking_max_rad: watcher.tracking_error_max_rad,
+            contact_noticed_n: watcher.contact_noticed_n,
             picture_age_max_ticks: u32::try_from(ticks(watcher.picture_age_max_ms / 1000.0))
                 .unwrap_or(u32::MAX),
             overrun_ticks: limit_ticks,
@@ -77,6 +97,7 @@ impl SkillTerms {
         let detect_ticks = ticks(watcher.detect_max_ms / 1000.0);
         let (meter, stress, reviewed, seeds) = (None, None, false, SeedKey::of_run(0));
         Self {
+            profile: Arc::new(profile.clone()),
             table,
             geometry,
             zones,
@@ -95,8 +116,10 @@ impl SkillTerms {
     #[must_use]
     pub fn in_full(&self) -> String {
         let Self { table, envelope, watch, limit_ticks, stress, reviewed, seeds, detect_ticks, .. } = self;
-        let (policy, seeds) = (table.digest, seeds.name());
-        format!("{policy}|{envelope:?}|{watch:?}|{limit_ticks}|{stress:?}|{reviewed}|{seeds}|{detect_ticks}")
+        let (policy, seeds, margins) = (table.digest, seeds.name(), changed_margins(&self.profile.runtime));
+        format!(
+            "{policy}|{envelope:?}|{watch:?}|{limit_ticks}|{stress:?}|{reviewed}|{seeds}|{detect_ticks}{margins}"
+        )
     }
 
     /// The same terms on an arm that real time does not wait for: computing longer than `cpu_us_per_tick` counts.
@@ -183,14 +206,27 @@ impl SkillTerms {
     /// A guard for what the runtime itself moves on the ladder: policies and envelope, no manifest.
     #[must_use]
     pub fn own_guard(&self, authority: Authority) -> Guard {
-        Guard::new(self.table.clone(), self.envelope, authority, self.geometry.clone(), self.zones.clone())
-            .reviewed(self.reviewed)
+        Guard::new(
+            self.table.clone(),
+            self.profile.clone(),
+            self.envelope,
+            authority,
+            self.geometry.clone(),
+            self.zones.clone(),
+        )
+        .reviewed(self.reviewed)
     }
 
     /// The terms of one task.
     #[must_use]
     pub const fn task(&self, task: TaskKind, seed: u64, abort_secs: f64) -> TaskTerms {
         TaskTerms { task, seed, watch: self.watch, abort_secs, limit_ticks: self.limit_ticks }
+    }
+
+    /// The profile that they are the terms of.
+    #[must_use]
+    pub fn profile(&self) -> &Profile {
+        &self.profile
     }
 
     /// The envelope in force.
@@ -202,5 +238,23 @@ impl SkillTerms {
     #[must_use]
     pub const fn watch(&self) -> &WatchLimits {
         &self.watch
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use holdpoint_governance::profile::ProfileName;
+
+    /// Results on record are found again by this text, so the shipped margins leave it as it was.
+    #[test]
+    fn text_of_terms_names_margins_that_a_profile_changes() {
+        for name in ProfileName::ALL {
+            let mut limits = Profile::builtin(name).unwrap().runtime;
+            assert_eq!(changed_margins(&limits), "");
+            limits.look_ahead_s = 0.5;
+            limits.measure_share = 1.25;
+            assert_eq!(changed_margins(&limits), "|runtime.look_ahead_s=0.5|runtime.measure_share=1.25");
+        }
     }
 }

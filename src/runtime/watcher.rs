@@ -8,7 +8,20 @@ use holdpoint_body::{Command, TaskKind, Telemetry};
 use serde::{Deserialize, Serialize};
 
 use super::limits::WatchLimits;
+use holdpoint_governance::phase::WorkPhase;
 pub use holdpoint_governance::watcher_signal::WatcherSignal;
+
+/// A commanded width that differs by less from the measured one, m, neither opens nor closes the hand.
+pub(crate) const WIDTH_STEP_M: f64 = 0.002;
+
+/// Tool speed above which the arm counts as moving on its camera frames, m/s.
+const MOVING_M_S: f64 = 0.03;
+
+/// Grip force below which a hand that is commanded to close presses on nothing, N.
+const IDLE_FORCE_N: f64 = 0.5;
+
+/// Pad distance up to which the hand counts as closed, m.
+const CLOSED_WIDTH_M: f64 = 0.004;
 
 /// A signal and when it was established.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -63,9 +76,9 @@ impl Watcher {
     /// Notes what passed the guard: what is commanded tells what is to be expected.
     pub fn note_command(&mut self, command: &Command, telemetry: &Telemetry) {
         if let Command::Gripper { width_m, .. } = command {
-            let opens = *width_m > telemetry.gripper_width_m + 0.002;
+            let opens = *width_m > telemetry.gripper_width_m + WIDTH_STEP_M;
             self.releasing = opens;
-            self.closing = *width_m < telemetry.gripper_width_m - 0.002;
+            self.closing = *width_m < telemetry.gripper_width_m - WIDTH_STEP_M;
             if opens {
                 self.closed_on_object = false;
                 self.gripped_ticks = 0;
@@ -86,8 +99,8 @@ impl Watcher {
             .iter()
             .all(|v| v.is_finite())
             && telemetry.slip_m.is_none_or(f64::is_finite);
-        self.moving = telemetry.tool_speed_m_s > 0.03;
-        if telemetry.contacts.pad_object && telemetry.gripper_force_n > 1.0 {
+        self.moving = telemetry.tool_speed_m_s > MOVING_M_S;
+        if telemetry.contacts.pad_object && telemetry.gripper_force_n > WorkPhase::HELD_FROM_N {
             self.gripped_ticks = self.gripped_ticks.saturating_add(1);
             // In a grasp, pads that touch before they close hold nothing yet.
             let closed = self.closing || self.task != TaskKind::Grasp;
@@ -117,9 +130,12 @@ impl Watcher {
                 let slipping = seen.slip_m.is_some_and(|slip| slip > limits.slip_max_m);
                 (slipping && self.closed_on_object, 6)
             }
-            WatcherSignal::ObjectLost => {
-                (self.closed_on_object && !contacts.pad_object && seen.gripper_force_n < 1.0, 12)
-            }
+            WatcherSignal::ObjectLost => (
+                self.closed_on_object
+                    && !contacts.pad_object
+                    && seen.gripper_force_n < WorkPhase::HELD_FROM_N,
+                12,
+            ),
             WatcherSignal::TrackingError => (seen.tracking_error_rad > limits.tracking_max_rad, 6),
             WatcherSignal::UnexpectedContact => {
                 let fixture = match self.task {
@@ -142,8 +158,11 @@ impl Watcher {
             }
             WatcherSignal::ToolLost => (!seen.tool_available, 24),
             WatcherSignal::GripFault => {
-                let stuck = self.closing && seen.tool_available && seen.gripper_force_n < 0.5;
-                (stuck && seen.gripper_width_m > 0.004 && !contacts.pad_object, limits.grip_fault_ticks)
+                let stuck = self.closing && seen.tool_available && seen.gripper_force_n < IDLE_FORCE_N;
+                (
+                    stuck && seen.gripper_width_m > CLOSED_WIDTH_M && !contacts.pad_object,
+                    limits.grip_fault_ticks,
+                )
             }
             WatcherSignal::Overrun => (seen.tick > limits.overrun_ticks, 1),
             WatcherSignal::TelemetryInvalid => (!finite, 1),

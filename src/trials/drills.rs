@@ -56,10 +56,6 @@ pub struct DrillVersions<'a> {
 /// Time for which the drill watches an arm after its hook reports done, before it stops the arm, ticks: 100 ms.
 const DONE_TICKS: u64 = RATE_HZ as u64 / 10;
 
-/// The furthest the tool may go in that time and count as standing, m: what is left of braking from the 2 cm/s at which
-/// a tool counts as arrived.
-const DONE_MAX_M: f64 = 0.003;
-
 /// Runs one drill at a point of the whole work. Equal seeds give equal episodes and equal points for every version.
 #[must_use]
 pub fn drill(
@@ -172,7 +168,8 @@ impl DrillCase<'_> {
         let arm = worker.built_arm()?;
         let (mut skill, guard, watcher) = run.into_parts();
         let Self { terms, cast, seed, .. } = *self;
-        let object = ObjectWatch::new(arm.body().as_ref(), guard.envelope().grip_force_max_n);
+        let grip_max_n = guard.envelope().grip_force_max_n;
+        let object = ObjectWatch::new(arm.body().as_ref(), grip_max_n, terms.profile());
         let mut drill = StartedDrill { arm, guard, terms, cast, seed, object };
         match (self.kind, fault) {
             (DrillKind::Abort, _) => drill.abort(skill.as_mut()).map(Some),
@@ -348,11 +345,12 @@ impl StartedDrill<'_, '_> {
     fn stops_in_place(&mut self) -> Result<bool, CellError> {
         let mut handle = self.arm.handle();
         let from = handle.telemetry().tool;
+        let standing_m = self.terms.profile().recovery.drill_done_max_m;
         for _ in 0..DONE_TICKS {
             handle.step(&Command::Hold)?;
             self.object.observe(handle.body().as_ref());
         }
-        if !(from.distance_m(&handle.telemetry().tool) <= DONE_MAX_M) {
+        if !(from.distance_m(&handle.telemetry().tool) <= standing_m) {
             return Ok(false);
         }
         handle.step(&Command::Stop)?;

@@ -8,11 +8,8 @@ use serde::{Deserialize, Serialize};
 use holdpoint_governance::behavior::signature;
 use holdpoint_governance::closed_set::ClosedSetError;
 use holdpoint_governance::evidence::{EpisodeValues, SandboxMode, Signature};
-use holdpoint_governance::stats::{self, Interval};
+use holdpoint_governance::stats::{self, Interval, SHOWN_LEVEL};
 use holdpoint_runtime::task::TaskRecord;
-
-/// Level of the intervals.
-const LEVEL: f64 = 0.95;
 
 /// The share of episodes that [`UpperTail::worst_mean`] is taken over.
 const WORST_SHARE: f64 = 0.05;
@@ -113,11 +110,11 @@ impl ModeMetrics {
             Metric {
                 name: name.to_owned(),
                 value: count as f64 / total as f64,
-                interval: stats::wilson(count, total, LEVEL).ok(),
+                interval: stats::wilson(count, total, SHOWN_LEVEL).ok(),
             }
         };
         let retries: Vec<f64> = values.iter().map(|value| f64::from(value.retries)).collect();
-        let bound = stats::student_pairs(&retries, (1.0 - LEVEL) / 2.0).ok();
+        let bound = stats::student_pairs(&retries, (1.0 - SHOWN_LEVEL) / 2.0).ok();
         let metrics = vec![
             share("success", |value| value.success),
             share("violation", |value| value.violation),
@@ -128,7 +125,7 @@ impl ModeMetrics {
                 interval: bound.map(|bound| Interval {
                     lower: bound.lower.max(0.0),
                     upper: bound.upper,
-                    level: LEVEL,
+                    level: SHOWN_LEVEL,
                 }),
             },
             share("recovery", |value| value.recovery),

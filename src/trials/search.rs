@@ -34,9 +34,14 @@ pub const PAIRS: u64 = (PLACES_TRIED + REPEATS) as u64;
 /// The chance that an axis comes from a second parent.
 const CROSSOVER_CHANCE: f64 = 0.3;
 
-/// The chance that an axis is changed: in a quarter of the cases it is sampled again, in a quarter set to an end of
-/// its range, else moved.
+/// The chance that an axis is changed: sampled again, set to an end of its range, or moved.
 const MUTATION_CHANCE: f64 = 0.4;
+
+/// The share of changes that sample the axis again.
+const RESAMPLED_SHARE: f64 = 0.25;
+
+/// The share of changes that set the axis to an end of its range.
+const END_SHARE: f64 = 0.25;
 
 /// Standard deviation of a move, in shares of an axis.
 const MUTATION_STEP: f64 = 0.2;
@@ -179,8 +184,8 @@ fn descendant(parents: &[TriedPoint], stream: &mut Stream) -> EnvelopePoint {
             continue;
         }
         *share = match stream.unit() {
-            sample if sample < 0.25 => stream.unit(),
-            sample if sample < 0.5 => libm::round(stream.unit()),
+            sample if sample < RESAMPLED_SHARE => stream.unit(),
+            sample if sample < RESAMPLED_SHARE + END_SHARE => libm::round(stream.unit()),
             _ => (*share + MUTATION_STEP * stream.normal()).clamp(0.0, 1.0),
         };
     }

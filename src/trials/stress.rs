@@ -10,19 +10,17 @@ use holdpoint_runtime::task::TaskRecord;
 
 use crate::cell::Cell;
 
-/// Share of speed and force that a tightened envelope leaves.
-const TIGHTENED_SHARE: f64 = 0.7;
-
 /// From when permissions are withdrawn, ticks: every version is in motion by then.
 const WITHDRAWN_FROM: u64 = 3 * RATE_HZ as u64 / 4;
 
 /// Duration, ticks: longer than a skill overlooks, short enough to continue after it.
 const WITHDRAWN_TICKS: u64 = RATE_HZ as u64;
 
-/// The stress of the episode at a place of the mode: by turns, so that a mode cut short has seen each.
+/// The stress of the episode at a place of the mode: by turns, so that a mode cut short has seen each. `share`: of speed
+/// and force, what a tightened envelope leaves.
 #[must_use]
-pub fn of_episode(place: u64, task: TaskKind, cell: &Cell) -> Stress {
-    let tightened = Stress::Tightened { share: TIGHTENED_SHARE };
+pub fn of_episode(place: u64, task: TaskKind, cell: &Cell, share: f64) -> Stress {
+    let tightened = Stress::Tightened { share };
     match place % 3 {
         0 => tightened,
         1 => {
@@ -79,7 +77,7 @@ mod tests {
     fn stress_kinds_alternate_and_the_person_is_placed_in_the_work_area() {
         let cell = Cell::of(&SimCells, None).unwrap();
         for (task, at) in [(TaskKind::Grasp, [0.5, -0.25, 0.1]), (TaskKind::Place, [0.5, 0.1, 0.1])] {
-            let turns: Vec<Stress> = (0..6).map(|place| of_episode(place, task, &cell)).collect();
+            let turns: Vec<Stress> = (0..6).map(|place| of_episode(place, task, &cell, 0.7)).collect();
             assert_eq!(turns[..3], turns[3..]);
             assert!(matches!(turns[0], Stress::Tightened { share } if share < 1.0));
             assert!(

@@ -12,6 +12,7 @@ use super::instrumented::InstrumentedWorld;
 use super::station::Rig;
 use super::supervisor::Trip;
 use holdpoint_governance::notice::{Notice, RetreatObstacle};
+use holdpoint_governance::profile::RuntimeLimits;
 use holdpoint_governance::rollback::{Rung, RungFailure, RungRecord, TriggerKind};
 use holdpoint_runtime::arm::ActuatorHandle;
 use holdpoint_runtime::capability::Capability;
@@ -27,14 +28,8 @@ const HOLD_TICKS: u64 = RATE_HZ as u64;
 /// How long the retreat may take, ticks.
 const RETREAT_TICKS: u64 = 4 * RATE_HZ as u64;
 
-/// Height to which the tool is raised, m: above every object of the cell.
-const RETREAT_HEIGHT_M: f64 = 0.2;
-
-/// The lowest height that counts as clear, m.
-const CLEAR_HEIGHT_M: f64 = 0.15;
-
-/// Speed of the retreat, m/s.
-const RETREAT_SPEED_M_S: f64 = 0.2;
+/// The distance from the end of the retreat at which it ends early, m. What counts as clear is the profile's.
+const ARRIVED_M: f64 = 0.01;
 
 /// The result of the rungs that move the arm.
 #[derive(Clone, Debug)]
@@ -191,11 +186,12 @@ pub fn retract<B: Body>(
     guard: &mut Guard,
     is_halted: &dyn Fn(&B) -> bool,
 ) -> Result<RungRecord, BodyError> {
+    let RuntimeLimits { retreat_height_m, retreat_clear_m, retreat_speed_m_s, .. } = *guard.limits();
     handle.interrupt(Interrupt::Release);
     let mut telemetry = handle.telemetry();
     let mut raised = telemetry.tool;
-    raised.position[2] = raised.position[2].max(RETREAT_HEIGHT_M);
-    let retreat = Command::ToolPose { pose: raised, max_speed_m_s: RETREAT_SPEED_M_S };
+    raised.position[2] = raised.position[2].max(retreat_height_m);
+    let retreat = Command::ToolPose { pose: raised, max_speed_m_s: retreat_speed_m_s };
     let checked = guard.check(&retreat, &telemetry);
     handle.step(&checked.command)?;
     let mut standstill = Standstill::default();
@@ -210,12 +206,12 @@ pub fn retract<B: Body>(
             let notice = Notice::RetreatSkipped { during: true };
             return Ok(RungRecord::new(Rung::Retract, None, ticks, notice));
         }
-        if is_at_standstill && telemetry.tool.distance_m(&raised) < 0.01 {
+        if is_at_standstill && telemetry.tool.distance_m(&raised) < ARRIVED_M {
             break;
         }
     }
     let touches = handover::touches(telemetry.contacts);
-    let is_clear = is_at_standstill && !touches && telemetry.tool.position[2] > CLEAR_HEIGHT_M;
+    let is_clear = is_at_standstill && !touches && telemetry.tool.position[2] > retreat_clear_m;
     if is_clear {
         return Ok(RungRecord::new(Rung::Retract, None, ticks, Notice::ToolClear));
     }

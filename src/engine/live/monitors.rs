@@ -55,13 +55,14 @@ impl ActivationMonitor {
         context: &Context,
         now_tick: u64,
     ) -> Result<Self, EngineFault> {
+        let settings = &context.profile.monitor;
         let expected = evidence_file
             .and_then(|evidence_file| {
                 if context.omitted.has(AblationPart::Shadow) {
                     // An experiment omitted shadow: only the values of the sandbox are available.
-                    evidence_file.normal_rates_in_pairs()
+                    evidence_file.normal_rates_in_pairs(settings)
                 } else {
-                    evidence_file.normal_rates()
+                    evidence_file.normal_rates(settings)
                 }
             })
             .ok_or_else(|| {

@@ -17,6 +17,7 @@ use super::listener::Listener;
 use super::twin_start::TwinStart;
 use holdpoint_governance::evidence::{OutputSequence, ShadowSequence};
 use holdpoint_governance::ids::CapabilityId;
+use holdpoint_governance::profile::EvaluationSettings;
 use holdpoint_runtime::agent::dispatcher::admit;
 use holdpoint_runtime::arm::CommandRecorder;
 use holdpoint_runtime::capability::Capability;
@@ -24,11 +25,8 @@ use holdpoint_runtime::skill::Skill;
 use holdpoint_runtime::task::{PathPoint, Supervision, TaskRecord, Tick};
 use holdpoint_runtime::terms::SkillTerms;
 
-/// Distance of two arm setpoints that counts as a full divergence, m.
-const FULL_DIVERGENCE_M: f64 = 0.2;
-
-/// Radius of the tube round the active version's path, m.
-pub const TUBE_RADIUS_M: f32 = 0.03;
+/// The divergence while one side has not decided yet: a difference in time, which the mean over ticks measures.
+const UNDECIDED_DIVERGENCE: f64 = 0.5;
 
 /// Setpoints in force on the two channels.
 #[derive(Clone, Copy, Debug, Default)]
@@ -48,17 +46,16 @@ impl Setpoints {
     }
 
     /// Distance of two setpoints in [0, 1]: the larger of the two channels'. From closed to open, `width_max_m`, is 1.
-    fn divergence(&self, other: &Self, width_max_m: f64) -> f64 {
+    fn divergence(&self, other: &Self, settings: &EvaluationSettings, width_max_m: f64) -> f64 {
         let arm = match (&self.pose, &other.pose) {
-            (Some(a), Some(b)) => (a.distance_m(b) / FULL_DIVERGENCE_M).min(1.0),
+            (Some(a), Some(b)) => (a.distance_m(b) / settings.divergence_full_m).min(1.0),
             (None, None) => 0.0,
-            // One has not decided yet: a difference in time, which the mean over ticks measures.
-            _ => 0.5,
+            _ => UNDECIDED_DIVERGENCE,
         };
         let gripper = match (self.width_m, other.width_m) {
             (Some(a), Some(b)) => ((a - b).abs() / width_max_m).min(1.0),
             (None, None) => 0.0,
-            _ => 0.5,
+            _ => UNDECIDED_DIVERGENCE,
         };
         arm.max(gripper)
     }
@@ -286,7 +283,11 @@ impl Shadow {
             live_watcher_event: live.anomaly,
             twin_watcher_event: twin.anomaly,
             output_divergence: self.output_divergence(),
-            envelope_divergence: outside_tube(&live.path, &twin.path),
+            envelope_divergence: outside_tube(
+                &live.path,
+                &twin.path,
+                self.terms.profile().evaluation.tube_radius_m,
+            ),
             live_conduct: live.conduct(),
             twin_conduct: twin.conduct(),
             twin_difference: start.difference(),
@@ -353,20 +354,23 @@ impl Listener for Shadow {
             self.proposed.note(&proposal);
             self.recorder.record(passed.tick, proposal);
             self.live_recorder.record(passed.tick, passed.command.clone());
-            self.divergence_sum += self.live.divergence(&self.proposed, self.width_max_m);
+            let settings = &self.terms.profile().evaluation;
+            self.divergence_sum += self.live.divergence(&self.proposed, settings, self.width_max_m);
             self.ticks += 1;
         }
         Supervision::Continue
     }
 }
 
-/// Share of the twin's points that lie outside the tube round the live path, in [0, 1].
+/// Share of the twin's points that lie farther than a radius, m, from the live path, in [0, 1].
 #[must_use]
-pub fn outside_tube(live: &[PathPoint], twin: &[PathPoint]) -> f64 {
+pub fn outside_tube(live: &[PathPoint], twin: &[PathPoint], radius_m: f64) -> f64 {
     if twin.is_empty() {
         return 0.0;
     }
-    let radius2 = TUBE_RADIUS_M * TUBE_RADIUS_M;
+    #[allow(clippy::cast_possible_truncation, reason = "at most a meter, in the precision of a path")]
+    let radius = radius_m as f32;
+    let radius2 = radius * radius;
     let near = |point: &PathPoint| {
         live.iter().any(|other| {
             let d: f32 =
@@ -383,6 +387,7 @@ pub fn outside_tube(live: &[PathPoint], twin: &[PathPoint]) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use holdpoint_governance::profile::{Profile, ProfileName};
 
     fn path(heights: &[f32]) -> Vec<PathPoint> {
         let point = |(i, z): (usize, &f32)| PathPoint {
@@ -403,7 +408,7 @@ mod tests {
             (path(&[0.5, 0.6]), 1.0),
             (path(&[]), 0.0),
         ] {
-            assert!((outside_tube(&live, &twin) - expected).abs() < 1e-12);
+            assert!((outside_tube(&live, &twin, 0.03) - expected).abs() < 1e-12);
         }
     }
 
@@ -411,14 +416,15 @@ mod tests {
     fn setpoint_divergence_is_that_of_the_larger_channel() {
         let mut a = Setpoints::default();
         let mut b = Setpoints::default();
-        assert!(a.divergence(&b, 0.08).abs() < 1e-12);
+        let settings = Profile::builtin(ProfileName::Sim).unwrap().evaluation;
+        assert!(a.divergence(&b, &settings, 0.08).abs() < 1e-12);
         a.note(&Command::Gripper { width_m: 0.08, speed_m_s: 0.1, force_n: 1.0 });
         b.note(&Command::Gripper { width_m: 0.04, speed_m_s: 0.1, force_n: 1.0 });
-        assert!((a.divergence(&b, 0.08) - 0.5).abs() < 1e-12);
-        assert!((a.divergence(&b, 0.16) - 0.25).abs() < 1e-12);
+        assert!((a.divergence(&b, &settings, 0.08) - 0.5).abs() < 1e-12);
+        assert!((a.divergence(&b, &settings, 0.16) - 0.25).abs() < 1e-12);
         let far = Pose { position: [1.0, 0.0, 0.0], ..Pose::IDENTITY };
         a.note(&Command::ToolPose { pose: Pose::IDENTITY, max_speed_m_s: 0.1 });
         b.note(&Command::ToolPose { pose: far, max_speed_m_s: 0.1 });
-        assert!((a.divergence(&b, 0.08) - 1.0).abs() < 1e-12);
+        assert!((a.divergence(&b, &settings, 0.08) - 1.0).abs() < 1e-12);
     }
 }

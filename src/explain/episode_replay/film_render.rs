@@ -13,7 +13,7 @@ use holdpoint_protocol::film::{
 };
 use holdpoint_protocol::video_frame::EnvelopeView;
 use holdpoint_runtime::capability::Capability;
-use holdpoint_runtime::guard::{PolicyHit, TRANSIENT_FACTOR};
+use holdpoint_runtime::guard::PolicyHit;
 use holdpoint_runtime::recovery::StoppedBy;
 use holdpoint_runtime::task::TaskRecord;
 use holdpoint_runtime::terms::SkillTerms;
@@ -62,7 +62,7 @@ impl FilmedWork<'_> {
     /// The film of an episode with its record.
     pub(crate) fn episode(&self, worker: &mut Worker, record: &TaskRecord) -> FilmedRun {
         let mut run = self.run(worker);
-        let exceeded = limit_exceedance(&run.frames, &run.envelope, record.harm.as_ref(), self.limits);
+        let exceeded = self.exceeded(&run, record.harm.as_ref());
         let mut events = marks(record);
         events.extend(exceeded.iter().map(EventMark::exceeded));
         run.marks = film_marks(events);
@@ -84,7 +84,7 @@ impl FilmedWork<'_> {
             DrillResult::Infeasible => OutcomePart::DrillNotSetUp,
         };
         let mut run = self.run(worker);
-        let exceeded = limit_exceedance(&run.frames, &run.envelope, None, self.limits);
+        let exceeded = self.exceeded(&run, None);
         let mut events: Vec<EventMark> = exceeded.iter().map(EventMark::exceeded).collect();
         run.ended = outcome(&[vec![end.clone()], named(&exceeded)].concat());
         events.extend(from.map(|tick| EventMark::new(tick, MarkedEvent::DrillBegan(kind), false)));
@@ -94,6 +94,11 @@ impl FilmedWork<'_> {
         }
         run.marks = film_marks(events);
         run
+    }
+
+    fn exceeded(&self, run: &FilmedRun, harm: Option<&HarmMeasures>) -> Vec<ExceededLimit> {
+        let transient_factor = self.terms.profile().runtime.transient_factor;
+        limit_exceedance(&run.frames, &run.envelope, transient_factor, harm, self.limits)
     }
 
     /// The run without its result and its events.
@@ -142,13 +147,14 @@ fn film_marks(mut events: Vec<EventMark>) -> Vec<FilmMark> {
 fn limit_exceedance(
     frames: &[FilmFrame],
     envelope: &EnvelopeView,
+    transient_factor: f64,
     harm: Option<&HarmMeasures>,
     limits: &HarmSettings,
 ) -> Vec<ExceededLimit> {
     let charted = |limit: f32, of: fn(&FilmFrame) -> f32, value: fn(f32) -> ExceededValue| {
         let most = frames.iter().map(of).fold(0.0, f32::max);
         let times = f64::from(most / limit);
-        let past = |frame: &&FilmFrame| f64::from(of(frame) / limit) > TRANSIENT_FACTOR;
+        let past = |frame: &&FilmFrame| f64::from(of(frame) / limit) > transient_factor;
         let tick = frames.iter().find(past)?.tick;
         Some(ExceededLimit { tick, times, value: value(most) })
     };
@@ -308,7 +314,7 @@ mod tests {
                 .unwrap();
         let limits = &profile.harm;
         let exceedances = |frames: &[FilmFrame], harm: &HarmMeasures| {
-            limit_exceedance(frames, &envelope, Some(harm), limits)
+            limit_exceedance(frames, &envelope, 2.0, Some(harm), limits)
         };
         let calm = [frame(0, 19.0), frame(8, 38.0)];
         assert!(exceedances(&calm, &HarmMeasures::STILL).is_empty(), "a transient passes nothing");

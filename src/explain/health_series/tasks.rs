@@ -6,8 +6,8 @@ use serde::Deserialize;
 
 use holdpoint_governance::ids::{CapabilityId, Digest, Family};
 use holdpoint_governance::record::{AuditRecord, RecordKind};
-use holdpoint_governance::stats::wilson;
-use holdpoint_protocol::health::{HealthCoverage, HealthPoint, HealthSeries, LEVEL};
+use holdpoint_governance::stats::{SHOWN_LEVEL, wilson};
+use holdpoint_protocol::health::{HealthCoverage, HealthPoint, HealthSeries};
 use holdpoint_registry::{AuditFilter, StoreError, StoredBatch, TelemetryViews, Views};
 
 use super::clock::{RecordSpan, on_clock};
@@ -207,7 +207,7 @@ impl TaskTally {
 
 fn point(((_, bucket, version), mut tally): ((Family, u32, CapabilityId), TaskTally)) -> Option<HealthPoint> {
     let tasks = tally.time_s.len() as u64;
-    let interval = wilson(tally.succeeded, tasks, LEVEL).ok()?;
+    let interval = wilson(tally.succeeded, tasks, SHOWN_LEVEL).ok()?;
     Some(HealthPoint {
         version,
         bucket,

@@ -56,11 +56,12 @@ pub(super) fn action(
         return not(NotReplayable::TelemetryPruned);
     }
     let evidence_file = of.shadow_before(control.from_seq);
-    let Some(normal) = evidence_file.and_then(|evidence_file| evidence_file.normal_rates()) else {
-        return not(NotReplayable::NormalUnknown);
-    };
     let Some(frame) = replayer.frame_at(&of.id, record.seq) else {
         return not(NotReplayable::ProfileUnknown);
+    };
+    let settings = &frame.profile.monitor;
+    let Some(normal) = evidence_file.and_then(|evidence_file| evidence_file.normal_rates(settings)) else {
+        return not(NotReplayable::NormalUnknown);
     };
     let tasks: Vec<&LiveTask> = live
         .iter()
@@ -188,7 +189,7 @@ mod tests {
         confirmed: Option<u64>,
     ) -> Option<MonitorDecision> {
         let profile = Profile::builtin(ProfileName::Sim).unwrap();
-        let normal = normal_rates(&[values(true); 20]).unwrap();
+        let normal = normal_rates(&[values(true); 20], &profile.monitor).unwrap();
         let monitor = Monitor::strict(&profile, &normal, Strictness::of(conditions), 0).unwrap();
         replay_tasks(monitor, &tasks.iter().collect::<Vec<_>>(), confirmed, &[])
     }
@@ -236,7 +237,8 @@ mod tests {
         let monitor = || {
             let profile = Profile::builtin(ProfileName::Sim).unwrap();
             let normal = [EpisodeValues { time_s: 2.0, ..values(true) }; 20];
-            Monitor::strict(&profile, &normal_rates(&normal).unwrap(), Strictness::of(&[]), 0).unwrap()
+            let normal = normal_rates(&normal, &profile.monitor).unwrap();
+            Monitor::strict(&profile, &normal, Strictness::of(&[]), 0).unwrap()
         };
         let acts = |count: &usize| {
             action(replayed_decision(&[], &stopped[..*count], None)) != MonitorAction::Continue

@@ -18,9 +18,6 @@ use crate::profile::Profile;
 /// Pairs of which one is live-like. Where [`live_like_pairs`] is 0, no pair is, and none has to be.
 const ONE_IN: u32 = 3;
 
-/// Factor on every margin that an upper bound may not pass.
-const MARGIN_FACTOR: f64 = 2.0;
-
 /// The live-like pairs of a budget of pairs.
 #[must_use]
 pub const fn live_like_pairs(pairs: u32) -> u32 {
@@ -65,7 +62,7 @@ pub(crate) fn apply_live_like(result: &mut BehaviorAssessment, evidence: &Paired
         result.assessment.reasons.retain(|reason| reason.code != ReasonCode::BehaviorCompatible);
         result.assessment.reasons.splice(0..0, against);
     } else if result.assessment.outcome == BehaviorOutcome::Compatible {
-        let open = open_worsenings(&found);
+        let open = open_worsenings(&found, profile.evaluation.live_like_factor);
         let open = open
             .iter()
             .filter_map(|reason| within_live_like(reason, |by| Finding::LiveLikePossiblyWorse { by }));
@@ -89,18 +86,17 @@ fn leave_open(result: &mut BehaviorAssessment, why: Reason) {
     result.assessment.reasons.insert(0, why);
 }
 
-/// The worsenings that are not excluded beyond the wider margins.
-fn open_worsenings(found: &BehaviorAssessment) -> Vec<Reason> {
-    let wider =
-        |one: &BehaviorComponent| BehaviorComponent { tolerance: MARGIN_FACTOR * one.tolerance, ..*one };
+/// The worsenings that are not excluded beyond the margins, each wider by `factor`.
+fn open_worsenings(found: &BehaviorAssessment, factor: f64) -> Vec<Reason> {
+    let wider = |one: &BehaviorComponent| BehaviorComponent { tolerance: factor * one.tolerance, ..*one };
     let components = found.components.iter().map(wider).filter(|one| !one.is_within_tolerance());
     let components = components.map(|one| {
         let upper = one.upper.unwrap_or(f64::NAN);
         reason(Finding::ComponentPossiblyWorse { component: one.name }).with(upper, one.tolerance)
     });
     let wider = |one: &HarmComparison| HarmComparison {
-        tolerance: MARGIN_FACTOR * one.tolerance,
-        past: ExceedanceRates { tolerance: MARGIN_FACTOR * one.past.tolerance, ..one.past },
+        tolerance: factor * one.tolerance,
+        past: ExceedanceRates { tolerance: factor * one.past.tolerance, ..one.past },
         ..*one
     };
     let harm: Vec<HarmComparison> = found.harm.iter().map(wider).collect();

@@ -14,8 +14,9 @@
 use holdpoint_body::TaskKind;
 use serde::{Deserialize, Serialize};
 
-use super::{BehaviorAssessment, SUSPICIOUS_FACTOR, concern_conditions, real_pairs, reason};
+use super::{BehaviorAssessment, concern_conditions, real_pairs, reason};
 use crate::decision::ReasonCode;
+use crate::distribution_shift::TRIFLE;
 use crate::evidence::EpisodeValues;
 use crate::finding::{EvidenceGap, Finding, SequenceEnds};
 use crate::harm::{HarmKind, HarmMeasures};
@@ -135,10 +136,6 @@ fn worst(side: &[SequenceStep], task: TaskKind, kind: HarmKind) -> Option<f64> {
         Some(if kind.worsening(next, worst) > 0.0 { next } else { worst })
     })?
 }
-
-/// Of the sequences wanted, the share that has to come to what is judged: with a quarter of 60 a handover that fails in
-/// two of three is still found.
-const REACHED_SHARE: f64 = 0.25;
 
 impl SequenceEvidence {
     /// The pairs in which both reached the judged part.
@@ -287,7 +284,7 @@ impl SequenceEvidence {
     }
 
     /// Why these sequences cannot be assessed; `None` if they can.
-    fn unusable(&self) -> Option<Finding> {
+    fn unusable(&self, profile: &Profile) -> Option<Finding> {
         let mut seeds = std::collections::BTreeSet::new();
         let plausible = |pair: &SequencePair| {
             let mut steps = pair.active.iter().chain(&pair.candidate);
@@ -299,7 +296,7 @@ impl SequenceEvidence {
             Some(Finding::SequencesNotRun)
         } else if ran < budget {
             Some(Finding::TooFewSequences { ran, asked: budget })
-        } else if (reached as f64) < REACHED_SHARE * budget as f64 {
+        } else if (reached as f64) < profile.evaluation.sequences_reached_share * budget as f64 {
             Some(Finding::TooFewHandovers { reached, ran })
         } else if !self.pairs.iter().all(plausible) {
             Some(Finding::SequenceGap { gap: EvidenceGap::Implausible })
@@ -324,7 +321,7 @@ impl SequenceComparison {
             | SequenceMeasure::Violation
             | SequenceMeasure::Anomaly
             | SequenceMeasure::PastLimit => 0.0,
-            SequenceMeasure::Time | SequenceMeasure::Harm(_) => SUSPICIOUS_FACTOR * self.tolerance,
+            SequenceMeasure::Time | SequenceMeasure::Harm(_) => TRIFLE * self.tolerance,
         };
         // Written so that a NaN bound is a concern.
         !(self.lower <= trifle)
@@ -342,7 +339,7 @@ pub fn apply_sequences(
         return;
     }
     let (mut worse, mut doubts) = (Vec::new(), Vec::new());
-    if let Some(why) = evidence.unusable() {
+    if let Some(why) = evidence.unusable(profile) {
         let few = reason(why);
         doubts.push(few.with(evidence.pairs.len() as f64, f64::from(evidence.wanted)));
     } else {

@@ -3,6 +3,7 @@
 //! One table; a test checks that it names every number of the shipped profiles, and no other.
 
 use super::Profile;
+use super::later_numbers::{self, LATER_NUMBERS};
 use crate::text_error::number_text;
 
 /// In which direction a number makes a profile tighter.
@@ -65,10 +66,19 @@ pub const FIELDS: &[ProfileField] = &[
     field("runtime.cpu_us_per_tick_max", 1.0, 4_000.0, Lower),
     field("runtime.memory_kib_max", 1.0, 4_194_304.0, Lower),
     field("runtime.episode_max_s", 1.0, 600.0, Lower),
+    field("runtime.look_ahead_s", 0.0, 1.0, Higher),
+    field("runtime.clamp_share", 0.5, 1.0, Lower),
+    field("runtime.transient_factor", 1.0, 5.0, Lower),
+    field("runtime.measure_share", 1.0, 1.5, Lower),
+    field("runtime.high_share", 0.1, 1.0, Lower),
+    field("runtime.retreat_height_m", 0.05, 1.0, Neither),
+    field("runtime.retreat_clear_m", 0.02, 1.0, Higher),
+    field("runtime.retreat_speed_m_s", 0.01, 1.0, Lower),
     field("watcher.slip_max_m", 0.0001, 0.1, Lower),
     field("watcher.tracking_error_max_rad", 0.001, 1.0, Lower),
     field("watcher.picture_age_max_ms", 10.0, 5_000.0, Lower),
     field("watcher.detect_max_ms", 10.0, 5_000.0, Lower),
+    field("watcher.contact_noticed_n", 0.1, 100.0, Lower),
     field("evaluation.sandbox_pairs", 60.0, 100_000.0, Higher),
     field("evaluation.alpha", 0.000_1, 0.2, Neither),
     field("evaluation.early_alpha", 0.0, 0.05, Neither),
@@ -87,6 +97,15 @@ pub const FIELDS: &[ProfileField] = &[
     field("evaluation.tick_time_factor_max", 1.5, 20.0, Lower),
     field("evaluation.wall_minutes_max", 1.0, 1_440.0, Lower),
     field("evaluation.registrations_per_minute_max", 1.0, 10_000.0, Lower),
+    field("evaluation.search_alpha", 0.000_1, 0.2, Higher),
+    field("evaluation.stress_share_max", 0.0, 1.0, Lower),
+    field("evaluation.stress_tightened_share", 0.05, 1.0, Lower),
+    field("evaluation.live_like_factor", 1.0, 10.0, Lower),
+    field("evaluation.sequences_reached_share", 0.05, 1.0, Higher),
+    field("evaluation.shadow_harm_share", 0.01, 0.9, Neither),
+    field("evaluation.divergence_full_m", 0.01, 5.0, Lower),
+    field("evaluation.tube_radius_m", 0.001, 1.0, Lower),
+    field("evaluation.tick_us_min", 1.0, 4_000.0, Lower),
     field("tries.margin", 0.03, 0.2, Lower),
     field("tries.author_alpha", 0.000_1, 0.2, Lower),
     field("tries.family_alpha", 0.000_1, 0.2, Lower),
@@ -98,6 +117,7 @@ pub const FIELDS: &[ProfileField] = &[
     field("behavior.cost_violation", 0.01, 100.0, Higher),
     field("behavior.cost_anomaly", 0.01, 100.0, Higher),
     field("behavior.cost_recovery", 0.01, 100.0, Higher),
+    field("behavior.concern_factor", 0.05, 1.0, Lower),
     field("harm.past_tolerance", 0.001, 0.2, Lower),
     field("harm.asking_share_max", 0.0, 1.0, Lower),
     field("harm.grip_peak_n.0", 0.000_1, 10_000.0, Lower),
@@ -146,12 +166,19 @@ pub const FIELDS: &[ProfileField] = &[
     field("live_harm.danger_contact_peak_n", 1.0, 500.0, Lower),
     field("live_harm.danger_landing_speed_m_s", 0.1, 10.0, Lower),
     field("live_harm.danger_zone_clearance_m", 0.0, 1.0, Higher),
+    field("live_harm.normal_alpha", 0.000_1, 0.49, Higher),
     strict("recovery.rho_floor", 0.01, 1.0, Higher),
     field("recovery.rho_tolerance", 0.0, 0.5, Lower),
     field("recovery.weight_rollback", 0.001, 1.0, Neither),
     field("recovery.weight_fallback", 0.001, 1.0, Neither),
     field("recovery.weight_abort", 0.001, 1.0, Neither),
     field("recovery.weight_detect", 0.001, 1.0, Neither),
+    field("recovery.lean_alpha", 0.000_1, 0.2, Higher),
+    field("recovery.unusable_share", 0.01, 1.0, Higher),
+    field("recovery.drill_done_max_m", 0.000_1, 0.1, Lower),
+    field("recovery.drill_fall_max_m", 0.000_1, 0.5, Lower),
+    field("recovery.drill_throw_max_m_s", 0.001, 5.0, Lower),
+    field("recovery.drill_rest_max_m_s", 0.001, 1.0, Lower),
     strict("activation.provisional_episodes", 1.0, 100_000.0, Higher),
     strict("monitor.shift", 0.01, 0.9, Lower),
     strict("monitor.cusum_limit", 0.5, 50.0, Lower),
@@ -162,6 +189,9 @@ pub const FIELDS: &[ProfileField] = &[
     strict("monitor.escalation_deadline_s", 1.0, 3_600.0, Lower),
     field("monitor.restrict_factor", 0.05, 0.95, Lower),
     field("monitor.slow_factor", 1.0, 10.0, Lower),
+    field("monitor.normal_alpha", 0.000_1, 0.49, Higher),
+    field("monitor.slow_share", 0.000_1, 0.9, Lower),
+    field("monitor.harm_share", 0.000_1, 0.9, Lower),
     field("health.commissioning_tasks", 10.0, 10_000.0, Neither),
     field("health.failure_max", 0.01, 0.5, Lower),
     field("health.rate_min", 0.000_1, 0.01, Neither),
@@ -172,6 +202,8 @@ pub const FIELDS: &[ProfileField] = &[
     field("health.jitter_max_m", 0.000_1, 0.1, Lower),
     field("health.missing_max", 0.01, 0.9, Lower),
     field("health.clear_tasks", 1.0, 10_000.0, Higher),
+    field("health.normal_alpha", 0.000_1, 0.49, Higher),
+    field("health.sense_floor_share", 0.0, 1.0, Lower),
     field("approval.quorum_low", 0.0, 16.0, Higher),
     field("approval.quorum_medium", 0.0, 16.0, Higher),
     field("approval.quorum_high", 0.0, 16.0, Higher),
@@ -181,6 +213,12 @@ pub const FIELDS: &[ProfileField] = &[
     field("approval.break_glass_valid_s", 1.0, 1.0e6, Lower),
     field("clock.jump_max_s", 0.5, 600.0, Lower),
 ];
+
+/// The value of a number where a profile does not set it; `None` for a number that every profile sets.
+#[must_use]
+pub fn default_of(path: &str) -> Option<f64> {
+    later_numbers::default_of(path)
+}
 
 /// Settings whose words have an order of strictness: path, and the words, the least strict first.
 pub const WORDS: &[(&str, &[&str])] = &[
@@ -193,7 +231,20 @@ pub const WORDS: &[(&str, &[&str])] = &[
     ("approval.break_glass", &["true", "false"]),
 ];
 
-/// Every number of a profile's JSON form with its path.
+/// The JSON form of a profile with every number, also those that have the value they have without being set.
+#[must_use]
+pub fn in_full(profile: &Profile) -> serde_json::Value {
+    let mut value = serde_json::to_value(profile).unwrap_or_default();
+    for (path, default) in LATER_NUMBERS {
+        let Some((table, key)) = path.split_once('.') else { continue };
+        if let Some(table) = value.get_mut(table).and_then(serde_json::Value::as_object_mut) {
+            table.entry(key).or_insert_with(|| (*default).into());
+        }
+    }
+    value
+}
+
+/// Every number of a profile with its path.
 #[must_use]
 pub fn numbers(profile: &Profile) -> Vec<(String, f64)> {
     fn walk(path: &str, value: &serde_json::Value, out: &mut Vec<(String, f64)>) {
@@ -212,11 +263,15 @@ pub fn numbers(profile: &Profile) -> Vec<(String, f64)> {
         }
     }
     let mut out = Vec::new();
-    if let Ok(value) = serde_json::to_value(profile) {
+    let value = in_full(profile);
+    if value.is_object() {
         walk("", &value, &mut out);
     }
     out
 }
+
+/// How far the sum of weights may be from 1: rounding of decimals.
+const SUM_WITHIN: f64 = 1e-9;
 
 /// The first problem of a profile: field, value, what is allowed.
 pub(super) fn problem(profile: &Profile) -> Option<(String, String, String)> {
@@ -229,7 +284,7 @@ pub(super) fn problem(profile: &Profile) -> Option<(String, String, String)> {
     }
     let weights = &profile.composite;
     let sum = weights.interface + weights.policy + weights.behavior + weights.recovery;
-    if (sum - 1.0).abs() > 1e-9 {
+    if (sum - 1.0).abs() > SUM_WITHIN {
         return Some((
             "composite".into(),
             format!("weights summing to {sum}"),

@@ -3,6 +3,7 @@
 //!
 //! A fault of the cell leaves recovery open. It never makes a candidate incompatible.
 
+use super::phases::unusable_rate;
 use super::{PHASE_DRILLS_MIN, RecoveryAssessment, assess_early_stop, compare, reason};
 use crate::decision::{Reason, ReasonCode};
 use crate::early_stop::EarlyStopReason;
@@ -111,8 +112,8 @@ fn is_undrillable(
         return feasible.saturating_add(old.infeasible) > 0;
     }
     feasible >= PHASE_DRILLS_MIN
-        && f64::from(old.passed) / f64::from(feasible) < 0.5 * profile.recovery.rho_floor
-        && !compare::is_worse(new, old, compare::LEAN_ALPHA)
+        && f64::from(old.passed) / f64::from(feasible) < unusable_rate(profile)
+        && !compare::is_worse(new, old, profile.recovery.lean_alpha)
 }
 
 /// Whether a reason is that one of these kinds has too few drills.

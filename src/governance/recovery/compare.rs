@@ -8,10 +8,7 @@ use crate::decision::Reason;
 use crate::evidence::{DrillKind, DrillTallies, DrillTally, RecoveryEvidence};
 use crate::finding::{DrillSide, Finding};
 use crate::profile::Profile;
-use crate::stats::{self, PairedCounts};
-
-/// Two-sided level of the intervals that are shown.
-const LEVEL: f64 = 0.95;
+use crate::stats::{self, PairedCounts, SHOWN_LEVEL};
 
 /// A pass rate with its Wilson interval at 95 %.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -58,7 +55,7 @@ pub(super) fn kinds(
             let candidate = interval(new, drills_min).ok_or((DrillSide::Candidate, kind))?;
             let active = interval(old, drills_min).ok_or((DrillSide::Active, kind))?;
             let (established_worse, leans_worse) =
-                (is_worse(new, old, alpha), is_worse(new, old, LEAN_ALPHA));
+                (is_worse(new, old, alpha), is_worse(new, old, profile.recovery.lean_alpha));
             Ok(KindRates { kind, candidate, active, established_worse, leans_worse })
         })
         .collect()
@@ -89,12 +86,8 @@ pub(super) fn interval_of_kappa(evidence: &RecoveryEvidence, profile: &Profile) 
 /// One end of an exact interval: of successes, trials and error rate.
 type IntervalEnd = fn(u64, u64, f64) -> Result<f64, stats::StatsError>;
 
-/// Error rate at which a kind of drill leans toward worse. Leaning decides nothing: it opens a concern that fresh
-/// drills settle, so that an equally good version loses its place only if it leans twice. At 40 drills, 4 failures
-/// against none lean.
-pub(super) const LEAN_ALPHA: f64 = 0.05;
-
-/// The reason if a kind is significantly worse or leans toward it.
+/// The reason if a kind is significantly worse or leans toward it. Leaning decides nothing: it opens a concern that
+/// fresh drills settle, so that an equally good version loses its place only if it leans twice.
 pub(super) fn reason(kind: &KindRates) -> Option<Reason> {
     let drill = kind.kind;
     let finding = if kind.established_worse {
@@ -112,7 +105,7 @@ pub(super) fn interval(tally: &DrillTally, drills_min: u32) -> Option<RateInterv
     if n < drills_min.max(1) {
         return None;
     }
-    let found = stats::wilson(u64::from(tally.passed), u64::from(n), LEVEL).ok()?;
+    let found = stats::wilson(u64::from(tally.passed), u64::from(n), SHOWN_LEVEL).ok()?;
     let rate = f64::from(tally.passed) / f64::from(n);
     Some(RateInterval { rate, n, lower: found.lower, upper: found.upper })
 }
@@ -138,9 +131,11 @@ pub(super) fn is_worse(candidate: &DrillTally, active: &DrillTally, alpha: f64) 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::profile::ProfileName;
 
     #[test]
     fn few_failures_are_inconclusive() {
+        let lean_alpha = Profile::builtin(ProfileName::Sim).unwrap().recovery.lean_alpha;
         let of = |passed, failed| DrillTally { passed, failed, infeasible: 0, failed_alone: 0 };
         for (candidate, active, leans) in [
             (of(37, 3), of(40, 0), false),
@@ -150,7 +145,7 @@ mod tests {
             (of(26, 14), of(29, 11), false),
             (of(20, 20), of(33, 7), true),
         ] {
-            assert_eq!(is_worse(&candidate, &active, LEAN_ALPHA), leans, "{candidate:?} {active:?}");
+            assert_eq!(is_worse(&candidate, &active, lean_alpha), leans, "{candidate:?} {active:?}");
         }
     }
 

@@ -5,7 +5,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::compare::{LEAN_ALPHA, RateInterval, interval, is_worse};
+use super::compare::{RateInterval, interval, is_worse};
 use crate::decision::Reason;
 use crate::evidence::{DrillKind, RecoveryEvidence};
 use crate::finding::Finding;
@@ -38,6 +38,11 @@ pub struct PhaseRates {
     pub missing: bool,
 }
 
+/// The pass rate below which recovery is unusable.
+pub(super) fn unusable_rate(profile: &Profile) -> f64 {
+    profile.recovery.unusable_share * profile.recovery.rho_floor
+}
+
 /// Every kind in every phase that either version was drilled in.
 pub(super) fn phases(evidence: &RecoveryEvidence, profile: &Profile) -> Vec<PhaseRates> {
     let (new, old) = (&evidence.candidate.phases, &evidence.active.phases);
@@ -46,13 +51,13 @@ pub(super) fn phases(evidence: &RecoveryEvidence, profile: &Profile) -> Vec<Phas
     };
     let compared = PhaseTallies::places().filter(both).count().max(1);
     let alpha = profile.evaluation.alpha / compared as f64;
-    let least = 0.5 * profile.recovery.rho_floor;
+    let least = unusable_rate(profile);
     let tallies = new;
     let rates = |(kind, phase): (DrillKind, WorkPhase)| {
         let (new, old) = (new.of(kind, phase), old.of(kind, phase));
         let (candidate, active) = (interval(new, PHASE_DRILLS_MIN), interval(old, PHASE_DRILLS_MIN));
         // Where the active version passes as seldom, that is a finding about it and no reason against its successor.
-        let leans = active.is_none() || is_worse(new, old, LEAN_ALPHA);
+        let leans = active.is_none() || is_worse(new, old, profile.recovery.lean_alpha);
         let failing = candidate.is_some_and(|found| found.rate < least) && leans;
         let established_worse = candidate.is_some() && active.is_some() && is_worse(new, old, alpha);
         // A path that is a diagonal has no lift, and one that lifts at once does not hold where the object stands: what
@@ -75,7 +80,7 @@ pub(super) fn reason(found: &PhaseRates, profile: &Profile) -> Option<Reason> {
     let rate = candidate.map_or(0.0, |candidate| candidate.rate);
     let (drill, phase) = (*kind, *phase);
     let (finding, limit) = if found.failing {
-        (Finding::PhaseFails { drill, phase }, 0.5 * profile.recovery.rho_floor)
+        (Finding::PhaseFails { drill, phase }, unusable_rate(profile))
     } else if found.established_worse {
         (Finding::PhaseWorse { drill, phase }, active.map_or(0.0, |active| active.rate))
     } else {
@@ -91,7 +96,7 @@ pub(super) fn weaknesses(
     phases: &[PhaseRates],
     profile: &Profile,
 ) -> Vec<Reason> {
-    let floor = profile.recovery.rho_floor;
+    let (floor, unusable) = (profile.recovery.rho_floor, unusable_rate(profile));
     let reason = |drill, phase, rate: f64, limit: f64| {
         super::reason(Finding::ActiveWeak { drill, phase }).with(rate, limit)
     };
@@ -100,8 +105,8 @@ pub(super) fn weaknesses(
         .filter(|found| found.active.rate < floor)
         .map(|found| reason(found.kind, None, found.active.rate, floor));
     let of_phases = phases.iter().filter_map(|found| {
-        let active = found.active.filter(|active| active.rate < 0.5 * floor)?;
-        Some(reason(found.kind, Some(found.phase), active.rate, 0.5 * floor))
+        let active = found.active.filter(|active| active.rate < unusable)?;
+        Some(reason(found.kind, Some(found.phase), active.rate, unusable))
     });
     of_kinds.chain(of_phases).collect()
 }

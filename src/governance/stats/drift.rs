@@ -6,7 +6,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::{StatsError, open_unit};
+use super::{STATISTIC_MAX, StatsError, open_unit};
 
 /// The longest supported false-alarm run length, in observations.
 pub const ARL_MAX: f64 = 1e9;
@@ -133,8 +133,6 @@ impl ShiryaevRoberts {
 
     /// Takes one episode's result and returns the signal after it.
     pub fn update(&mut self, failed: bool) -> DriftSignal {
-        /// Far above every threshold, far below what the next product could not hold.
-        const STATISTIC_MAX: f64 = 1e100;
         for (statistic, bet) in self.statistics.iter_mut().zip(BETS) {
             let rate_degraded = self.rate_normal + bet * (1.0 - self.rate_normal);
             *statistic =

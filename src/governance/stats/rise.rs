@@ -6,13 +6,10 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::{StatsError, mean, open_unit};
+use super::{STATISTIC_MAX, StatsError, mean, open_unit};
 
 /// By how much the rates that a [`RateRise`] bets on exceed the normal one. Each is four times the one before.
 const RISES: [f64; 4] = [0.002_5, 0.01, 0.04, 0.16];
-
-/// Far above every threshold, far below what the next product could not hold.
-const STATISTIC_MAX: f64 = 1e100;
 
 /// The evidence that a rate of bad observations is above `rate_normal`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

@@ -77,6 +77,8 @@ fn ln_beta(a: f64, b: f64) -> f64 {
 fn beta_fraction(x: f64, a: f64, b: f64) -> f64 {
     const STEPS_MAX: u32 = 5_000;
     const TINY: f64 = 1e-300;
+    // Below the distance of two neighboring numbers at 1 nothing changes any more.
+    const CONVERGED: f64 = 1e-16;
     let away_from_zero = |value: f64| if value.abs() < TINY { TINY } else { value };
     let mut c = 1.0;
     let mut d = 1.0 / away_from_zero(1.0 - (a + b) * x / (a + 1.0));
@@ -91,7 +93,7 @@ fn beta_fraction(x: f64, a: f64, b: f64) -> f64 {
         d = 1.0 / away_from_zero(1.0 + odd * d);
         c = away_from_zero(1.0 + odd / c);
         fraction *= d * c;
-        if (d * c - 1.0).abs() < 1e-16 {
+        if (d * c - 1.0).abs() < CONVERGED {
             break;
         }
     }

@@ -50,15 +50,15 @@ struct WatchedWorld {
 }
 
 impl WatchedWorld {
-    fn new(world: Box<dyn TrialCell>) -> Self {
-        let object = ObjectWatch::new(world.as_ref(), f64::INFINITY);
+    fn new(world: Box<dyn TrialCell>, profile: &Profile) -> Self {
+        let object = ObjectWatch::new(world.as_ref(), f64::INFINITY, profile);
         let standstill = Standstill::default();
         Self { world, object, standstill, ticks: 0, rest_since: None, pad_n: 0.0, contact_n: 0.0 }
     }
 
-    /// Forgets what it has seen; `grip_max_n` is the profile's limit per finger.
-    fn watch(&mut self, grip_max_n: f64) {
-        self.object = ObjectWatch::new(self.world.as_ref(), grip_max_n);
+    /// Forgets what it has seen; `grip_max_n` is the limit per finger.
+    fn watch(&mut self, grip_max_n: f64, profile: &Profile) {
+        self.object = ObjectWatch::new(self.world.as_ref(), grip_max_n, profile);
         self.standstill = Standstill::default();
         (self.ticks, self.rest_since, self.pad_n, self.contact_n) = (0, None, 0.0, 0.0);
     }
@@ -158,7 +158,7 @@ fn climb(
 ) -> Result<LadderEnd, BodyError> {
     let (mut skill, mut guard, mut watcher) = run.into_parts();
     arm.body_mut().world.go_on_from(from).unwrap();
-    arm.body_mut().watch(guard.envelope().grip_force_max_n);
+    arm.body_mut().watch(guard.envelope().grip_force_max_n, trial.terms.profile());
     let mut handle = arm.handle();
     let hook_worked = match first {
         FirstRung::RollbackHook => hand_over(&mut handle, skill.as_mut(), &mut guard)?,
@@ -228,7 +228,7 @@ fn main() {
         }
         let declared = &version.manifest.permissions;
         let terms = profile_terms.clone().capped(declared.max_speed_m_s, declared.max_force_n);
-        let mut arm = Arm::new(WatchedWorld::new(cell.trial().unwrap()));
+        let mut arm = Arm::new(WatchedWorld::new(cell.trial().unwrap(), &profile));
         let mut ends: [Vec<LadderEnd>; 3] = [Vec::new(), Vec::new(), Vec::new()];
         for place in 0..drills {
             let seed = episode_seed(run_seed, SeedPurpose::Drill, place);

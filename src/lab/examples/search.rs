@@ -96,7 +96,7 @@ fn main() {
             {
                 found.searches += 1;
                 found.excess += one.excess;
-                found.doubts += u32::from(one.concern().is_some());
+                found.doubts += u32::from(one.concern(&profile).is_some());
                 found.worse_than_other += u32::from(one.excess > other.excess + 1e-9);
             }
         }

@@ -3,9 +3,9 @@
 use std::collections::BTreeMap;
 
 use holdpoint_governance::lifecycle::Stage;
-use holdpoint_governance::metrics::{Fate, LEVEL, Proportion, mean_and_deviation};
+use holdpoint_governance::metrics::{Fate, Proportion, mean_and_deviation};
 use holdpoint_governance::profile::ProfileName;
-use holdpoint_governance::stats::{Interval, SignedRank, StatsError, bca, holm, signed_rank};
+use holdpoint_governance::stats::{Interval, SHOWN_LEVEL, SignedRank, StatsError, bca, holm, signed_rank};
 
 use super::pool_screening::{ScreenRow, Variant};
 use super::rounds::HeldOutScore;
@@ -115,7 +115,7 @@ pub fn compare(
         found.push(ArmComparison {
             name: format!("{name}: {first} - {second}"),
             mean: mean(&differences),
-            interval: bca(&differences, mean, LEVEL, RESAMPLES, RESAMPLE_SEED).ok(),
+            interval: bca(&differences, mean, SHOWN_LEVEL, RESAMPLES, RESAMPLE_SEED).ok(),
             test: signed_rank(&differences).ok(),
             differences,
             p_holm: 1.0,

@@ -6,7 +6,7 @@
 use super::lenient_bodies::{EvidenceFileRecord, ReasonRecord};
 use crate::evidence_file::EvidenceFile;
 use holdpoint_governance::behavior::{
-    BehaviorAssessment, BehaviorComponent, ComponentName, HarmComparison, component_of,
+    BehaviorAssessment, BehaviorComponent, ComponentName, HarmComparison, UPPER_ALPHA, component_of,
 };
 use holdpoint_governance::decision::{Dimension, Reason, ReasonCode};
 use holdpoint_governance::evidence::{DrillKind, DrillTally};
@@ -18,9 +18,6 @@ use holdpoint_governance::harm::HarmKind;
 use holdpoint_governance::permission::{PermissionExcess, PermissionUse};
 use holdpoint_governance::phase::PhaseTallies;
 use holdpoint_governance::stats::{PairedCounts, binary_pairs};
-
-/// The error rate of the one-sided upper bound in the behavioral rule (design rule 3.4).
-const UPPER_ALPHA: f64 = 0.05;
 
 /// Whether a reason supports the version, so that no change is needed.
 #[must_use]

@@ -79,13 +79,16 @@ pub fn is_holding(seen: &Telemetry) -> bool {
     seen.contacts.pad_object && seen.gripper_force_n > 1.0
 }
 
+/// Two numbers that differ by less are equal: rounding of a decimal in a manifest.
+const EQUAL_WITHIN: f64 = 1e-9;
+
 /// Whether a bound holds for a measured value; what is not measured holds nothing.
 #[must_use]
 pub fn holds(bound: &ObservableBound, found: Option<f64>) -> bool {
     let Some(found) = found.filter(|value| value.is_finite()) else { return false };
     let equal = match &bound.equals {
         None => true,
-        Some(value) => value.number().is_some_and(|value| (value - found).abs() < 1e-9),
+        Some(value) => value.number().is_some_and(|value| (value - found).abs() < EQUAL_WITHIN),
     };
     equal && bound.min.is_none_or(|min| found >= min) && bound.max.is_none_or(|max| found <= max)
 }

@@ -25,7 +25,9 @@ const SENSOR_NOISE_SD: f64 = 3.47;
 /// Rounding of exposure and delivery of a camera frame, ticks.
 const FRAME_ROUNDING_TICKS: f64 = 2.0;
 
-const GRAVITY_M_S2: f64 = 9.81;
+/// Acceleration of free fall, m/s²: the standard value (3rd CGPM 1901), rounded. Recorded domains rest on the rounded
+/// value, so it stays.
+const GRAVITY_ROUNDED_M_S2: f64 = 9.81;
 
 /// What evidence of a cell covers of the start of a task.
 pub(super) fn start_domain(
@@ -90,7 +92,7 @@ fn moved_at_most_m(spec: &CellSpec, distribution: &Distribution) -> f64 {
     let speed = if push.probability.max > 0.0 { push.speed_m_s.max } else { 0.0 };
     // The smaller coefficient of object and table counts.
     let friction = distribution.object.friction.min.min(spec.scene.table.friction);
-    speed * speed / (2.0 * friction * GRAVITY_M_S2) + 0.5 * spec.robot.width_max_m
+    speed * speed / (2.0 * friction * GRAVITY_ROUNDED_M_S2) + 0.5 * spec.robot.width_max_m
 }
 
 /// The largest age of the camera frame that is the newest, ms. It is so until the next one, a period later, is delivered.

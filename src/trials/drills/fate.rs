@@ -4,6 +4,7 @@
 
 use holdpoint_body::RATE_HZ;
 use holdpoint_cell::TrialCell;
+use holdpoint_governance::profile::{Profile, RecoverySettings};
 
 use super::phases::is_held;
 
@@ -11,21 +12,8 @@ use super::phases::is_held;
 /// speed, a fall from the highest lift (.4 m) takes .29 s, and a rolling or sliding object is at rest by then.
 pub const WATCH_TICKS: u64 = RATE_HZ as u64;
 
-/// The furthest that an object may come down without a hand, m: it then lands with .44 m/s. What is set down is let go
-/// within 1 to 4 mm of its seat.
-const FALL_MAX_M: f64 = 0.01;
-
-/// The fastest an object may be when a hand loses it off everything, m/s: it slides less than 1 cm at a friction of .3.
-const THROW_MAX_M_S: f64 = 0.25;
-
-/// The fastest an object may be at the end and still lie at rest, m/s.
-const REST_MAX_M_S: f64 = 0.05;
-
 /// Ticks over the limit from which a grip crushes: 50 ms, as at the guard.
 const CRUSH_TICKS: u32 = 12;
-
-/// Share by which the limit of the grip may be passed: as at the guard.
-const CRUSH_SHARE: f64 = 1.05;
 
 /// What became of the object.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -55,7 +43,9 @@ impl ObjectFate {
 
 /// Follows the object from where a drill begins.
 pub struct ObjectWatch {
-    grip_max_n: f64,
+    limits: RecoverySettings,
+    /// The grip from which it is crushed: over the limit by more than the guard's margin, N.
+    crush_n: f64,
     crush_ticks: u32,
     held: bool,
     /// The height it had when the hand lost it, or when it began to fly, m.
@@ -64,11 +54,12 @@ pub struct ObjectWatch {
 }
 
 impl ObjectWatch {
-    /// Begins with the world as it stands. `grip_max_n` is the profile's limit per finger.
+    /// Begins with the world as it stands. `grip_max_n` is the limit per finger.
     #[must_use]
-    pub fn new(world: &dyn TrialCell, grip_max_n: f64) -> Self {
+    pub fn new(world: &dyn TrialCell, grip_max_n: f64, profile: &Profile) -> Self {
         Self {
-            grip_max_n,
+            limits: profile.recovery,
+            crush_n: profile.runtime.measure_share * grip_max_n,
             crush_ticks: 0,
             held: is_held(world.true_state().forces),
             from_m: None,
@@ -92,7 +83,7 @@ impl ObjectWatch {
         let touched = contacts.pad_object || contacts.body_object;
         let held = is_held(forces);
         // Written so that a force that is no number counts as too large.
-        let crushes = !(forces.grip_n() <= CRUSH_SHARE * self.grip_max_n);
+        let crushes = !(forces.grip_n() <= self.crush_n);
         self.crush_ticks = if crushes { self.crush_ticks.saturating_add(1) } else { 0 };
         if self.crush_ticks >= CRUSH_TICKS {
             self.harm.get_or_insert(ObjectFate::Crushed);
@@ -101,7 +92,7 @@ impl ObjectWatch {
             self.from_m = None;
         } else if self.held || !(touched || stands) {
             let from = *self.from_m.get_or_insert(height);
-            if self.held && !stands && !(speed <= THROW_MAX_M_S) {
+            if self.held && !stands && !(speed <= self.limits.drill_throw_max_m_s) {
                 self.harm.get_or_insert(ObjectFate::Thrown);
             }
             self.fall(from, height);
@@ -115,7 +106,7 @@ impl ObjectWatch {
     }
 
     fn fall(&mut self, from_m: f64, height_m: f64) {
-        if !(from_m - height_m <= FALL_MAX_M) {
+        if !(from_m - height_m <= self.limits.drill_fall_max_m) {
             self.harm.get_or_insert(ObjectFate::Dropped);
         }
     }
@@ -130,7 +121,7 @@ impl ObjectWatch {
             Some(harm) => harm,
             None if is_held(truth.forces) => ObjectFate::Held,
             // Nothing rests in the air.
-            None if truth.object_speed_m_s <= REST_MAX_M_S => ObjectFate::SetDown,
+            None if truth.object_speed_m_s <= self.limits.drill_rest_max_m_s => ObjectFate::SetDown,
             None if stands => ObjectFate::Thrown,
             None => ObjectFate::Dropped,
         }

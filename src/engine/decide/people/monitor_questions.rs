@@ -13,7 +13,7 @@ use holdpoint_governance::record::RecordKind;
 use holdpoint_protocol::command::{Operation, Refusal, Reply};
 use holdpoint_protocol::event::EventKind;
 use holdpoint_record::context::Context;
-use holdpoint_record::evidence_file::{EvidenceFile, EvidenceFiles};
+use holdpoint_record::evidence_file::EvidenceFiles;
 use holdpoint_wording::command_effect::VersionEffect;
 
 /// An operator answers a monitor's question: the version continues and its charts restart.
@@ -26,7 +26,7 @@ pub(crate) fn answer_continue(
 ) -> Result<Reply, EngineFault> {
     let id = checked(record, operation)?;
     let now_tick = record.now_tick();
-    let expected = evidence_files.of(&id).and_then(EvidenceFile::normal_rates);
+    let expected = evidence_files.of(&id).and_then(|file| file.normal_rates(&context.profile.monitor));
     let monitor = monitors.of_mut(&id).filter(|watched| {
         watched.monitor.escalation().is_some_and(|escalation| escalation.deadline_tick > now_tick)
     });

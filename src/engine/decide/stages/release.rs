@@ -24,7 +24,7 @@ use crate::decide::stages::monitoring::LiveMonitoring;
 use crate::fault::EngineFault;
 use crate::live::monitors::Monitors;
 use holdpoint_record::context::Context;
-use holdpoint_record::evidence_file::{EvidenceFile, EvidenceFiles};
+use holdpoint_record::evidence_file::EvidenceFiles;
 use holdpoint_record::version_table::TransitionNote;
 
 /// A person requests to lift the restriction of an active version.
@@ -165,7 +165,7 @@ fn release_monitor(
     id: &CapabilityId,
 ) -> Result<(), EngineFault> {
     let now_tick = record.now_tick();
-    let expected = evidence_files.of(id).and_then(EvidenceFile::normal_rates);
+    let expected = evidence_files.of(id).and_then(|file| file.normal_rates(&context.profile.monitor));
     let (Some(watched), Some(expected)) = (monitors.of_mut(id), expected) else { return Ok(()) };
     watched
         .monitor

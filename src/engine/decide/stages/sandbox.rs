@@ -395,9 +395,10 @@ impl Sandbox<'_> {
         let lab = self.trials.lab(&self.context.cell, self.record.version_table().store(), seeds);
         let terms = |version| measured_terms_of(self.context, self.evidence_files, version);
         let (terms, other_terms) = (terms(candidate), terms(active));
+        let (task, share) = (candidate.bundle.task(), self.context.profile.evaluation.stress_tightened_share);
         let stress_at = |place| {
             (alone == SoloMode::Adversarial)
-                .then(|| stress::of_episode(place, candidate.bundle.task(), &self.context.cell))
+                .then(|| stress::of_episode(place, task, &self.context.cell, share))
         };
         let work = |version, terms: &SkillTerms, places: Range<u64>| {
             let stress = stress_at(places.start);

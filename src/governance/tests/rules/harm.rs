@@ -235,7 +235,7 @@ fn a_version_that_harms_live_is_warned_about() {
     let twin = EpisodeValues { harm: Some(USUAL), ..GOOD };
     let blow = EpisodeValues { harm: Some(HarmMeasures { landing_speed_m_s: 0.5, ..USUAL }), ..GOOD };
     let run = |every: usize| {
-        let expected = normal_rates(&[twin; 20]).unwrap();
+        let expected = normal_rates(&[twin; 20], &profile.monitor).unwrap();
         let mut monitor = Monitor::new(&profile, &expected, 0).unwrap();
         let values = (1..=40_usize).map(|n| if n % every == 0 { blow } else { twin });
         let acts: Vec<MonitorAction> = values.map(|episode| monitor.observe(&episode, 0).action).collect();

@@ -48,14 +48,15 @@ fn normal_rate_is_what_all_tasks_leave_open_and_no_less_than_a_part_shows() {
     ] {
         let life = evaluated(past, anchor);
         for measure in [None, Some(HarmKind::LandingSpeed)] {
-            let found = life.normal(measure).unwrap();
+            let found = life.normal(measure, NORMAL_ALPHA).unwrap();
             assert!((found - expected).abs() < 1e-7, "{past}: {found} is not {expected}");
         }
         if past > 0 {
-            assert!(life.normal(Some(HarmKind::Slip)).unwrap() < life.normal(None).unwrap());
+            let any = life.normal(None, NORMAL_ALPHA).unwrap();
+            assert!(life.normal(Some(HarmKind::Slip), NORMAL_ALPHA).unwrap() < any);
         }
     }
-    assert!(LiveHarm::default().normal(None).is_err(), "nothing was measured");
+    assert!(LiveHarm::default().normal(None, NORMAL_ALPHA).is_err(), "nothing was measured");
     let episodes = [STILL, DROPPED].map(|harm| EpisodeValues { harm: Some(harm), ..GOOD });
     let limits = profile(ProfileName::Sim).harm;
     assert_eq!(
@@ -126,7 +127,7 @@ fn version_without_an_evaluation_is_compared_with_its_first_tasks() {
         let harm = if task.is_multiple_of(10) { &DROPPED } else { &STILL };
         assert!(observe(&mut life, harm, &profile).reasons().is_empty(), "task {task}");
     }
-    assert!(life.normal(None).unwrap() > 0.1 && life.evidence() == 0.0);
+    assert!(life.normal(None, NORMAL_ALPHA).unwrap() > 0.1 && life.evidence() == 0.0);
     let found = (0..200).find(|_| observe(&mut life, &DROPPED, &profile).rise.is_some());
     assert!(found.is_some_and(|tasks| tasks < 30), "{found:?}");
     let thrown = HarmMeasures { landing_speed_m_s: 2.5, ..STILL };
@@ -151,7 +152,7 @@ fn effects_of_a_tighter_envelope_do_not_count() {
 fn stored_life_continues_with_the_same_evidence() {
     let profile = profile(ProfileName::Real);
     let mut life = evaluated(1, tally(0, 0));
-    let mut whole = RateRise::new(life.normal(None).unwrap()).unwrap();
+    let mut whole = RateRise::new(life.normal(None, NORMAL_ALPHA).unwrap()).unwrap();
     for task in 1..=400_u64 {
         let is_past = task.is_multiple_of(37);
         observe(&mut life, if is_past { &DROPPED } else { &STILL }, &profile);
@@ -164,6 +165,9 @@ fn stored_life_continues_with_the_same_evidence() {
     assert!((life.evidence() / expected - 1.0).abs() < 1e-6, "{} is not {expected}", life.evidence());
     assert_eq!(life.lived(), &tally(400, 10));
 }
+
+/// `live_harm.normal_alpha` of the shipped profiles.
+const NORMAL_ALPHA: f64 = 0.1;
 
 /// `live_harm.life_alpha` of the profile `sim`.
 const ALPHA: f64 = 0.01;
@@ -186,9 +190,10 @@ fn rolled_back(normal: f64, rate: f64, [good, most]: [u64; 2], random: &mut Unif
 #[test]
 fn tasks_until_a_harmful_version_is_rolled_back() {
     const LIVES: usize = 2_000;
-    assert_eq!(profile(ProfileName::Sim).live_harm.life_alpha, ALPHA);
+    let settings = profile(ProfileName::Sim).live_harm;
+    assert_eq!((settings.life_alpha, settings.normal_alpha), (ALPHA, NORMAL_ALPHA));
     let normals = [(0, tally(2_000, 0)), (0, tally(0, 0)), (1, tally(0, 0)), (15, tally(0, 0))]
-        .map(|(past, anchor)| evaluated(past, anchor).normal(None).unwrap());
+        .map(|(past, anchor)| evaluated(past, anchor).normal(None, NORMAL_ALPHA).unwrap());
     println!("false alarms in {LIVES} lives of 10,000 tasks at the normal rate");
     for normal in [normals[1], normals[3]] {
         let mut random = Uniform(11);

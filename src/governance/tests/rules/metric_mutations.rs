@@ -314,7 +314,7 @@ fn late_missing_or_duplicate_evidence_never_passes() {
 }
 
 fn confirmed(profile: &Profile, twins: &[EpisodeValues], live: &[Value], silent_from: usize) -> bool {
-    let Some(expected) = normal_rates(twins) else { return false };
+    let Some(expected) = normal_rates(twins, &profile.monitor) else { return false };
     let Ok(mut monitor) = Monitor::new(profile, &expected, 0) else { return false };
     for (index, value) in live.iter().enumerate() {
         let tick = (index as u64 + 1) * 960;
@@ -367,11 +367,12 @@ fn an_activation_is_not_confirmed_on_damaged_episodes() {
             EpisodeValues { unsafe_continuation_ms: bad, ..GOOD },
             EpisodeValues { retries: u32::MAX, ..GOOD },
         ] {
-            let mut monitor = Monitor::new(&profile, &normal_rates(&twins).unwrap(), 0).unwrap();
+            let expected = normal_rates(&twins, &profile.monitor).unwrap();
+            let mut monitor = Monitor::new(&profile, &expected, 0).unwrap();
             assert_eq!(monitor.observe(&episode, 1).action, MonitorAction::Rollback, "{episode:?}");
             let mut spoilt = twins;
             spoilt[7] = episode;
-            assert_eq!(normal_rates(&spoilt), None, "{episode:?}");
+            assert_eq!(normal_rates(&spoilt, &profile.monitor), None, "{episode:?}");
         }
     }
 }

@@ -146,7 +146,8 @@ fn conduct_prolongs_shadow_and_rejects_no_version() {
 }
 
 fn monitor() -> Monitor {
-    Monitor::new(&profile(ProfileName::Sim), &normal_rates(&[GOOD; 20]).unwrap(), 0).unwrap()
+    let profile = profile(ProfileName::Sim);
+    Monitor::new(&profile, &normal_rates(&[GOOD; 20], &profile.monitor).unwrap(), 0).unwrap()
 }
 
 #[test]
@@ -182,7 +183,9 @@ fn timeouts_warnings_and_slow_tasks_are_charted() {
 fn constant_warning_rate_is_no_drift() {
     let clamped = EpisodeValues { policy_warning: true, near_violation: true, ..GOOD };
     for name in ProfileName::ALL {
-        let mut monitor = Monitor::new(&profile(name), &normal_rates(&[clamped; 20]).unwrap(), 0).unwrap();
+        let profile = profile(name);
+        let expected = normal_rates(&[clamped; 20], &profile.monitor).unwrap();
+        let mut monitor = Monitor::new(&profile, &expected, 0).unwrap();
         for tick in 1..=2_000 {
             assert_eq!(monitor.observe(&clamped, tick).action, MonitorAction::Continue, "{name} {tick}");
         }

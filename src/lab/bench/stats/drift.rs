@@ -54,7 +54,8 @@ fn set_up(
     episode: &dyn Fn(&mut SampleStream) -> Option<EpisodeValues>,
 ) -> Result<Monitor, BenchError> {
     let twins: Option<Vec<_>> = (0..twins).map(|_| episode(draw)).collect();
-    let expected = twins.as_deref().and_then(normal_rates).ok_or_else(|| missing("twins"))?;
+    let expected = twins.as_deref().and_then(|twins| normal_rates(twins, &profile.monitor));
+    let expected = expected.ok_or_else(|| missing("twins"))?;
     Monitor::new(profile, &expected, 0).map_err(|error| BenchError::Unexpected {
         what: "the monitor",
         found: error.sentence(),

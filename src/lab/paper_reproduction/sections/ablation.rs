@@ -2,9 +2,8 @@
 
 use std::collections::BTreeMap;
 
-use holdpoint_governance::metrics::LEVEL;
 use holdpoint_governance::profile::ProfileName;
-use holdpoint_governance::stats::{Interval, PairedCounts, bca, binary_pairs, difference};
+use holdpoint_governance::stats::{Interval, PairedCounts, SHOWN_LEVEL, bca, binary_pairs, difference};
 use holdpoint_plot::Radar;
 
 use super::{ARMS_OF_THE_PAPER, Section, counted, mean, seeds_in};
@@ -261,7 +260,7 @@ fn of_rollback(pools: &[ScreenRow]) -> Result<Vec<AblationClaim>, ExperimentErro
         let (verdict, because) = if with.total == 0 || without.total == 0 {
             (AblationVerdict::NotShown, counts)
         } else {
-            let ends = difference((without.count, without.total), (with.count, with.total), LEVEL)?;
+            let ends = difference((without.count, without.total), (with.count, with.total), SHOWN_LEVEL)?;
             let (lower, upper) = (100.0 * ends.lower, 100.0 * ends.upper);
             (
                 AblationVerdict::above_zero(lower, upper),
@@ -327,7 +326,7 @@ fn of_success(rounds: &[RoundRow]) -> Vec<AblationClaim> {
         let differences: Vec<f64> =
             without.iter().zip(&whole).map(|(without, whole)| without - whole).collect();
         let mean = |values: &[f64]| values.iter().sum::<f64>() / values.len().max(1) as f64;
-        let (verdict, interval) = match bca(&differences, mean, LEVEL, RESAMPLES, RESAMPLE_SEED) {
+        let (verdict, interval) = match bca(&differences, mean, SHOWN_LEVEL, RESAMPLES, RESAMPLE_SEED) {
             Ok(ends) => (
                 AblationVerdict::within(SUCCESS_MARGIN, ends),
                 format!("95 % [{:+.1}, {:+.1}]", ends.lower, ends.upper),

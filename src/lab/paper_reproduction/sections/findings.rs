@@ -1,9 +1,9 @@
 //! The paper's four findings over all its experiments (its section 8.7), each with the numbers that support it.
 
 use holdpoint_governance::lifecycle::Stage;
-use holdpoint_governance::metrics::{Fate, LEVEL, Proportion};
+use holdpoint_governance::metrics::{Fate, Proportion};
 use holdpoint_governance::profile::ProfileName;
-use holdpoint_governance::stats::bca;
+use holdpoint_governance::stats::{SHOWN_LEVEL, bca};
 
 use super::{Section, counted, deployment_tests};
 use crate::paper_reproduction::figures::{
@@ -87,7 +87,7 @@ fn evolves(rounds: &[RoundRow]) -> Result<FindingRow, ExperimentError> {
     let [with, without] = [Arm::Governed, Arm::Static].map(|arm| by_seed(rounds, arm, last, SUCCESS));
     let differences: Vec<f64> = with.iter().zip(&without).map(|(with, without)| with - without).collect();
     let mean = |values: &[f64]| values.iter().sum::<f64>() / values.len().max(1) as f64;
-    let interval = bca(&differences, mean, LEVEL, RESAMPLES, RESAMPLE_SEED).ok();
+    let interval = bca(&differences, mean, SHOWN_LEVEL, RESAMPLES, RESAMPLE_SEED).ok();
     let refused = benign_refused(rounds, Arm::Governed)?;
     let (verdict, ends) = match interval {
         Some(ends) if ends.lower > 0.0 => (HELD, format!("[{:.1}, {:.1}]", ends.lower, ends.upper)),

@@ -100,8 +100,9 @@ fn a_version_without_twins_has_the_rates_of_its_pairs_as_normal() {
         ..EvidenceFile::default()
     };
     let with_twins = EvidenceFile { twins: vec![GOOD; 40], ..EvidenceFile::default() };
-    assert!(with_twins.normal_rates().is_some());
-    assert_eq!(on_outputs.normal_rates(), with_twins.normal_rates());
+    let settings = Profile::builtin(ProfileName::Sim).unwrap().monitor;
+    assert!(with_twins.normal_rates(&settings).is_some());
+    assert_eq!(on_outputs.normal_rates(&settings), with_twins.normal_rates(&settings));
     let without_shadow = EvidenceFile { outputs: Vec::new(), ..on_outputs };
-    assert_eq!(without_shadow.normal_rates(), None);
+    assert_eq!(without_shadow.normal_rates(&settings), None);
 }
