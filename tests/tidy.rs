@@ -9,6 +9,8 @@
 mod data;
 #[path = "tidy/dependencies.rs"]
 mod dependencies;
+#[path = "tidy/float_constants.rs"]
+mod float_constants;
 #[path = "tidy/generated_pages.rs"]
 mod generated_pages;
 #[path = "tidy/readme.rs"]
