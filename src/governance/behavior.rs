@@ -16,7 +16,7 @@ mod sequences;
 
 pub(crate) use anchor::require_anchor;
 pub use anchor::{AnchorComparison, apply_anchor};
-pub use component::{BehaviorComponent, ComponentName, SUCCESS_LOSS_MAX, component_of};
+pub use component::{BehaviorComponent, ComponentName, component_of};
 pub(crate) use counted::apply_try;
 pub use counted::without_try;
 pub use early::{assess_early_stop, end_reason, is_lost, is_lost_early};
@@ -308,13 +308,12 @@ fn measured_within(
     if let Some(problem) = unusable(pairs) {
         return Err(problem);
     }
-    let threshold = profile.thresholds.behavior();
     let each = profile.evaluation.alpha / 6.0;
     let mut components = Vec::new();
     let (mut least_loss, mut most_loss) = (0.0, 0.0);
     for name in ComponentName::ALL {
         let cost = name.cost(&profile.behavior);
-        let (component, shared_upper) = component(name, pairs, each, (1.0 - threshold) / cost)?;
+        let (component, shared_upper) = component(name, pairs, each, profile)?;
         least_loss += cost * component.lower.max(0.0);
         most_loss += shared_upper.map_or(f64::INFINITY, |upper| cost * upper.max(0.0));
         components.push(component);
@@ -426,8 +425,10 @@ fn component(
     name: ComponentName,
     pairs: &[Pair],
     each: f64,
-    tolerance: f64,
+    profile: &Profile,
 ) -> Result<(BehaviorComponent, Option<f64>), EvidenceGap> {
+    let tolerance = (1.0 - profile.thresholds.behavior()) / name.cost(&profile.behavior);
+    let success_loss_max = profile.behavior.success_loss_max;
     let both = |bound: &dyn Fn(f64) -> Result<PairedBound, stats::StatsError>| {
         let failed = EvidenceGap::ComponentUnbounded;
         Ok::<_, EvidenceGap>((bound(each).map_err(|_| failed)?, bound(UPPER_ALPHA).map_err(|_| failed)?))
@@ -450,16 +451,21 @@ fn component(
                 .collect();
             if longer.len() < 2 {
                 // Nothing to compare: not worse as far as known, and not bounded either.
-                return Ok((
-                    BehaviorComponent { name, worsening: 0.0, lower: 0.0, upper: None, tolerance },
-                    None,
-                ));
+                let unbounded = BehaviorComponent {
+                    name,
+                    worsening: 0.0,
+                    lower: 0.0,
+                    upper: None,
+                    tolerance,
+                    success_loss_max,
+                };
+                return Ok((unbounded, None));
             }
             both(&|alpha| real_pairs(&longer, 1.0, alpha))?
         }
     };
-    let found =
-        BehaviorComponent { name, worsening: low.mean, lower: low.lower, upper: Some(high.upper), tolerance };
+    let (worsening, lower, upper) = (low.mean, low.lower, Some(high.upper));
+    let found = BehaviorComponent { name, worsening, lower, upper, tolerance, success_loss_max };
     Ok((found, Some(low.upper)))
 }
 

@@ -18,7 +18,7 @@ mod class_limits;
 mod evaluation_settings;
 pub mod fields;
 mod harm;
-mod later_numbers;
+pub(crate) mod later_numbers;
 mod live_harm;
 pub mod name;
 mod reasons;
@@ -183,6 +183,12 @@ pub struct BehaviorSettings {
     pub cost_anomaly: f64,
     /// Per unit of increase of the share of episodes in which recovery ran.
     pub cost_recovery: f64,
+    /// Loss of success that rejects by itself where it is established.
+    #[serde(
+        default = "later_numbers::success_loss_max",
+        skip_serializing_if = "later_numbers::is_success_loss_max"
+    )]
+    pub success_loss_max: f64,
     /// Factor on the monitor's limits for a version with an open concern.
     #[serde(
         default = "later_numbers::concern_factor",

@@ -257,7 +257,7 @@ const fn rung_condition(failure: RungFailure) -> &'static str {
 pub fn reason_measurement(of: &ReasonMeasurement) -> String {
     match of {
         ReasonMeasurement::Component { component, pairs } => {
-            let BehaviorComponent { name, worsening, lower, upper, tolerance } = component;
+            let BehaviorComponent { name, worsening, lower, upper, tolerance, .. } = component;
             let of = |value: f64| amount(*name, value);
             let bounds = upper.map_or_else(
                 || format!("at least {}, no upper bound", of(*lower)),

@@ -208,7 +208,7 @@ fn name(compared: Option<&CapabilityId>) -> String {
 
 /// A worse component. Which bound counts, and against which limit, follows from what the rule found.
 fn component_reason(component: &BehaviorComponent, finding: Option<&Finding>, compared: &str) -> String {
-    let BehaviorComponent { name, worsening, lower, upper, tolerance } = *component;
+    let BehaviorComponent { name, worsening, lower, upper, tolerance, .. } = *component;
     let noun = component_noun(name);
     let of = |value: f64| amount(name, value);
     let limit = amount_size(name, tolerance);

@@ -34,7 +34,6 @@ const CONSTANTS: &[(&str, &str, ConstantKind)] = &[
     ("src/engine/live/ladder_motion.rs", "ARRIVED_M", Measured),
     ("src/engine/live/shadow.rs", "UNDECIDED_DIVERGENCE", Method),
     ("src/governance/behavior.rs", "UPPER_ALPHA", Method),
-    ("src/governance/behavior/component.rs", "SUCCESS_LOSS_MAX", Method),
     ("src/governance/behavior/sequences.rs", "NOT_DONE_PART", Method),
     ("src/governance/behavior/sequences.rs", "OTHER_PART", Method),
     ("src/governance/behavior/sequences.rs", "SHARING", Method),

@@ -5,10 +5,7 @@ use serde::{Deserialize, Serialize};
 use crate::decision::{Reason, ReasonCode};
 use crate::evidence::Pair;
 use crate::finding::Finding;
-use crate::profile::BehaviorSettings;
-
-/// A loss of success that rejects by itself where it is established: 5 of 100 episodes.
-pub const SUCCESS_LOSS_MAX: f64 = 0.05;
+use crate::profile::{BehaviorSettings, later_numbers};
 
 crate::closed_set! {
     /// The six components of the behavior signature `B_c` (paper equation 6).
@@ -64,11 +61,11 @@ impl ComponentName {
         }
     }
 
-    /// Whether a significant worsening of this size makes a version incompatible by itself. More frequent recovery does
-    /// not.
+    /// Whether a significant worsening of this size makes a version incompatible by itself: of success, from
+    /// `success_loss_max` on. More frequent recovery does not.
     #[must_use]
-    pub fn blocks_alone_at(self, worsening: f64) -> bool {
-        self.is_bad_at_any_rise() || self == Self::Success && worsening >= SUCCESS_LOSS_MAX
+    pub fn blocks_alone_at(self, worsening: f64, success_loss_max: f64) -> bool {
+        self.is_bad_at_any_rise() || self == Self::Success && worsening >= success_loss_max
     }
 
     /// Whether any significant rise makes a version incompatible by itself.
@@ -121,6 +118,12 @@ pub struct BehaviorComponent {
     pub upper: Option<f64>,
     /// `(1 - threshold) / c_j`: the worsening that alone brings `kappa_B` to the threshold.
     pub tolerance: f64,
+    /// The profile's loss of success that rejects by itself.
+    #[serde(
+        default = "later_numbers::success_loss_max",
+        skip_serializing_if = "later_numbers::is_success_loss_max"
+    )]
+    pub success_loss_max: f64,
 }
 
 impl BehaviorComponent {
@@ -130,11 +133,11 @@ impl BehaviorComponent {
         self.lower > 0.0
     }
 
-    /// The worsening from which it counts by itself: 5 points of success, 0 where any established one does.
+    /// The worsening from which it counts by itself: of success the profile's, or the tolerance if that is less.
     #[must_use]
     pub fn limit(&self) -> f64 {
         if self.name == ComponentName::Success {
-            SUCCESS_LOSS_MAX.min(self.tolerance)
+            self.success_loss_max.min(self.tolerance)
         } else {
             self.tolerance
         }

@@ -170,7 +170,8 @@ fn is_incompatible_at(
             certain.push((name, bound.mean));
         }
     }
-    // More violations or anomalies, or a loss of success of 5 points, are bought by nothing.
-    certain.iter().any(|(name, worsening)| name.blocks_alone_at(*worsening))
+    // More violations or anomalies, or a loss of success as large as the profile's, are bought by nothing.
+    let success_loss_max = profile.behavior.success_loss_max;
+    certain.iter().any(|(name, worsening)| name.blocks_alone_at(*worsening, success_loss_max))
         || kappa(&profile.behavior, certain).is_some_and(|value| value.get() < profile.thresholds.behavior())
 }

@@ -25,7 +25,7 @@ impl BehaviorComponent {
     /// Whether the worsening makes a version incompatible by itself, also within its tolerance.
     #[must_use]
     pub fn decides_alone(&self) -> bool {
-        self.is_established() && self.name.blocks_alone_at(self.worsening)
+        self.is_established() && self.name.blocks_alone_at(self.worsening, self.success_loss_max)
     }
 }
 
@@ -69,7 +69,15 @@ mod tests {
     use crate::harm::HarmKind;
 
     fn component(name: ComponentName, worsening: f64, tolerance: f64) -> BehaviorComponent {
-        BehaviorComponent { name, worsening, lower: 0.5 * worsening, upper: Some(2.0 * worsening), tolerance }
+        let upper = Some(2.0 * worsening);
+        BehaviorComponent {
+            name,
+            worsening,
+            lower: 0.5 * worsening,
+            upper,
+            tolerance,
+            success_loss_max: 0.05,
+        }
     }
 
     fn worse(of: &BehaviorComponent) -> Reason {

@@ -117,6 +117,7 @@ pub const FIELDS: &[ProfileField] = &[
     field("behavior.cost_violation", 0.01, 100.0, Higher),
     field("behavior.cost_anomaly", 0.01, 100.0, Higher),
     field("behavior.cost_recovery", 0.01, 100.0, Higher),
+    field("behavior.success_loss_max", 0.001, 0.5, Lower),
     field("behavior.concern_factor", 0.05, 1.0, Lower),
     field("harm.past_tolerance", 0.001, 0.2, Lower),
     field("harm.asking_share_max", 0.0, 1.0, Lower),

@@ -10,12 +10,12 @@ macro_rules! later_numbers {
         pub(super) const LATER_NUMBERS: &[(&str, f64)] = &[$(($path, $value)),*];
 
         $(
-            pub(super) const fn $default() -> f64 {
+            pub(crate) const fn $default() -> f64 {
                 $value
             }
 
             #[allow(clippy::trivially_copy_pass_by_ref, reason = "serde passes a reference")]
-            pub(super) fn $is_default(value: &f64) -> bool {
+            pub(crate) fn $is_default(value: &f64) -> bool {
                 *value == $value
             }
         )*
@@ -41,6 +41,7 @@ later_numbers! {
     "evaluation.divergence_full_m" = 0.2, divergence_full_m, is_divergence_full_m;
     "evaluation.tube_radius_m" = 0.03, tube_radius_m, is_tube_radius_m;
     "evaluation.tick_us_min" = 200.0, tick_us_min, is_tick_us_min;
+    "behavior.success_loss_max" = 0.05, success_loss_max, is_success_loss_max;
     "behavior.concern_factor" = 0.5, concern_factor, is_concern_factor;
     "live_harm.normal_alpha" = 0.1, live_normal_alpha, is_live_normal_alpha;
     "recovery.lean_alpha" = 0.05, lean_alpha, is_lean_alpha;

@@ -465,15 +465,18 @@ mod tests {
         Pair { seed: 1, active: values, candidate, live_like: false }
     }
 
+    fn component(
+        name: ComponentName,
+        worsening: f64,
+        (lower, upper): (f64, Option<f64>),
+        tolerance: f64,
+    ) -> BehaviorComponent {
+        BehaviorComponent { name, worsening, lower, upper, tolerance, success_loss_max: 0.05 }
+    }
+
     #[test]
     fn a_component_counts_the_episodes_that_are_bad() {
-        let component = BehaviorComponent {
-            name: ComponentName::Violation,
-            worsening: 0.5,
-            lower: 0.1,
-            upper: Some(0.9),
-            tolerance: 0.05,
-        };
+        let component = component(ComponentName::Violation, 0.5, (0.1, Some(0.9)), 0.05);
         let pairs = [pair(true), pair(false)];
         let found = component_finding(&component, &pairs, bound_of(&component, true));
         assert_eq!(found.values, ComponentValues::Episodes { candidate: 1, active: 0, of: 2 });
@@ -484,9 +487,7 @@ mod tests {
 
     #[test]
     fn time_is_averaged_where_both_versions_succeed() {
-        let name = ComponentName::Time;
-        let component =
-            BehaviorComponent { name, worsening: 0.1, lower: 0.0, upper: Some(0.2), tolerance: 0.25 };
+        let component = component(ComponentName::Time, 0.1, (0.0, Some(0.2)), 0.25);
         let mut pairs = [pair(false), pair(false)];
         (pairs[0].candidate.time_s, pairs[1].active.time_s) = (5.0, 9.0);
         pairs[1].active.success = false;
@@ -500,8 +501,7 @@ mod tests {
     #[test]
     fn a_bound_decides_where_the_mean_is_tolerated() {
         let of = |lower, upper| {
-            let name = ComponentName::Violation;
-            let component = BehaviorComponent { name, worsening: 0.04, lower, upper, tolerance: 0.05 };
+            let component = component(ComponentName::Violation, 0.04, (lower, upper), 0.05);
             assert_eq!(
                 bound_of(&component, false),
                 bound_of(&BehaviorComponent { lower: 0.0, ..component }, false)

@@ -101,6 +101,7 @@ fn component(upper: Option<f64>) -> BehaviorComponent {
         lower: 0.01,
         upper,
         tolerance: 0.05,
+        success_loss_max: 0.05,
     }
 }
 
@@ -112,6 +113,7 @@ fn improved() -> BehaviorComponent {
         lower: -0.327,
         upper: Some(-0.204),
         tolerance: 0.15,
+        success_loss_max: 0.05,
     }
 }
 

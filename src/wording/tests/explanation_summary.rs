@@ -50,6 +50,7 @@ const VIOLATION: BehaviorComponent = BehaviorComponent {
     lower: 0.175,
     upper: Some(0.341),
     tolerance: 0.05,
+    success_loss_max: 0.05,
 };
 
 #[test]
@@ -129,6 +130,7 @@ fn a_worsening_says_its_direction_in_words() {
                 lower: 0.6,
                 upper: None,
                 tolerance: 0.6,
+                ..VIOLATION
             },
             "time: 70 % longer than the active version (limit 60 %)",
         ),

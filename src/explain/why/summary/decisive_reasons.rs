@@ -194,7 +194,8 @@ mod tests {
     #[test]
     fn a_component_within_its_limit_comes_after_one_past_it() {
         let of = |name, worsening, tolerance| {
-            let component = BehaviorComponent { name, worsening, lower: 0.01, upper: None, tolerance };
+            let (lower, upper, success_loss_max) = (0.01, None, 0.05);
+            let component = BehaviorComponent { name, worsening, lower, upper, tolerance, success_loss_max };
             let DecisionReason::Rule { reason, .. } =
                 reason("behavior-established-worse", "behavior", "worse", None)
             else {

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use holdpoint_governance::behavior::{self, SUCCESS_LOSS_MAX};
+use holdpoint_governance::behavior;
 use holdpoint_governance::comparison_evidence::ComparisonEvidence;
 use holdpoint_governance::decision::ReasonCode;
 use holdpoint_governance::early_stop::EarlyStopReason;
@@ -47,8 +47,8 @@ fn five_points_of_success_reject_and_four_do_not() {
         let profile = profile(name);
         let budget = profile.evaluation.sandbox_pairs;
         // The fewest pairs of which as many are 5 of 100.
-        let limit =
-            (1..budget).find(|lost| f64::from(*lost) >= SUCCESS_LOSS_MAX * f64::from(budget)).unwrap();
+        let loss_max = profile.behavior.success_loss_max;
+        let limit = (1..budget).find(|lost| f64::from(*lost) >= loss_max * f64::from(budget)).unwrap();
         for (lost, rejects) in [(4 * limit / 5, false), (limit - 1, false), (limit, true), (2 * limit, true)]
         {
             let (lost, points) = (usize::try_from(lost).unwrap(), lost);
@@ -260,6 +260,9 @@ fn detection_curve_of_failing_hooks() {
         assert!(equal[0] <= WORSE_ALPHA && equal[1] <= HELD_ALPHA, "{rate}: {equal:?}");
     }
 }
+
+/// `behavior.success_loss_max` of the shipped profiles.
+const SUCCESS_LOSS_MAX: f64 = 0.05;
 
 /// Whether counts of lost and gained successes reject.
 fn rejects(counts: PairedCounts, alpha: f64) -> bool {

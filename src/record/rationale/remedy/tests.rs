@@ -107,6 +107,7 @@ fn a_worsening_within_its_margin_is_no_change_beside_others_that_decide() {
         lower: 0.2,
         upper: Some(0.3),
         tolerance,
+        success_loss_max: 0.05,
     };
     let worse = reason("behavior-established-worse", "behavior", "time is significantly worse", 0.243, 0.6);
     let add = |evidence_file: &mut EvidenceFileRecord, component| {
