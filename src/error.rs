@@ -8,9 +8,9 @@ use crate::cli::output::versioned;
 use holdpoint_engine::StartError;
 use holdpoint_governance::TextError;
 use holdpoint_protocol::command::Refusal;
-use holdpoint_registry::StoreError;
 use holdpoint_service::bootstrap::BootstrapError;
 use holdpoint_service::control_socket::ControlSocketError;
+use holdpoint_store::StoreError;
 use serde::{Deserialize, Serialize};
 
 use holdpoint_text::{

@@ -5,7 +5,8 @@
 
 use super::BenchError;
 use super::measure::{Figure, FigureClock, FigureEffort, FigureUnit, MeasuredFigure};
-use holdpoint_registry::{AuditBody, Store, Transaction, verify};
+use holdpoint_registry::{Store, verify};
+use holdpoint_store::{AuditBody, Transaction};
 
 /// Length of a record's body, bytes: about what a stage's decision has.
 const BODY_BYTES: usize = 1024;

@@ -17,7 +17,8 @@ use holdpoint_governance::calendar;
 use holdpoint_governance::notice::{Notice, NoticeOrText};
 use holdpoint_governance::record::{AuditRecord, RecordKind};
 use holdpoint_protocol::health::{AlarmEpisode, BUCKET_MS_MAX, BUCKETS_MAX, HealthClock, HealthQuery};
-use holdpoint_registry::{AuditFilter, Layout, Views};
+use holdpoint_registry::Views;
+use holdpoint_store::{AuditFilter, Layout};
 use holdpoint_text::Untrusted;
 use holdpoint_wording::alarm as wording;
 

@@ -17,7 +17,8 @@ use crate::cli::context::CliContext;
 use crate::cli::output::CommandOutput;
 use crate::error::{CliError, Exit};
 use holdpoint_governance::record::RecordKind;
-use holdpoint_registry::{AuditFilter, ExportError, Views};
+use holdpoint_registry::{ExportError, Views};
+use holdpoint_store::AuditFilter;
 
 /// The most records `list` prints.
 pub const LIST_MAX: u32 = 10_000;

@@ -13,7 +13,8 @@ use crate::error::{CliError, Exit};
 use holdpoint_approvals::keyfile;
 use holdpoint_audit::checkpoint::Checkpoint;
 use holdpoint_audit::proof::Proof;
-use holdpoint_registry::{Layout, prove_consistency, prove_record, store_info, stored_head};
+use holdpoint_registry::{prove_consistency, prove_record, store_info, stored_head};
+use holdpoint_store::Layout;
 use holdpoint_text::Hint;
 
 /// The arguments of `audit proof`.

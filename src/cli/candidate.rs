@@ -31,8 +31,8 @@ use holdpoint_governance::site_profile::ChosenProfile;
 use holdpoint_governance::time_excess::TimeExcess;
 use holdpoint_record::check::{self, ProfileFindings, RegisteredVersions, UnmetFallback};
 use holdpoint_record::difference::differences;
-use holdpoint_registry::Layout;
 use holdpoint_runtime::capability::{self, Capability, PackageError, ParsedPackage};
+use holdpoint_store::Layout;
 use holdpoint_text::{ErrorReason, Untrusted};
 use holdpoint_trials::site::LoadedSite;
 

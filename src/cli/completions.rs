@@ -14,7 +14,8 @@ use super::data;
 use crate::cli::output::CommandOutput;
 use crate::error::{CliError, Exit};
 use holdpoint_governance::ids::Family;
-use holdpoint_registry::{Layout, Views};
+use holdpoint_registry::Views;
+use holdpoint_store::Layout;
 
 /// The arguments of `completions`.
 #[derive(Clone, Debug, PartialEq, Eq, Args)]

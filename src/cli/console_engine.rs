@@ -17,9 +17,9 @@ use super::run::{LivePace, RunArgs};
 use crate::error::ErrorDocument;
 use holdpoint_console::run::StartedEngine;
 use holdpoint_protocol::console_presence::ConsolePresence;
-use holdpoint_registry::{Layout, lock_owner};
 use holdpoint_service::control_socket::{ControlSocketError, SHOWN_TO_NOBODY};
 use holdpoint_service::engine_handle::{EngineEndError, EngineHandle, LaunchConfig};
+use holdpoint_store::{Layout, lock_owner};
 use holdpoint_text::{ErrorReason, Hint as _, Problem, Untrusted};
 
 /// The time limit for its first answer. The socket opens before the history is read, so the store's size does not
@@ -264,7 +264,7 @@ mod tests {
     use super::*;
     use crate::error::CliError;
     use clap::Parser as _;
-    use holdpoint_registry::StoreError;
+    use holdpoint_store::StoreError;
     use std::io::Write as _;
 
     #[derive(clap::Parser)]

@@ -5,8 +5,9 @@ use std::os::unix::fs::FileTypeExt as _;
 use std::path::{Path, PathBuf};
 
 use crate::error::CliError;
-use holdpoint_registry::{Layout, Views, other_owner};
+use holdpoint_registry::Views;
 use holdpoint_service::control_socket::socket_path;
+use holdpoint_store::{Layout, other_owner};
 use holdpoint_text::{ErrorDetails, ErrorReason, shell_word};
 
 /// The store's folder: the one given, else `$XDG_DATA_HOME/holdpoint`, else `~/.local/share/holdpoint`.

@@ -13,7 +13,8 @@ use crate::cli::output::CommandOutput;
 use crate::error::{CliError, Exit};
 use holdpoint_audit::witness::witness_heads;
 use holdpoint_recordings::{recording_folder, viewer};
-use holdpoint_registry::{Layout, store_info};
+use holdpoint_registry::store_info;
+use holdpoint_store::Layout;
 use holdpoint_text::Hint;
 
 /// The oldest SQLite without the WAL-reset defect.

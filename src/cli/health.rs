@@ -25,7 +25,7 @@ use holdpoint_protocol::health::{
     BUCKET_MS_MAX, BUCKET_MS_MIN, BUCKET_WIDTHS_MS, BUCKETS_MAX, HealthClock, HealthQuery, HealthSeries,
     HealthVerdict, together,
 };
-use holdpoint_registry::Layout;
+use holdpoint_store::Layout;
 use holdpoint_wording::health::{confounding_versions, health_verdict, omissions};
 
 /// The default span, ms: a day.

@@ -19,7 +19,7 @@ use crate::error::{CliError, Exit};
 use holdpoint_approvals::keyfile::{KeyEncoding, Protection};
 use holdpoint_approvals::{Identity, IdentityError, IdentityInfo, KdfCost, Passphrase, PassphraseCause};
 use holdpoint_governance::approval::Role;
-use holdpoint_registry::Layout;
+use holdpoint_store::Layout;
 
 /// The arguments of `identity`.
 #[derive(Clone, Debug, PartialEq, Eq, Args)]

@@ -20,7 +20,8 @@ use holdpoint_explain::store_metrics::{self, Coverage, Since, StoreMetrics};
 use holdpoint_governance::metrics::Proportion;
 use holdpoint_governance::metrics::store_metrics::{MeanWithStdDev, ObservedMetrics, ReplayOutcome};
 use holdpoint_protocol::health::HealthClock;
-use holdpoint_registry::{Layout, TelemetryViews, Views};
+use holdpoint_registry::{TelemetryViews, Views};
+use holdpoint_store::{Layout, TelemetryReader};
 use holdpoint_trials::cell::Cell;
 
 /// The longest span, days.
@@ -140,8 +141,8 @@ pub fn run(context: &CliContext, args: &MetricsArgs, out: &mut CommandOutput<'_>
         None => Since::Record(1),
         Some(since) => since.since(end_of(&views)?.1).map_err(CliError::usage)?,
     };
-    let found =
-        store_metrics::observe(&views, telemetry.as_ref(), since, environment).map_err(CliError::usage)?;
+    let telemetry = telemetry.as_ref().map(|telemetry| -> &dyn TelemetryReader { telemetry });
+    let found = store_metrics::observe(&views, telemetry, since, environment).map_err(CliError::usage)?;
     out.answer(&found, |out| show(&found, out))?;
     Ok(Exit::Confirmed)
 }

@@ -15,7 +15,7 @@ use holdpoint_approvals::{
     PassphraseCause,
 };
 use holdpoint_governance::ids::is_name;
-use holdpoint_registry::{FIRST_ADMINISTRATOR, Layout};
+use holdpoint_store::{FIRST_ADMINISTRATOR, Layout};
 use holdpoint_text::users::user_name;
 use holdpoint_text::{ErrorDetails, ErrorReason};
 

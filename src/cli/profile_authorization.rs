@@ -6,7 +6,8 @@ use super::{data, profile_choice};
 use holdpoint_audit::profile_history::ProfileHistory;
 use holdpoint_engine::decide::store_identity::{self, RequestedRules, StartPermission};
 use holdpoint_governance::site_profile::ChosenProfile;
-use holdpoint_registry::{FIRST_ADMINISTRATOR, StoreError, Views};
+use holdpoint_registry::Views;
+use holdpoint_store::{FIRST_ADMINISTRATOR, StoreError};
 use holdpoint_text::{Hint as _, shell_word};
 
 /// Whether an engine may start under a profile on the store in this folder, which may not exist yet.

@@ -15,7 +15,7 @@ use holdpoint_engine::decide::store_identity;
 use holdpoint_governance::policy::POLICY_BYTES_MAX;
 use holdpoint_governance::profile::{PROFILE_BYTES_MAX, ProfileName, SiteName};
 use holdpoint_governance::site_profile::{ChosenProfile, ProfileTexts, SiteProfile, SiteProfileError};
-use holdpoint_registry::Layout;
+use holdpoint_store::Layout;
 use holdpoint_text::{ErrorDetails, ErrorReason, Hint as _, Untrusted};
 
 /// A profile on the command line.

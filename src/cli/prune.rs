@@ -11,7 +11,8 @@ use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::lifecycle::State;
 use holdpoint_recordings::audit_record::{REMOVED_KIND, RecordingRemoval};
 use holdpoint_recordings::recording_folder::{self, RecordingFile};
-use holdpoint_registry::{AuditBody, Store, Transaction, VersionDetail, Views};
+use holdpoint_registry::{Store, Views};
+use holdpoint_store::{AuditBody, Transaction, VersionDetail};
 
 /// The recordings to keep.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

@@ -14,9 +14,10 @@ use crate::cli::output::CommandOutput;
 use crate::error::{CliError, Exit};
 use holdpoint_recordings::audit_record::{FileCheck, RecordedFiles};
 use holdpoint_recordings::recording_folder::{self, IrregularFile, RecordingFile, RecordingFolder};
-pub(super) use holdpoint_registry::size;
-use holdpoint_registry::{Layout, Views};
+use holdpoint_registry::Views;
 use holdpoint_service::recordings;
+use holdpoint_store::Layout;
+pub(super) use holdpoint_store::size;
 
 /// Bytes of a mebibyte.
 const MIB: u64 = 1 << 20;
@@ -297,7 +298,7 @@ pub(super) fn counted(count: usize, what: &str) -> String {
 
 /// A wall time for people: `2026-11-21 02:10`.
 fn utc(secs: u64) -> String {
-    holdpoint_registry::utc(secs).chars().take(16).collect()
+    holdpoint_store::utc(secs).chars().take(16).collect()
 }
 
 #[cfg(test)]

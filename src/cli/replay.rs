@@ -29,7 +29,7 @@ use holdpoint_protocol::clock::TICKS_PER_SECOND;
 use holdpoint_recordings::recording::Recording;
 use holdpoint_recordings::recording_folder::{self, RecordingFile};
 use holdpoint_recordings::viewer;
-use holdpoint_registry::Layout;
+use holdpoint_store::Layout;
 use holdpoint_text::{ErrorDetails, ErrorReason, Hint};
 
 /// How long the verb watches a new viewer: one that cannot draw ends within this time.

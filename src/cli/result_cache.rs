@@ -6,7 +6,7 @@ use clap::Args;
 
 use super::operator_folder::own_folder;
 use crate::error::CliError;
-use holdpoint_registry::{CacheSecret, ResultCache};
+use holdpoint_store::{CacheSecret, ResultCache};
 use holdpoint_text::ErrorReason;
 
 /// The key file's name in the operator's configuration folder.

@@ -20,7 +20,7 @@ use holdpoint_console::options::CommandLineFlags;
 use holdpoint_governance::profile::ProfileName;
 use holdpoint_governance::site_profile::ChosenProfile;
 use holdpoint_protocol::command::PACE_ALLOWED;
-use holdpoint_registry::StoreError;
+use holdpoint_store::StoreError;
 use holdpoint_trials::site::LoadedSite;
 
 /// The longest time an engine runs without an attached console, s: a day. `holdpoint serve` has no limit.

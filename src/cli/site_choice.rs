@@ -7,8 +7,8 @@ use super::data;
 use super::profile_choice::RequestedProfile;
 use crate::error::CliError;
 use holdpoint_engine::decide::store_identity;
-use holdpoint_registry::Layout;
 use holdpoint_runtime::capability::shown;
+use holdpoint_store::Layout;
 use holdpoint_text::shell_word;
 use holdpoint_trials::site::LoadedSite;
 

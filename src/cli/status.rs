@@ -19,8 +19,9 @@ use holdpoint_governance::ids::{CapabilityId, Family};
 use holdpoint_governance::lifecycle::State;
 use holdpoint_protocol::command::Reply;
 use holdpoint_protocol::snapshot::Snapshot;
-use holdpoint_registry::{Layout, Views};
+use holdpoint_registry::Views;
 use holdpoint_service::control_socket::{Client, ControlSocketError, Subscription, UnverifiedOrigin};
+use holdpoint_store::Layout;
 use holdpoint_text::ErrorReason;
 
 /// The longest wait, in seconds: one day.

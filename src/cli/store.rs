@@ -19,10 +19,11 @@ use holdpoint_audit::rebuild_report::RebuildReport;
 use holdpoint_record::caller;
 use holdpoint_recordings::audit_record::RecordingClosure;
 use holdpoint_registry::{
-    BackupParts, BackupReport, ExportScope, Layout, ListRecordings, OmittedFile, RetainedRecording,
-    StoreError, StoreInfo, UnsignedRecords, Views, backup, check_store, export_store, rebuild, store_info,
+    BackupParts, BackupReport, ExportScope, ListRecordings, OmittedFile, RetainedRecording, StoreInfo,
+    UnsignedRecords, Views, backup, check_store, export_store, rebuild, store_info,
 };
 use holdpoint_service::recordings::{self, RecordListError};
+use holdpoint_store::{Layout, StoreError};
 use holdpoint_text::shell_word;
 use serde_json::json;
 
@@ -253,7 +254,7 @@ fn print_info(info: &StoreInfo, out: &mut CommandOutput<'_>) -> Result<(), CliEr
     let wall = |ms: Option<i64>| {
         let ms = ms.filter(|ms| *ms != 0);
         let secs = ms.and_then(|ms| u64::try_from(ms / 1_000).ok());
-        secs.map_or_else(|| "-".to_owned(), holdpoint_registry::utc)
+        secs.map_or_else(|| "-".to_owned(), holdpoint_store::utc)
     };
     let number = |number: Option<u64>| number.map_or_else(|| "-".to_owned(), |number| number.to_string());
     table.row(["store", info.store_id.as_str()]);

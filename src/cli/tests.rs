@@ -335,12 +335,12 @@ fn a_fresh_store_can_be_read_and_verified() {
 fn small_store(folder: &std::path::Path) {
     let store = holdpoint_registry::Store::open(folder).unwrap();
     for number in 1..=9 {
-        let record = holdpoint_registry::AuditBody {
+        let record = holdpoint_store::AuditBody {
             kind: holdpoint_governance::record::RecordKind::Decision,
             subject: String::new(),
             body: format!("{{\"number\":{number}}}"),
         };
-        let transaction = holdpoint_registry::Transaction {
+        let transaction = holdpoint_store::Transaction {
             command_id: format!("command {number}"),
             at_ms: number,
             wall_ms: 0,
@@ -454,7 +454,7 @@ fn documented_reasons() -> Vec<(&'static str, Vec<&'static str>)> {
 #[test]
 fn the_guide_lists_every_reason_once_with_its_causes() {
     use holdpoint_approvals::{PassphraseCause, PersonError};
-    use holdpoint_registry::{RefusalCause, StoreFailure};
+    use holdpoint_store::{RefusalCause, StoreFailure};
     use holdpoint_text::ErrorReason;
 
     let documented = documented_reasons();

@@ -17,8 +17,9 @@ use holdpoint_audit::history_error::HistoryError;
 use holdpoint_engine::decide::evaluation_keys::key_check::{KeyCheck, check_keys};
 use holdpoint_recordings::audit_record::FileCheck;
 use holdpoint_registry::{
-    DatabaseLocation, Layout, MissingBatches, VerifyError, VerifyOptions, VerifyReport, verify_against,
+    DatabaseLocation, MissingBatches, VerifyError, VerifyOptions, VerifyReport, verify_against,
 };
+use holdpoint_store::Layout;
 use holdpoint_text::file::kind_of;
 use holdpoint_text::{ErrorDetails, ErrorReason};
 

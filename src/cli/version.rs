@@ -17,7 +17,8 @@ use crate::error::{CliError, Exit};
 use holdpoint_governance::ids::{CapabilityId, Family};
 use holdpoint_governance::record::{VersionGroup, VersionSummary};
 use holdpoint_record::version_table::chosen_anchors;
-use holdpoint_registry::{VersionDetail, VersionFilter, Views};
+use holdpoint_registry::Views;
+use holdpoint_store::{VersionDetail, VersionFilter};
 use holdpoint_text::ErrorReason;
 
 /// The most versions `list` prints.

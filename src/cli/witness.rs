@@ -21,9 +21,9 @@ use holdpoint_audit::witness::witness_heads;
 use holdpoint_governance::profile::ProfileName;
 use holdpoint_record::caller;
 use holdpoint_registry::{
-    FIRST_ADMINISTRATOR, Store, WitnessRequester, add_witness, remove_witness, store_info, witnesses,
-    witnesses_are_signed,
+    Store, WitnessRequester, add_witness, remove_witness, store_info, witnesses, witnesses_are_signed,
 };
+use holdpoint_store::FIRST_ADMINISTRATOR;
 use holdpoint_text::file::kind_of;
 use holdpoint_text::{ErrorDetails, ErrorReason, Untrusted};
 

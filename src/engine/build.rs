@@ -11,7 +11,7 @@ use std::io;
 use source_digest::SourceDigest;
 
 /// Sources that take a candidate through the stages, from the workspace's root.
-const DECIDES: [&str; 8] = [
+const DECIDES: [&str; 9] = [
     "profiles",
     "src/approvals",
     "src/audit",
@@ -20,6 +20,7 @@ const DECIDES: [&str; 8] = [
     "src/record",
     "src/registry",
     "src/service",
+    "src/store",
 ];
 
 fn main() -> io::Result<()> {

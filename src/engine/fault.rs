@@ -6,7 +6,7 @@ use holdpoint_body::BodyError;
 use holdpoint_cell::CellError;
 use holdpoint_explain::fault::ExplainFault;
 use holdpoint_protocol::command::Refusal;
-use holdpoint_registry::StoreError;
+use holdpoint_store::StoreError;
 
 use holdpoint_text::{ErrorDetails, ErrorReason, Hint, Problem};
 use holdpoint_trials::fault::TrialFault;

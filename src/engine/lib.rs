@@ -38,9 +38,10 @@ use holdpoint_record::persisted_clock::{self, PersistedClock};
 use holdpoint_record::store_robot::StoreRobot;
 use holdpoint_record::version_table::{VersionTable, VersionTableError};
 use holdpoint_record::wall_clock::{SystemClocks, WallClock};
-use holdpoint_registry::{Store, StoreError};
+use holdpoint_registry::Store;
 use holdpoint_runtime::capability::{Capability, PackageError};
 use holdpoint_runtime::skill::component::keep_compiled_in;
+use holdpoint_store::{Layout, OpenStore, StoreError};
 use holdpoint_text::{ErrorDetails, ErrorReason, Hint, Problem};
 use holdpoint_trials::cache::EpisodeCache;
 use holdpoint_trials::cell::Cell;
@@ -205,7 +206,7 @@ impl Engine {
     pub fn start(config: Config<'_>) -> Result<Self, StartError> {
         let rules = StartRules::of(&config)?;
         let store = Store::open(config.data)?;
-        Self::on(config, rules, store, Controls::default())
+        Self::on(config, rules, Box::new(store), Controls::default())
     }
 
     /// As [`Engine::start`], for an experiment: only in a script, on a store of its own.
@@ -234,7 +235,7 @@ impl Engine {
         }
         rules.omitted = omitted;
         let store = Store::open(config.data)?;
-        Self::on(config, rules, store, Controls::default())
+        Self::on(config, rules, Box::new(store), Controls::default())
     }
 
     /// As [`Engine::start`], on a store that is open already, with controls that other threads have.
@@ -244,7 +245,7 @@ impl Engine {
     pub fn on(
         config: Config<'_>,
         rules: StartRules,
-        store: Store,
+        store: Box<dyn OpenStore>,
         controls: Controls,
     ) -> Result<Self, StartError> {
         let StartRules { profile, table, own, baselines, omitted } = rules;
@@ -257,7 +258,7 @@ impl Engine {
                 WallClock::scripted(at_ms, opening.newest_record),
             )
         } else {
-            let from_ms = persisted_clock::resumed_ms(store.layout(), &store.views()?)?;
+            let from_ms = persisted_clock::resumed_ms(store.layout(), &*store.views()?)?;
             let (newest, jump_max_s) = (opening.newest_record, profile.clock.jump_max_s);
             let wall = WallClock::of_machine(Box::new(SystemClocks), newest, jump_max_s);
             (Clock::real(from_ms), PersistedClock::begin(store.layout(), from_ms), wall)
@@ -269,13 +270,13 @@ impl Engine {
         let version_table = VersionTable::open(store, wall)?;
         let given = StoreRobot::of(&config.cell);
         let other =
-            store_identity::robot(&version_table.store().views()?)?.filter(|recorded| !recorded.is(&given));
+            store_identity::robot(&*version_table.store().views()?)?.filter(|recorded| !recorded.is(&given));
         if let Some(recorded) = other {
             return Err(StartError::OtherRobot { recorded: Box::new(recorded), given: Box::new(given) });
         }
-        store_identity::check_pointers(&version_table.store().views()?, &given)?;
+        store_identity::check_pointers(&*version_table.store().views()?, &given)?;
         if let Some(parts) =
-            store_identity::omitted(&version_table.store().views()?)?.filter(|parts| *parts != omitted)
+            store_identity::omitted(&*version_table.store().views()?)?.filter(|parts| *parts != omitted)
         {
             let parts: Vec<&str> = parts.parts().into_iter().map(AblationPart::name).collect();
             let parts = if parts.is_empty() { "nothing".to_owned() } else { parts.join(", ") };
@@ -553,7 +554,7 @@ impl Engine {
 
     /// The files of the store.
     #[must_use]
-    pub fn layout(&self) -> &holdpoint_registry::Layout {
+    pub fn layout(&self) -> &Layout {
         self.pipeline.record().version_table().store().layout()
     }
 }

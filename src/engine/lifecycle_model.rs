@@ -14,9 +14,9 @@ use holdpoint_governance::lifecycle::{
 };
 use holdpoint_governance::notice::Notice;
 use holdpoint_governance::profile::ProfileName;
-use holdpoint_registry::store_terms::EvidenceKind;
-use holdpoint_registry::{ActiveCause, Change, Store, StoreError, check_invariants, verify};
+use holdpoint_registry::{Store, Views, check_invariants, verify};
 use holdpoint_runtime::capability::Capability;
+use holdpoint_store::{ActiveCause, Change, EvidenceKind, StoreError};
 use proptest::prelude::*;
 use proptest::test_runner::{Config, RngSeed};
 use proptest_state_machine::{ReferenceStateMachine, StateMachineTest, prop_state_machine};
@@ -213,7 +213,7 @@ impl ModelStore {
             }
         };
         Self {
-            version_table: VersionTable::open(store, WallClock::scripted(0, None)).unwrap(),
+            version_table: VersionTable::open(Box::new(store), WallClock::scripted(0, None)).unwrap(),
             folder,
             at_ms,
         }
@@ -299,7 +299,8 @@ impl StateMachineTest for ModelStore {
     fn check_invariants(store: &Self, model: &LifecycleModel) {
         let entry = store.version_table.family(&family()).unwrap();
         assert_eq!(entry.state, model.family);
-        let views = store.version_table.store().views().unwrap();
+        let database = store.version_table.store().layout().database();
+        let views = Views::open(&database).unwrap();
         assert_eq!(check_invariants(views.connection()).unwrap(), []);
         let row = views.families().unwrap().remove(0);
         let state: FamilyState = serde_json::from_str(&row.state_json.unwrap()).unwrap();

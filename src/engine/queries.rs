@@ -12,7 +12,7 @@ use crate::decide::pipeline::Pipeline;
 use crate::fault::EngineFault;
 use holdpoint_explain::episode_replay;
 use holdpoint_explain::view::lookup;
-use holdpoint_registry::{StoreError, Views};
+use holdpoint_store::{RecordViews, StoreError};
 
 /// The answer to a question about versions; `None` for any other command.
 pub(crate) fn answer(pipeline: &mut Pipeline, command: &Command, signer: Option<&Signer>) -> Option<Reply> {
@@ -37,7 +37,7 @@ impl Engine {
     ///
     /// # Errors
     /// If the store cannot be read.
-    pub fn views(&self) -> Result<Views, StoreError> {
+    pub fn views(&self) -> Result<Box<dyn RecordViews>, StoreError> {
         self.pipeline.record().version_table().store().views()
     }
 

@@ -63,5 +63,5 @@ pub(crate) fn pipeline_in(
     };
     let baselines = holdpoint_trials::embedded::baselines().unwrap();
     let wall = wall(store.opening().newest_record);
-    Pipeline::new(settings, VersionTable::open(store, wall).unwrap(), clock, baselines).unwrap()
+    Pipeline::new(settings, VersionTable::open(Box::new(store), wall).unwrap(), clock, baselines).unwrap()
 }

@@ -26,11 +26,11 @@ use holdpoint_governance::profile_downgrade::ProfileRules;
 use holdpoint_governance::record::RecordKind;
 use holdpoint_protocol::command::{Command, Operation, Refusal, Reply, Request, StopPersistence};
 use holdpoint_protocol::event::EventKind;
-use holdpoint_registry::store_terms::EvidenceKind;
-use holdpoint_registry::{AuditFilter, Change, Store, StoreError};
+use holdpoint_registry::Store;
 use holdpoint_runtime::agent::Agent;
 use holdpoint_runtime::capability::{self, Capability};
 use holdpoint_sim::SimCells;
+use holdpoint_store::{AuditFilter, Change, EvidenceKind, StoreError};
 
 use crate::decide::people::persons::enrolled;
 use crate::decide::pipeline::{Pipeline, SliceOutcome};
@@ -71,7 +71,7 @@ fn commit(store: Store, change: Change) {
     let at_ms = store.opening().head.at_ms;
     let (command_id, audit) = ("test".to_owned(), Vec::new());
     let changes = vec![change];
-    store.commit(holdpoint_registry::Transaction { command_id, at_ms, wall_ms: 0, changes, audit }).unwrap();
+    store.commit(holdpoint_store::Transaction { command_id, at_ms, wall_ms: 0, changes, audit }).unwrap();
 }
 
 pub(crate) fn assert_accepted(reply: &Reply) {
@@ -148,7 +148,7 @@ fn store_changed_under_a_running_engine_halts_it() {
     let holding = pipeline.record().holding().map(Hint::sentence).unwrap_or_default();
     assert!(holding.contains("the family \"align\" does not match the audit chain"), "{holding}");
     drop(pipeline);
-    assert!(matches!(Store::open(folder.path()), Err(holdpoint_registry::StoreError::Refused { .. })));
+    assert!(matches!(Store::open(folder.path()), Err(holdpoint_store::StoreError::Refused { .. })));
 }
 
 #[test]

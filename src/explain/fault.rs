@@ -1,7 +1,7 @@
 //! Faults of an answer.
 
 use holdpoint_record::version_table::VersionTableError;
-use holdpoint_registry::StoreError;
+use holdpoint_store::StoreError;
 
 /// Why a question has no answer.
 #[derive(Debug, thiserror::Error)]

@@ -13,7 +13,8 @@ mod tasks;
 use std::borrow::Cow;
 
 use holdpoint_protocol::health::{HealthClock, HealthCoverage, HealthQuery, HealthSeries};
-use holdpoint_registry::{Layout, StoreError, TelemetryViews, Views};
+use holdpoint_registry::{TelemetryViews, Views};
+use holdpoint_store::{Layout, StoreError};
 use holdpoint_text::{ErrorDetails, ErrorReason, Hint};
 use holdpoint_wording::health::NO_MACHINE_TIME;
 

@@ -7,7 +7,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use holdpoint_protocol::command::{Command, Refusal, Reply};
 use holdpoint_protocol::health::HealthQuery;
-use holdpoint_registry::Layout;
+use holdpoint_store::Layout;
 
 use crate::health_series::{HealthError, HealthReader, PresentTime};
 use crate::view::lookup;

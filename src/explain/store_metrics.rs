@@ -25,9 +25,8 @@ use holdpoint_governance::monitor::{MonitorAction, SafetyEvent};
 use holdpoint_governance::record::RecordKind;
 use holdpoint_governance::rollback::{RollbackRecord, TriggerKind};
 use holdpoint_governance::stats::StatsError;
-use holdpoint_registry::store_terms::EvidenceKind;
-use holdpoint_registry::{StoreError, StoredBatch, TelemetryViews, Views};
 use holdpoint_runtime::task::TaskRecord;
+use holdpoint_store::{EvidenceKind, RecordViews, StoreError, StoredBatch, TelemetryReader};
 use holdpoint_text::{ErrorDetails, ErrorReason, Hint};
 
 use self::history::{BatchSeal, ControlPeriod, History};
@@ -83,20 +82,21 @@ impl Since {
     ///
     /// # Errors
     /// If the store cannot be read.
-    pub fn first(self, views: &Views) -> Result<u64, StoreError> {
+    pub fn first(self, views: &dyn RecordViews) -> Result<u64, StoreError> {
         let head = views.head()?;
         let mut first = None;
         match self {
             Self::Record(record) => return Ok(record.max(1)),
             Self::BackMs(ms) => {
                 let from_ms = head.at_ms.saturating_sub(ms);
-                views.each_record(head.seq, |one| {
+                views.each_record(head.seq, &mut |one| {
                     first = first.or((one.at_ms >= from_ms).then_some(one.seq));
                 })?;
             }
             Self::WallMs(ms) => {
-                views
-                    .each_record(head.seq, |one| first = first.or((one.wall_ms >= ms).then_some(one.seq)))?;
+                views.each_record(head.seq, &mut |one| {
+                    first = first.or((one.wall_ms >= ms).then_some(one.seq));
+                })?;
             }
         }
         Ok(first.unwrap_or(head.seq + 1))
@@ -169,8 +169,8 @@ pub struct StoreMetrics {
 /// # Errors
 /// If the store cannot be read, or is inconsistent.
 pub fn observe(
-    views: &Views,
-    telemetry: Option<&TelemetryViews>,
+    views: &dyn RecordViews,
+    telemetry: Option<&dyn TelemetryReader>,
     since: Since,
     environment: Digest,
 ) -> Result<StoreMetrics, StoreMetricsError> {
@@ -182,8 +182,8 @@ pub fn observe(
 /// # Errors
 /// As [`observe`].
 pub fn observe_under(
-    views: &Views,
-    telemetry: Option<&TelemetryViews>,
+    views: &dyn RecordViews,
+    telemetry: Option<&dyn TelemetryReader>,
     since: Since,
     environment: Digest,
     frames: Vec<RulesInForce>,
@@ -194,7 +194,10 @@ pub fn observe_under(
     let history = History::read(views, to_record)?;
     let mut coverage = Coverage { from_record, to_record, ..Coverage::default() };
     let LiveTelemetry { tasks, intact } = live_tasks(&history, telemetry, &mut coverage)?;
-    let there = telemetry.map(TelemetryViews::numbers).transpose()?.unwrap_or_default();
+    let there = match telemetry {
+        Some(telemetry) => telemetry.numbers()?,
+        None => BTreeSet::new(),
+    };
     let in_span = |seq: u64| seq >= from_record;
     let removed = history.sealed.iter().filter(|(batch, seal)| in_span(seal.seq) && !there.contains(batch));
     coverage.removed_batches = removed.count() as u64;
@@ -260,14 +263,14 @@ struct LiveTelemetry {
 
 fn live_tasks(
     history: &History,
-    telemetry: Option<&TelemetryViews>,
+    telemetry: Option<&dyn TelemetryReader>,
     coverage: &mut Coverage,
 ) -> Result<LiveTelemetry, StoreError> {
     let mut left = LiveTelemetry::default();
     let (Some(telemetry), Some((last, _))) = (telemetry, history.sealed.last_key_value()) else {
         return Ok(left);
     };
-    telemetry.each_batch(*last, |StoredBatch { number, digest, batch }| {
+    telemetry.each_batch(*last, &mut |StoredBatch { number, digest, batch }| {
         // Unsealed telemetry is not on record.
         let Some(BatchSeal { seq, digest: sealed }) = history.sealed.get(&number) else { return };
         let in_span = u64::from(*seq >= coverage.from_record);

@@ -25,14 +25,13 @@ use holdpoint_governance::version_status::RecordedChanges;
 use holdpoint_protocol::explanation::{Explanation, PeopleRuling, Ruling};
 use holdpoint_record::recorded_decision;
 use holdpoint_record::version_concern::VersionConcern;
-use holdpoint_registry::store_terms::EvidenceKind;
-use holdpoint_registry::{AuditFilter, EvidenceEntry, StoreError, VersionDetail, Views};
+use holdpoint_store::{AuditFilter, EvidenceEntry, EvidenceKind, RecordViews, StoreError, VersionDetail};
 
 /// Explains every decision about a version; `None` if it is not in the store.
 ///
 /// # Errors
 /// If the store cannot be read.
-pub fn explain(views: &Views, id: &CapabilityId) -> Result<Option<Explanation>, StoreError> {
+pub fn explain(views: &dyn RecordViews, id: &CapabilityId) -> Result<Option<Explanation>, StoreError> {
     let Some(detail) = views.version(id)? else { return Ok(None) };
     let decisions = decisions(views, id, &detail)?.into_iter().map(ExplainedDecision::view).collect();
     let summary = detail.summary;
@@ -44,7 +43,7 @@ pub fn explain(views: &Views, id: &CapabilityId) -> Result<Option<Explanation>, 
 /// # Errors
 /// If the store cannot be read.
 pub fn decisions(
-    views: &Views,
+    views: &dyn RecordViews,
     id: &CapabilityId,
     detail: &VersionDetail,
 ) -> Result<Vec<ExplainedDecision>, StoreError> {

@@ -7,8 +7,9 @@ use holdpoint_engine::Engine;
 use holdpoint_governance::approval::{ApprovalDecision, Role};
 use holdpoint_protocol::command::{Command, Reply, Request};
 use holdpoint_protocol::snapshot::ApprovalRequestView;
-use holdpoint_registry::{StoreError, Views};
+use holdpoint_registry::Views;
 use holdpoint_service::pump::Pump;
+use holdpoint_store::StoreError;
 use holdpoint_text::{ErrorDetails, ErrorReason, Hint};
 
 /// Why no approver could answer.

@@ -126,9 +126,9 @@ impl ServiceStream<'_> {
 mod tests {
     use super::*;
     use holdpoint_engine::StartError;
-    use holdpoint_registry::StoreError;
     use holdpoint_service::bootstrap::BootstrapError;
     use holdpoint_service::control_socket::ControlSocketError;
+    use holdpoint_store::StoreError;
     use holdpoint_text::ErrorReason;
 
     /// systemd starts the service again: a person is needed for exit code 2 alone.

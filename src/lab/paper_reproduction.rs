@@ -28,8 +28,8 @@ pub mod sections;
 use std::time::Instant;
 
 use holdpoint_governance::profile::{Profile, ProfileName};
-use holdpoint_registry::ResultCache;
 use holdpoint_sim::SimCells;
+use holdpoint_store::ResultCache;
 use holdpoint_text::Hint;
 use holdpoint_trials::cell::Cell;
 

@@ -14,7 +14,7 @@ pub mod series;
 mod series_tweaks;
 
 use holdpoint_governance::ids::Digest;
-use holdpoint_registry::{CacheLookup, ResultCache};
+use holdpoint_store::{CacheLookup, ResultCache};
 use holdpoint_text::{ErrorDetails, ErrorReason, Hint};
 use std::borrow::Cow;
 use std::path::Path;
@@ -46,7 +46,7 @@ pub enum ExperimentError {
     Fault(#[from] holdpoint_engine::fault::EngineFault),
     /// The cache or its key file cannot be used.
     #[error(transparent)]
-    Cache(#[from] holdpoint_registry::StoreError),
+    Cache(#[from] holdpoint_store::StoreError),
     /// A statistic could not be computed.
     #[error(transparent)]
     Stats(#[from] holdpoint_governance::stats::StatsError),

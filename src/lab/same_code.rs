@@ -123,7 +123,7 @@ mod tests {
     use holdpoint_trials::seeds::{CALIBRATION_FROM_RUN, SeedPurpose, episode_seed};
 
     use crate::pipeline_experiments::candidate_run::{CandidateSetting, run_candidate};
-    use holdpoint_registry::{CacheSecret, ResultCache};
+    use holdpoint_store::{CacheSecret, ResultCache};
 
     use super::*;
 

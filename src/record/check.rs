@@ -23,8 +23,8 @@ use holdpoint_governance::recovery::{self, FallbackMatch, StaticInput};
 use holdpoint_governance::risk::RiskClass;
 use holdpoint_governance::site_profile::{ChosenProfile, SiteProfileError};
 use holdpoint_protocol::detail::VersionDiff;
-use holdpoint_registry::Views;
 use holdpoint_runtime::capability::{Capability, PackageError};
+use holdpoint_store::RecordViews;
 
 use crate::difference::version_differences;
 use crate::evidence_file::StaticAssessment;
@@ -382,7 +382,7 @@ impl RegisteredVersions {
     ///
     /// # Errors
     /// [`CheckError::VersionTable`].
-    pub fn of(views: &Views) -> Result<Self, CheckError> {
+    pub fn of(views: &dyn RecordViews) -> Result<Self, CheckError> {
         let (mut actives, mut registered, mut known) = (Vec::new(), Vec::new(), Vec::new());
         // The next start registers a built-in family that the store does not have.
         let mut families: Vec<Family> = baselines()?.iter().map(|baseline| baseline.id().family).collect();

@@ -11,7 +11,7 @@ use std::path::PathBuf;
 
 use crate::wall_clock::wall_now;
 use holdpoint_governance::wall_time::WallTime;
-use holdpoint_registry::{Layout, StoreError, Views};
+use holdpoint_store::{Layout, RecordViews, StoreError};
 use holdpoint_text::file::{NO_LINK, read_text, regular};
 
 /// Interval between writes, ms of the clock: the most that a sudden end loses.
@@ -38,7 +38,7 @@ fn path(layout: &Layout) -> PathBuf {
 ///
 /// # Errors
 /// If the store cannot be read.
-pub fn resumed_ms(layout: &Layout, views: &Views) -> Result<u64, StoreError> {
+pub fn resumed_ms(layout: &Layout, views: &dyn RecordViews) -> Result<u64, StoreError> {
     let head = views.head()?;
     let written_ms = views.stamp(head.seq)?.and_then(|stamp| stamp.wall_ms);
     Ok(resumed(head.at_ms, read_stored(layout), written_ms, wall_now().map(WallTime::ms)))

@@ -15,8 +15,7 @@ use holdpoint_governance::explanation::Consequence;
 use holdpoint_governance::ids::{CapabilityId, Digest};
 use holdpoint_governance::outcome::{Assessment, BehaviorOutcome, RecoveryOutcome};
 use holdpoint_governance::recovery::RecoveryAssessment;
-use holdpoint_registry::Change;
-use holdpoint_registry::store_terms::EvidenceKind;
+use holdpoint_store::{Change, EvidenceKind};
 use serde::{Deserialize, Serialize};
 
 /// The evidence on a concern: the raw values and the assessments.

@@ -28,11 +28,12 @@ use holdpoint_governance::profile_downgrade::AdmissionContext;
 use holdpoint_governance::submission::Package;
 use holdpoint_governance::tries::TryLedger;
 use holdpoint_governance::version_status::RecordedChanges;
-use holdpoint_registry::{
-    ActiveCause, AuditBody, Change, NewVersion, Store, StoreError, Transaction, VersionHistory, command_id,
-};
 use holdpoint_runtime::agent::ActiveView;
 use holdpoint_runtime::capability::{Capability, PackageError};
+use holdpoint_store::{
+    ActiveCause, AuditBody, Change, NewVersion, OpenStore, Receipt, StoreError, Transaction, VersionHistory,
+    command_id,
+};
 use holdpoint_text::{ErrorDetails, ErrorReason, Hint};
 use serde::{Deserialize, Serialize};
 
@@ -211,7 +212,7 @@ struct StoredPackage {
 
 /// Families by name, and the store they are written to.
 pub struct VersionTable {
-    store: Store,
+    store: Box<dyn OpenStore>,
     families: BTreeMap<Family, FamilyEntry>,
     /// The versions that people made anchors.
     anchors: BTreeMap<Family, CapabilityId>,
@@ -237,7 +238,7 @@ impl VersionTable {
     ///
     /// # Errors
     /// If a version does not load or its digest differs.
-    pub fn open(store: Store, wall: WallClock) -> Result<Self, VersionTableError> {
+    pub fn open(store: Box<dyn OpenStore>, wall: WallClock) -> Result<Self, VersionTableError> {
         let mut families = BTreeMap::new();
         let views = store.views()?;
         for status in views.families()? {
@@ -246,12 +247,12 @@ impl VersionTable {
             let state: FamilyState = serde_json::from_str(&json).map_err(|source| {
                 VersionTableError::Record { what: "standing", of: status.name.clone(), source }
             })?;
-            let members = load_members(&views, &family)?;
+            let members = load_members(&*views, &family)?;
             families.insert(family, FamilyEntry { state, members });
         }
-        let (anchors, tries) = (chosen_anchors(&views)?, tries::recorded_tries(&views)?);
+        let (anchors, tries) = (chosen_anchors(&*views)?, tries::recorded_tries(&*views)?);
         let ids = families.values().flat_map(|entry: &FamilyEntry| &entry.members);
-        let recorded = recorded::of_all(&views, ids.map(|member| member.capability.id()))?;
+        let recorded = recorded::of_all(&*views, ids.map(|member| member.capability.id()))?;
         drop(views);
         let admission = AdmissionContext::LEAST;
         Ok(Self { store, families, anchors, tries, recorded, wall, robot: None, admission })
@@ -294,8 +295,8 @@ impl VersionTable {
     }
 
     #[must_use]
-    pub const fn store(&self) -> &Store {
-        &self.store
+    pub fn store(&self) -> &dyn OpenStore {
+        self.store.as_ref()
     }
 
     pub fn families(&self) -> impl Iterator<Item = (&Family, &FamilyEntry)> {
@@ -327,7 +328,7 @@ impl VersionTable {
     /// If it is missing, does not load, or its digest differs.
     pub fn reload(&self, id: &CapabilityId) -> Result<Capability, VersionTableError> {
         let registered = self.version(id)?.2.capability.digest();
-        let member = load_member(&self.store.views()?, id)?
+        let member = load_member(&*self.store.views()?, id)?
             .ok_or_else(|| VersionTableError::UnknownVersion(id.clone()))?;
         let found = member.capability.digest();
         if found == registered {
@@ -531,7 +532,7 @@ impl VersionTable {
         changes: Vec<Change>,
         audit: Vec<AuditBody>,
         at_ms: u64,
-    ) -> Result<holdpoint_registry::Receipt, StoreError> {
+    ) -> Result<Receipt, StoreError> {
         let command_id = command_id("engine")?;
         let wall_ms = self.wall.stamp(at_ms);
         let changes_status = recorded::changes_status(&changes, &audit);

@@ -6,7 +6,7 @@
 
 /// Marks a named place; nothing unless the `failpoints` feature is on.
 ///
-/// Only usable where `?` may return a [`StoreError`](crate::StoreError).
+/// Only usable where `?` may return a [`StoreError`](holdpoint_store::StoreError).
 #[macro_export]
 macro_rules! fp {
     ($name:literal) => {
@@ -32,9 +32,9 @@ pub const ENABLED: bool = cfg!(feature = "failpoints");
 /// Visits one place.
 ///
 /// # Errors
-/// [`StoreError::Failpoint`](super::StoreError::Failpoint) if the environment asks for an error here.
+/// [`StoreError::Failpoint`](holdpoint_store::StoreError::Failpoint) if the environment asks for an error here.
 #[cfg(feature = "failpoints")]
-pub fn hit(name: &'static str) -> Result<(), super::StoreError> {
+pub fn hit(name: &'static str) -> Result<(), holdpoint_store::StoreError> {
     use std::collections::BTreeMap;
     use std::sync::Mutex;
 
@@ -59,6 +59,6 @@ pub fn hit(name: &'static str) -> Result<(), super::StoreError> {
             let _ = rustix::process::kill_process(rustix::process::getpid(), rustix::process::Signal::KILL);
             Ok(())
         }
-        _ => Err(super::StoreError::Failpoint(name)),
+        _ => Err(holdpoint_store::StoreError::Failpoint(name)),
     }
 }

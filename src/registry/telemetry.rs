@@ -1,8 +1,9 @@
 //! The telemetry file, the second database of a store.
 //!
-//! Owns batches, quarantine of a foreign file, and cached results. Must not write to the chain: a transaction seals batches.
+//! Owns batches, quarantine of a foreign file, and the rows of cached results. Must not write to the chain: a transaction seals batches.
 
-pub(crate) mod result_cache;
+pub(crate) mod cached_rows;
 pub(crate) mod telemetry_file;
 pub(crate) mod telemetry_quarantine;
+mod telemetry_reader;
 pub(crate) mod telemetry_views;

@@ -1,9 +1,8 @@
 //! The terms that all rooms share.
 //!
-//! Owns the errors of the store, the changes of a transaction as plain data, the closed sets, and the limit of a row. Must not
-//! read a file or a database.
+//! Owns the kinds of records that only the store writes, the limit of a row, and SQLite's errors as those of the store. Must
+//! not read a file or a database. Changes, errors and entries are the crate `store`'s.
 
-pub(crate) mod change;
-pub(crate) mod error;
+pub(crate) mod own_records;
 pub(crate) mod row_limit;
-pub mod store_terms;
+pub(crate) mod sqlite_error;

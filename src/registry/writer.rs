@@ -4,6 +4,7 @@
 //! commit by themselves: first administrator, witnesses, an authorized profile. Must not repair a store.
 
 pub(crate) mod administrator;
+mod open_store;
 pub(crate) mod profile_authorization;
 pub(crate) mod store;
 pub(crate) mod unverified_store;

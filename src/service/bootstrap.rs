@@ -18,7 +18,8 @@ use holdpoint_governance::metrics::store_metrics::ObservedCounts;
 use holdpoint_governance::wall_time::WallTime;
 use holdpoint_protocol::command::{Caller, Command, Refusal, Reply, Request};
 use holdpoint_protocol::snapshot::{FamilyView, LiveView, Snapshot, StartupProgressView, StoppedView};
-use holdpoint_registry::{Layout, StopMarks, Store, StoreError, UnverifiedStore, VersionFilter, Views};
+use holdpoint_registry::{Store, UnverifiedStore};
+use holdpoint_store::{Layout, RecordViews, StopMarks, StoreError, VersionFilter};
 
 use holdpoint_text::{ErrorDetails, ErrorReason, Hint};
 
@@ -234,8 +235,9 @@ impl<'a> EngineBootstrap<'a> {
     pub fn enter(self) -> Result<(Engine, ControlSocket), StartError> {
         let Self { config, rules, controls, socket, reading, store, .. } = self;
         let store = store.or_else(|| reading.recv().ok()).unwrap_or(Err(StoreError::Unknown));
-        let engine =
-            store.map_err(StartError::from).and_then(|store| Engine::on(config, rules, store, controls));
+        let engine = store
+            .map_err(StartError::from)
+            .and_then(|store| Engine::on(config, rules, Box::new(store), controls));
         match engine {
             Ok(engine) => Ok((engine, socket)),
             Err(error) => {
@@ -377,7 +379,7 @@ struct PreviewRows {
 
 impl PreviewRows {
     /// Ignores rows that cannot be read; verification of the record reports the cause.
-    fn of(views: &Views) -> Self {
+    fn of(views: &dyn RecordViews) -> Self {
         let Ok(head) = views.head() else { return Self::default() };
         let active = VersionFilter { state: Some(State::Active), ..VersionFilter::default() };
         let (active, _) = views.versions(&active).unwrap_or_default();

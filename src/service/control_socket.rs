@@ -52,7 +52,7 @@ use holdpoint_protocol::command::{Caller, Command, Reply, Request};
 use holdpoint_protocol::event::Event;
 use holdpoint_protocol::sink::ServeScene;
 use holdpoint_protocol::wire;
-use holdpoint_registry::Layout;
+use holdpoint_store::Layout;
 use holdpoint_text::users::described_user;
 use holdpoint_text::{ErrorDetails, ErrorReason, Hint, shell_word};
 

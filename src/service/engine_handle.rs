@@ -44,7 +44,7 @@ use holdpoint_protocol::console_presence::ConsolePresence;
 use holdpoint_protocol::sink::ServeScene;
 use holdpoint_protocol::snapshot::Snapshot;
 use holdpoint_protocol::video_frame::VideoFrame;
-use holdpoint_registry::Layout;
+use holdpoint_store::Layout;
 use holdpoint_trials::cache::EpisodeCache;
 use holdpoint_trials::cell::Cell;
 

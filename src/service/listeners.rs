@@ -124,7 +124,7 @@ const fn refused_in_sandbox((at, event): (usize, &Event)) -> Option<(usize, &Cap
 
 fn setup(engine: &Engine) -> Result<SinkSetup, String> {
     let views = engine.views().map_err(|error| error.sentence())?;
-    let on_record = recordings::on_record(&views).map_err(|error| error.sentence())?;
+    let on_record = recordings::on_record(&*views).map_err(|error| error.sentence())?;
     Ok(SinkSetup {
         recordings: engine.layout().recordings(),
         closed: on_record.0.into_keys().collect(),
@@ -138,7 +138,7 @@ fn record_reports(engine: &mut Engine, reports: Vec<SinkReport>) {
             SinkReport::Closed(closed) => {
                 let views = engine.views();
                 let found = views.map_err(|error| error.sentence()).and_then(|views| {
-                    recordings::contradiction(&views, &closed).map_err(|error| error.sentence())
+                    recordings::contradiction(&*views, &closed).map_err(|error| error.sentence())
                 });
                 match found {
                     Ok(None) => {}

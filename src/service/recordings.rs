@@ -5,7 +5,7 @@ use holdpoint_governance::record::{AuditRecord, RecordKind, UpgradeEnd};
 use holdpoint_protocol::sink::ClosedRecording;
 use holdpoint_recordings::audit_record::{FileRecord, KIND, REMOVED_KIND, RecordError, RecordedFiles};
 use holdpoint_recordings::recording_folder::RecordingName;
-use holdpoint_registry::{AuditFilter, PAGE_ROWS_MAX, StoreError, Views};
+use holdpoint_store::{AuditFilter, PAGE_ROWS_MAX, RecordViews, StoreError};
 use holdpoint_text::{ErrorDetails, Hint};
 use serde::Deserialize;
 use std::borrow::Cow;
@@ -41,7 +41,7 @@ impl Hint for RecordListError {
 ///
 /// # Errors
 /// [`RecordListError`].
-pub fn on_record(views: &Views) -> Result<RecordedFiles, RecordListError> {
+pub fn on_record(views: &dyn RecordViews) -> Result<RecordedFiles, RecordListError> {
     let mut records = of_kind(views, KIND)?;
     records.extend(of_kind(views, REMOVED_KIND)?);
     records.sort_by_key(|record| record.seq);
@@ -53,7 +53,7 @@ pub fn on_record(views: &Views) -> Result<RecordedFiles, RecordListError> {
 }
 
 /// Every record of a kind, oldest first.
-fn of_kind(views: &Views, kind: RecordKind) -> Result<Vec<AuditRecord>, StoreError> {
+fn of_kind(views: &dyn RecordViews, kind: RecordKind) -> Result<Vec<AuditRecord>, StoreError> {
     let mut all = Vec::new();
     let mut from_seq = 0;
     loop {
@@ -77,7 +77,10 @@ fn of_kind(views: &Views, kind: RecordKind) -> Result<Vec<AuditRecord>, StoreErr
 ///
 /// # Errors
 /// [`RecordListError`].
-pub fn contradiction(views: &Views, closed: &ClosedRecording) -> Result<Option<String>, RecordListError> {
+pub fn contradiction(
+    views: &dyn RecordViews,
+    closed: &ClosedRecording,
+) -> Result<Option<String>, RecordListError> {
     let ClosedRecording { version, outcome, file, .. } = closed;
     let Some(name) = RecordingName::parse(file).filter(|name| name.version == *version) else {
         return Ok(Some(format!("its name is not that of a recording of {version}")));

@@ -1,6 +1,6 @@
 //! The cache of episodes and drills of active versions: by default in the store, or in a folder that several runs share.
 
-use holdpoint_registry::{ResultCache, Store};
+use holdpoint_store::{OpenStore, ResultCache};
 
 /// The location of cached episodes and drills.
 #[derive(Clone, Debug, Default)]
@@ -15,7 +15,7 @@ pub enum EpisodeCache {
 impl EpisodeCache {
     /// The cached results.
     #[must_use]
-    pub const fn result_cache<'a>(&'a self, store: &'a Store) -> &'a ResultCache {
+    pub fn result_cache<'a>(&'a self, store: &'a dyn OpenStore) -> &'a ResultCache {
         match self {
             Self::InStore => store.result_cache(),
             Self::Shared(cache) => cache,

@@ -3,7 +3,7 @@
 use std::borrow::Cow;
 
 use holdpoint_cell::CellError;
-use holdpoint_registry::StoreError;
+use holdpoint_store::StoreError;
 use holdpoint_text::{ErrorDetails, ErrorReason, Hint};
 
 /// Why a trial gave no result. None of them is the version's.

@@ -37,7 +37,7 @@ pub mod worker_pool;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use holdpoint_registry::{ResultCache, Store};
+use holdpoint_store::{OpenStore, ResultCache};
 
 use self::cache::EpisodeCache;
 use self::job_outcome::JobOutcome;
@@ -111,13 +111,13 @@ impl Trials {
 
     /// The cached results of active versions.
     #[must_use]
-    pub const fn result_cache<'a>(&'a self, store: &'a Store) -> &'a ResultCache {
+    pub fn result_cache<'a>(&'a self, store: &'a dyn OpenStore) -> &'a ResultCache {
         self.cache.result_cache(store)
     }
 
     /// The inputs of an evaluation with these seeds.
     #[must_use]
-    pub fn lab<'a>(&'a self, cell: &'a Cell, store: &'a Store, seeds: SeedSource) -> TrialLab<'a> {
+    pub fn lab<'a>(&'a self, cell: &'a Cell, store: &'a dyn OpenStore, seeds: SeedSource) -> TrialLab<'a> {
         TrialLab {
             seeds,
             worker_pool: &self.worker_pool,

@@ -12,8 +12,8 @@ use crate::fault::TrialFault;
 use holdpoint_governance::evidence::SandboxMode;
 use holdpoint_governance::ids::{CapabilityId, Digest};
 use holdpoint_governance::lifecycle::Stage;
-use holdpoint_registry::{Batch, Store};
 use holdpoint_runtime::task::TaskRecord;
+use holdpoint_store::{Batch, OpenStore};
 
 /// The runs of one slice of an evaluation.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -75,7 +75,7 @@ impl TraceBatch {
 /// # Errors
 /// If the store does not take them.
 pub fn keep_trace(
-    store: &Store,
+    store: &dyn OpenStore,
     cell: &Cell,
     id: &CapabilityId,
     mode: SandboxMode,

@@ -28,10 +28,10 @@ use holdpoint_governance::cached_result::CachedWorkKind;
 use holdpoint_governance::evidence::DrillKind;
 use holdpoint_governance::ids::Digest;
 use holdpoint_governance::phase::WorkPhase;
-use holdpoint_registry::{CacheLookup, EpisodeKey, ResultCache};
 use holdpoint_runtime::capability::Capability;
 use holdpoint_runtime::task::TaskRecord;
 use holdpoint_runtime::terms::SkillTerms;
+use holdpoint_store::{CacheLookup, EpisodeKey, ResultCache};
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct DrillSpot {

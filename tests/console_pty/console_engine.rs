@@ -4,7 +4,7 @@
 use std::fs;
 use std::time::{Duration, Instant};
 
-use holdpoint::registry::{Layout, lock_owner};
+use holdpoint::store::{Layout, lock_owner};
 use rustix::process::{Pid, Signal, kill_process};
 
 use crate::pty::{Console, Home, PATIENCE};

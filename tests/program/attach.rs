@@ -7,12 +7,12 @@ use holdpoint::protocol::command::{Command, Reply, Request};
 use holdpoint::protocol::console_presence::ConsolePresence;
 use holdpoint::protocol::event::EventKind;
 use holdpoint::protocol::snapshot::Snapshot;
-use holdpoint::registry::Layout;
 use holdpoint::runtime::capability;
 use holdpoint::service::control_socket::{
     Client, ConsoleConnection, ConsoleMessage, ControlSocketError, LET_GO_AFTER,
 };
 use holdpoint::service::engine_handle::{EngineHandle, EngineUpdate};
+use holdpoint::store::Layout;
 
 use crate::host::Front;
 use crate::socket::{PATIENCE, RawConnection, client};

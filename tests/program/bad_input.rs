@@ -4,7 +4,8 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
-use holdpoint::registry::{Layout, Store, Views};
+use holdpoint::registry::{Store, Views};
+use holdpoint::store::Layout;
 use serde_json::Value;
 
 use crate::reported_error::{assert_error, is_about};

@@ -7,7 +7,8 @@ use holdpoint::cli::{
     Cli, CliContext, CliError, CommandOutput, EngineVerbs, Exit, bench, candidate, decide, demo, dispatch,
     run, serve, status,
 };
-use holdpoint::registry::{Batch, Store};
+use holdpoint::registry::Store;
+use holdpoint::store::Batch;
 use serde_json::Value;
 
 use crate::store::{bootstrap, commit, shadowing, transaction};

@@ -10,7 +10,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
 
 use holdpoint::cli::Cli;
-use holdpoint::registry::Layout;
+use holdpoint::store::Layout;
 use rusqlite::Connection;
 use serde_json::Value;
 

@@ -8,8 +8,8 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use holdpoint::protocol::command::{Command, Reply};
-use holdpoint::registry::Layout;
 use holdpoint::service::control_socket::{Client, StopCall, StopOutcome, socket_path};
+use holdpoint::store::Layout;
 
 use crate::host::{Front, PATIENCE};
 

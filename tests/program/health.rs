@@ -6,8 +6,8 @@ use std::process::{Child, Command, Output, Stdio};
 use std::time::{Duration, Instant};
 
 use holdpoint::protocol::command::{Command as Ask, Reply};
-use holdpoint::registry::Layout;
 use holdpoint::service::control_socket::Client;
+use holdpoint::store::Layout;
 use rusqlite::Connection;
 use serde_json::Value;
 

@@ -23,10 +23,11 @@ use std::time::{Duration, Instant};
 use holdpoint::governance::record::RecordKind;
 use holdpoint::protocol::command::{Command, Reply};
 use holdpoint::protocol::wire::PROTOCOL;
-use holdpoint::registry::{AuditFilter, Layout, LockHolder, Views, lock_holder, verify};
+use holdpoint::registry::{Views, verify};
 use holdpoint::service::control_socket::{
     AnswerOrigin, Client, StopCall, StopOutcome, UnverifiedOrigin, socket_path,
 };
+use holdpoint::store::{AuditFilter, Layout, LockHolder, lock_holder};
 use serde_json::{Value, json};
 
 use crate::host::PATIENCE;

@@ -13,10 +13,11 @@ use holdpoint::governance::record::RecordKind;
 use holdpoint::protocol::account_role::AccountRole;
 use holdpoint::protocol::command::{Command, Refusal, Reply};
 use holdpoint::protocol::console_presence::ConsolePresence;
-use holdpoint::registry::{AuditFilter, Layout, Views};
+use holdpoint::registry::Views;
 use holdpoint::service::control_socket::{
     ACCOUNT_CONNECTIONS_MAX, ACCOUNT_RECEIVERS_MAX, Client, socket_path,
 };
+use holdpoint::store::{AuditFilter, Layout};
 use serde_json::json;
 
 use crate::reported_error::assert_error;

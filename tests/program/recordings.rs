@@ -10,8 +10,9 @@ use holdpoint::governance::record::UpgradeEnd;
 use holdpoint::protocol::event::{Event, EventKind};
 use holdpoint::recordings::recording::Recording;
 use holdpoint::recordings::recording_folder;
-use holdpoint::registry::{Layout, Views};
+use holdpoint::registry::Views;
 use holdpoint::scene::{self, SceneConfig, SceneSink};
+use holdpoint::store::Layout;
 
 /// A generous time limit.
 const PATIENCE: Duration = Duration::from_mins(5);

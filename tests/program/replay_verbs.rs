@@ -8,8 +8,9 @@ use holdpoint::protocol::clock::tick_of;
 use holdpoint::protocol::event::Event;
 use holdpoint::protocol::sink::{ClosedRecording, SinkReport};
 use holdpoint::recordings::audit_record::{KIND, RecordingClosure};
-use holdpoint::registry::{AuditBody, Store, Transaction};
+use holdpoint::registry::Store;
 use holdpoint::scene::{SceneConfig, SceneSink, read};
+use holdpoint::store::{AuditBody, Transaction};
 
 use crate::reported_error::{assert_error, is_about};
 use crate::{shift, upgrade};

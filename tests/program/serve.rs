@@ -6,8 +6,8 @@ use std::path::Path;
 use std::process::{Child, Command, Output, Stdio};
 use std::time::{Duration, Instant};
 
-use holdpoint::registry::Layout;
 use holdpoint::service::control_socket::socket_path;
+use holdpoint::store::Layout;
 use rustix::process::{Pid, Signal, kill_process};
 use serde_json::Value;
 

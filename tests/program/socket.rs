@@ -18,13 +18,13 @@ use holdpoint::governance::submission::Package;
 use holdpoint::protocol::command::{Command, Operation, Refusal, Reply};
 use holdpoint::protocol::event::{Event, EventKind};
 use holdpoint::protocol::wire::{CALL_BYTES_MAX, ServerMessage};
-use holdpoint::registry::Layout;
 use holdpoint::runtime::capability;
 use holdpoint::service::control_socket::{
     ASKING_MAX, Client, ControlSocket, ControlSocketError, EVENTS_KEPT, IDLE_MAX, Notification,
     OBSERVERS_MAX, SignalHandling, socket_path,
 };
 use holdpoint::service::pump::Pump;
+use holdpoint::store::Layout;
 use holdpoint::trials::cache::EpisodeCache;
 use holdpoint::trials::cell::Cell;
 use holdpoint_sim::SimCells;

@@ -9,8 +9,9 @@ use std::time::{Duration, Instant};
 use holdpoint::engine::decide::halt::recall;
 use holdpoint::governance::record::RecordKind;
 use holdpoint::protocol::command::{Command, Reply, StopPersistence};
-use holdpoint::registry::{AuditFilter, Layout, Views};
+use holdpoint::registry::Views;
 use holdpoint::service::control_socket::{Client, socket_path};
+use holdpoint::store::{AuditFilter, Layout};
 
 use crate::socket::{PATIENCE, client, engine};
 

@@ -11,9 +11,10 @@ use holdpoint::body::RATE_HZ;
 use holdpoint::governance::record::RecordKind;
 use holdpoint::protocol::command::{Caller, Command, Refusal, Reply, StopPersistence};
 use holdpoint::protocol::event::EventKind;
-use holdpoint::registry::{AuditFilter, Layout, Views};
+use holdpoint::registry::Views;
 use holdpoint::runtime::capability;
 use holdpoint::service::control_socket::{Client, IDLE_MAX, OBSERVERS_MAX, socket_path};
+use holdpoint::store::{AuditFilter, Layout};
 
 use crate::host::{Front, PATIENCE, operation, refusal};
 use crate::reported_error::assert_error;

@@ -9,8 +9,9 @@ use std::time::{Duration, Instant};
 
 use holdpoint::protocol::command::{Command, Reply};
 use holdpoint::protocol::wire::CALL_BYTES_MAX;
-use holdpoint::registry::{Layout, verify};
+use holdpoint::registry::verify;
 use holdpoint::service::control_socket::{Client, socket_path};
+use holdpoint::store::Layout;
 
 use crate::host::{Front, PATIENCE};
 use crate::mutate::{Random, mutant};

@@ -8,8 +8,9 @@ use std::process::{Child, Command, Output, Stdio};
 use std::time::{Duration, Instant};
 
 use holdpoint::governance::record::RecordKind;
-use holdpoint::registry::{AuditFilter, Layout, Views, verify};
+use holdpoint::registry::{Views, verify};
 use holdpoint::service::control_socket::socket_path;
+use holdpoint::store::{AuditFilter, Layout};
 use serde_json::Value;
 
 /// A generous time limit.

@@ -151,11 +151,13 @@ fn the_rooms_of_the_registry_use_each_other_as_documented() {
 }
 
 #[test]
-fn a_history_is_verified_without_a_database() {
-    let text = crates_of("holdpoint-audit", "{p}");
-    let names: BTreeSet<&str> = text.lines().filter_map(|line| line.split_whitespace().next()).collect();
-    assert!(names.contains("holdpoint-approvals"), "{names:?}");
-    assert!(!names.iter().any(|name| name.contains("sqlite")), "{names:?}");
+fn a_history_is_verified_and_a_version_measured_without_a_database() {
+    for program in ["holdpoint-audit", "holdpoint-store", "holdpoint-trials", "holdpoint-record"] {
+        let text = crates_of(program, "{p}");
+        let names: BTreeSet<&str> = text.lines().filter_map(|line| line.split_whitespace().next()).collect();
+        assert!(names.contains("holdpoint-approvals"), "{program}: {names:?}");
+        assert!(!names.iter().any(|name| name.contains("sqlite")), "{program}: {names:?}");
+    }
 }
 
 /// Evidence is bound to the name of the build, so a change of what computes an episode voids it.
@@ -166,7 +168,7 @@ fn the_name_of_the_build_covers_what_computes_an_episode() {
     let (list, _) = list.split_once("];").unwrap();
     let named: BTreeSet<&str> = list.split('"').skip(1).step_by(2).collect();
     // These carry and keep values, and compute none of an episode.
-    let others = ["approvals", "audit", "protocol", "registry", "text"];
+    let others = ["approvals", "audit", "protocol", "store", "text"];
     let text = crates_of("holdpoint-trials", "{p}");
     let mut used: BTreeSet<String> = text
         .lines()

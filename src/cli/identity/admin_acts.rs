@@ -21,8 +21,9 @@ use holdpoint_approvals::{
 use holdpoint_governance::approval::Role;
 use holdpoint_governance::profile::ProfileName;
 use holdpoint_protocol::command::{Command, Reply};
-use holdpoint_registry::{Change, FIRST_ADMINISTRATOR, Layout, Store, StoreError, Transaction, Views};
+use holdpoint_registry::{Store, Views};
 use holdpoint_service::control_socket::Client;
+use holdpoint_store::{Change, FIRST_ADMINISTRATOR, Layout, StoreError, Transaction};
 use holdpoint_text::{ErrorDetails, ErrorReason, Untrusted};
 
 /// The administrator and the reason.

@@ -12,7 +12,8 @@ use holdpoint_approvals::keyfile::{self, KeyError, Protection};
 use holdpoint_approvals::{Identity, IdentityError, IdentityFolder, IdentityInfo, Person, PersonState};
 use holdpoint_governance::approval::Role;
 use holdpoint_governance::closed_set;
-use holdpoint_registry::{Layout, Views};
+use holdpoint_registry::Views;
+use holdpoint_store::Layout;
 use holdpoint_text::Hint;
 
 closed_set! {

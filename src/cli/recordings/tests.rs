@@ -2,7 +2,8 @@
 
 use super::*;
 use holdpoint_recordings::audit_record::{KIND, RecordingClosure};
-use holdpoint_registry::{AuditBody, Store, Transaction};
+use holdpoint_registry::Store;
+use holdpoint_store::{AuditBody, Transaction};
 
 const FILE: &str = "grasp-1.1.0-0123abcd.rrd";
 const SECOND: &str = "grasp-1.1.0-0123abcd.2.rrd";

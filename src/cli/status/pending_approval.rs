@@ -5,7 +5,7 @@ use holdpoint_governance::approval::ApprovalDecision;
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::wall_time::WallTime;
 use holdpoint_protocol::snapshot::{ApprovalRequestView, RequestKind};
-use holdpoint_registry::{ApprovalEntry, ApprovalRequest};
+use holdpoint_store::{ApprovalEntry, ApprovalRequest};
 use holdpoint_text::Untrusted;
 use serde::Serialize;
 
@@ -133,7 +133,7 @@ mod tests {
     use holdpoint_governance::approval::Role;
     use holdpoint_governance::ids::Digest;
     use holdpoint_governance::profile::ProfileName;
-    use holdpoint_registry::store_terms::RequestState;
+    use holdpoint_store::RequestState;
 
     use super::*;
 

@@ -5,7 +5,8 @@
 use holdpoint_governance::record::RecordKind;
 use holdpoint_governance::wall_time::WallTime;
 use holdpoint_protocol::clock::clock_time;
-use holdpoint_registry::{AuditFilter, StoreError, Views};
+use holdpoint_registry::Views;
+use holdpoint_store::{AuditFilter, StoreError};
 use holdpoint_text::Untrusted;
 use serde::{Deserialize, Serialize};
 

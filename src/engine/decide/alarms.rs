@@ -10,7 +10,7 @@ use holdpoint_governance::lifecycle::State;
 use holdpoint_governance::notice::Notice;
 use holdpoint_protocol::command::{Refusal, Reply};
 use holdpoint_protocol::event::EventKind;
-use holdpoint_registry::{AuditBody, Change, StoreError};
+use holdpoint_store::{AuditBody, Change, StoreError};
 
 /// The raised alarms, and when the engine next checks their conditions.
 #[derive(Default)]

@@ -13,7 +13,7 @@ use holdpoint_protocol::command::{Caller, Refusal, Reply};
 use holdpoint_protocol::snapshot::ClockMismatchView;
 use holdpoint_record::REASON_BYTES_MAX;
 use holdpoint_record::clock_mismatch::{ClockMismatchRecord, read};
-use holdpoint_registry::{AuditFilter, StoreError, Views};
+use holdpoint_store::{AuditFilter, RecordViews, StoreError};
 use holdpoint_text::is_visible;
 use holdpoint_wording::command_effect::{EngineEffect, engine_effect};
 use serde::Deserialize;
@@ -40,7 +40,7 @@ struct ClockReadingRecord {
 /// If the store cannot be read.
 pub(crate) fn recall(record: &mut EngineRecorder) -> Result<(), StoreError> {
     let views = record.version_table().store().views()?;
-    let (mismatch, reading) = (recorded_mismatch(&views)?, newest_reading(&views)?);
+    let (mismatch, reading) = (recorded_mismatch(&*views)?, newest_reading(&*views)?);
     drop(views);
     if let Some(reading) = reading {
         record.wall_mut().compare_with_stored(&reading);
@@ -52,7 +52,7 @@ pub(crate) fn recall(record: &mut EngineRecorder) -> Result<(), StoreError> {
 }
 
 /// The newest trusted reading.
-fn newest_reading(views: &Views) -> Result<Option<TrustedClockReading>, StoreError> {
+fn newest_reading(views: &dyn RecordViews) -> Result<Option<TrustedClockReading>, StoreError> {
     let mut newest: (u64, Option<TrustedClockReading>) = (0, None);
     for kind in [RecordKind::EngineBegan, RecordKind::EngineEnded, RecordKind::ClockConfirmed] {
         let filter = AuditFilter { kind: Some(kind), limit: 1, newest_first: true, ..AuditFilter::default() };
@@ -69,7 +69,7 @@ fn newest_reading(views: &Views) -> Result<Option<TrustedClockReading>, StoreErr
 ///
 /// # Errors
 /// If the store cannot be read.
-pub fn recorded_mismatch(views: &Views) -> Result<Option<ClockMismatch>, StoreError> {
+pub fn recorded_mismatch(views: &dyn RecordViews) -> Result<Option<ClockMismatch>, StoreError> {
     let newest = |kind| {
         let filter = AuditFilter { kind: Some(kind), limit: 1, newest_first: true, ..AuditFilter::default() };
         views.audit(&filter).map(|found| found.into_iter().next())

@@ -11,7 +11,7 @@ use holdpoint_governance::evaluation_key::{EvaluationKey, KeyCommitment, KeyReve
 use holdpoint_governance::evidence::EvidenceBinding;
 use holdpoint_governance::ids::{CapabilityId, Digest};
 use holdpoint_governance::record::{AuditRecord, RecordKind};
-use holdpoint_registry::{AuditBody, AuditFilter, StoreError, Views};
+use holdpoint_store::{AuditBody, AuditFilter, RecordViews, StoreError};
 use holdpoint_trials::seeds::{EpisodeSeeds, SeedSource};
 use serde::de::DeserializeOwned;
 
@@ -58,7 +58,7 @@ fn read<T: DeserializeOwned>(record: &AuditRecord) -> Option<T> {
     serde_json::from_str(&record.body).ok()
 }
 
-fn records(views: &Views, kind: RecordKind) -> Result<Vec<AuditRecord>, StoreError> {
+fn records(views: &dyn RecordViews, kind: RecordKind) -> Result<Vec<AuditRecord>, StoreError> {
     let filter =
         AuditFilter { kind: Some(kind), limit: RECORDS_MAX, newest_first: true, ..AuditFilter::default() };
     let mut found = views.audit(&filter)?;
@@ -80,11 +80,11 @@ impl EngineRecorder {
     pub(crate) fn begin_keys(&mut self, seeds: EpisodeSeeds) -> Result<(), StoreError> {
         self.keys = KeyLedger::new(seeds);
         let views = self.version_table().store().views()?;
-        let revealed: Vec<Digest> = records(&views, RecordKind::KeyRevealed)?
+        let revealed: Vec<Digest> = records(&*views, RecordKind::KeyRevealed)?
             .iter()
             .filter_map(|record| Some(read::<KeyReveal>(record)?.commitment))
             .collect();
-        let committed = records(&views, RecordKind::KeyCommitted)?;
+        let committed = records(&*views, RecordKind::KeyCommitted)?;
         let committed = committed.iter().filter_map(read::<KeyCommitment>);
         let open = committed.filter(|one| !revealed.contains(&one.commitment));
         self.keys.open = open.map(|committed| OpenKey { committed, is_inherited: true }).collect();

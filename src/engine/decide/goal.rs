@@ -3,8 +3,8 @@
 use holdpoint_governance::record::RecordKind;
 use holdpoint_protocol::command::{Refusal, Reply};
 use holdpoint_protocol::event::EventKind;
-use holdpoint_registry::{AuditFilter, StoreError, Views};
 use holdpoint_runtime::agent::Goal;
+use holdpoint_store::{AuditFilter, RecordViews, StoreError};
 use holdpoint_text::{Untrusted, is_visible};
 use holdpoint_wording::command_effect::{EngineEffect, engine_effect};
 use serde::{Deserialize, Serialize};
@@ -57,7 +57,7 @@ pub(crate) fn set(
 ///
 /// # Errors
 /// If the store cannot be read.
-pub(crate) fn recall(views: &Views) -> Result<Option<Goal>, StoreError> {
+pub(crate) fn recall(views: &dyn RecordViews) -> Result<Option<Goal>, StoreError> {
     let newest = AuditFilter {
         kind: Some(RecordKind::GoalSet),
         limit: 1,

@@ -14,7 +14,7 @@ use holdpoint_governance::startup_stop::{
 use holdpoint_protocol::command::{Caller, Refusal, Reply, StopPersistence};
 use holdpoint_protocol::event::EventKind;
 use holdpoint_protocol::snapshot::{RepeatedStop, StoppedView};
-use holdpoint_registry::{AuditFilter, Layout, StopMarks, StoreError, Views};
+use holdpoint_store::{AuditFilter, Layout, RecordViews, StopMarks, StoreError};
 use holdpoint_text::{Hint, is_visible, signing_options};
 pub use holdpoint_wording::command_effect::StopFollowUp;
 use holdpoint_wording::command_effect::{EngineEffect, early_stop_effect, engine_effect, stop_effect};
@@ -114,7 +114,7 @@ pub(crate) fn restore_stop(record: &mut EngineRecorder, world: &mut LiveWorld) -
     let marks = layout.stop_marks();
     let (stopped, last) = {
         let views = store.views()?;
-        (on_record(&views)?, last_engine(&views)?)
+        (on_record(&*views)?, last_engine(&*views)?)
     };
     let is_known = |stop: &StopRecord| stopped.as_ref().is_some_and(|stopped| stop.is_among(stopped));
     let request = stop_mark::look(&layout).map(|found| found.request);
@@ -162,7 +162,7 @@ pub(crate) fn restore_stop(record: &mut EngineRecorder, world: &mut LiveWorld) -
     Ok(())
 }
 
-fn last_engine(views: &Views) -> Result<LastEngineRun, StoreError> {
+fn last_engine(views: &dyn RecordViews) -> Result<LastEngineRun, StoreError> {
     let newest = |kind| -> Result<u64, StoreError> {
         let one = AuditFilter { kind: Some(kind), limit: 1, newest_first: true, ..AuditFilter::default() };
         Ok(views.audit(&one)?.first().map_or(0, |record| record.seq))
@@ -363,7 +363,7 @@ const RECALLED_MAX: usize = 256;
 ///
 /// # Errors
 /// If the store cannot be read.
-pub fn recall(views: &Views) -> Result<Option<StoppedView>, StoreError> {
+pub fn recall(views: &dyn RecordViews) -> Result<Option<StoppedView>, StoreError> {
     if let Some(stopped) = on_record(views)? {
         return Ok(Some(stopped));
     }
@@ -377,7 +377,7 @@ pub fn recall(views: &Views) -> Result<Option<StoppedView>, StoreError> {
 }
 
 /// A stop in the chain without an end.
-fn on_record(views: &Views) -> Result<Option<StoppedView>, StoreError> {
+fn on_record(views: &dyn RecordViews) -> Result<Option<StoppedView>, StoreError> {
     let newest = AuditFilter {
         kind: Some(RecordKind::CellReleased),
         limit: 1,

@@ -16,7 +16,7 @@ use holdpoint_governance::record::RecordKind;
 use holdpoint_governance::sensor_health::{SensorBaseline, SensorFinding, SensorMonitor, SensorReadings};
 use holdpoint_governance::stats::StatsError;
 use holdpoint_protocol::event::EventKind;
-use holdpoint_registry::AuditFilter;
+use holdpoint_store::AuditFilter;
 use serde::{Deserialize, Serialize};
 
 use self::domain_watch::DomainWatch;

@@ -32,8 +32,8 @@ use holdpoint_record::evidence_binding::not_admitted;
 use holdpoint_record::evidence_file::EvidenceFiles;
 use holdpoint_record::version_origin;
 use holdpoint_record::version_table::TransitionNote;
-use holdpoint_registry::{ActiveCause, AuditBody, StoreError};
 use holdpoint_runtime::capability::Capability;
+use holdpoint_store::{ActiveCause, AuditBody, StoreError};
 use holdpoint_text::{Untrusted, is_visible, signing_options};
 use holdpoint_wording::command_effect::{EngineEffect, VersionEffect, engine_effect, version_effect};
 

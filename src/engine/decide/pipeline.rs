@@ -133,7 +133,7 @@ impl Pipeline {
         let Controls { switch, cancel } = controls;
         let world = LiveWorld::new(context.cell.clone(), switch)?;
         version_table.begin_persons()?;
-        let agent = store_identity::agent(&version_table.store().views()?)?
+        let agent = store_identity::agent(&*version_table.store().views()?)?
             .unwrap_or_else(|| world.cell.agent_hash());
         // A decision with known seeds counts as a script's decision.
         let scripted = clock.is_scripted() || seeds.of_run().is_some();
@@ -175,7 +175,7 @@ impl Pipeline {
         clock_mismatch::check(&mut pipeline.record)?;
         pipeline.health = CellHealth::recall(&pipeline.context, &pipeline.record)?;
         halt::restore_stop(&mut pipeline.record, &mut pipeline.world)?;
-        if let Some(goal) = goal::recall(&pipeline.record.version_table().store().views()?)? {
+        if let Some(goal) = goal::recall(&*pipeline.record.version_table().store().views()?)? {
             pipeline.world.cell.set_goal(goal);
         }
         // A stop from before the start is recorded first.

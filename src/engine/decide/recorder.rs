@@ -15,8 +15,8 @@ use holdpoint_governance::tries::CountedTry;
 use holdpoint_governance::wall_time::WallTime;
 use holdpoint_protocol::clock::{Clock, tick_of};
 use holdpoint_protocol::event::EventKind;
-use holdpoint_registry::{AuditBody, Change, StoreError};
 use holdpoint_runtime::capability::Capability;
+use holdpoint_store::{AuditBody, Change, StoreError};
 use holdpoint_text::{Hint, Problem};
 use holdpoint_trials::seeds::EpisodeSeeds;
 

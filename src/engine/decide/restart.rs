@@ -23,9 +23,8 @@ use holdpoint_record::evidence_binding::not_admitted;
 use holdpoint_record::evidence_file::{EvidenceFile, EvidenceFiles};
 use holdpoint_record::version_concern::VersionConcern;
 use holdpoint_record::version_table::TransitionNote;
-use holdpoint_registry::store_terms::EvidenceKind;
-use holdpoint_registry::{EvidenceEntry, InterruptedWork, QuarantinedFile, StartupTelemetry};
 use holdpoint_runtime::capability::Capability;
+use holdpoint_store::{EvidenceEntry, EvidenceKind, InterruptedWork, QuarantinedFile, StartupTelemetry};
 
 /// Finishes or undoes the interrupted work of an earlier engine.
 pub(crate) fn recover(live: &mut LiveMonitoring<'_>, approvals: &mut Approvals) -> Result<(), EngineFault> {

@@ -5,7 +5,7 @@ use holdpoint_protocol::command::{Refusal, Reply};
 use holdpoint_protocol::event::EventKind;
 use holdpoint_record::REASON_BYTES_MAX;
 use holdpoint_record::shift_note::ShiftNoteRecord;
-use holdpoint_registry::StoreError;
+use holdpoint_store::StoreError;
 use holdpoint_text::is_visible;
 use holdpoint_wording::command_effect::{EngineEffect, engine_effect};
 

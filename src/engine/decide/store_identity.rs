@@ -13,7 +13,7 @@ use holdpoint_governance::profile::Profile;
 use holdpoint_governance::profile_downgrade::{DowngradeExtent, ProfileRules};
 use holdpoint_governance::record::RecordKind;
 use holdpoint_governance::site_profile::ProfileTexts;
-use holdpoint_registry::{AuditBody, Change, StoreError, Views};
+use holdpoint_store::{AuditBody, Change, RecordViews, StoreError};
 use holdpoint_text::Hint as _;
 use holdpoint_trials::site::StoreSite;
 
@@ -60,7 +60,7 @@ impl StoreAgent {
 ///
 /// # Errors
 /// If the store or the record cannot be read.
-pub fn context_record(views: &Views) -> Result<Option<ContextRecord>, StoreError> {
+pub fn context_record(views: &dyn RecordViews) -> Result<Option<ContextRecord>, StoreError> {
     let Some((_, _, json)) = views.context()? else { return Ok(None) };
     let read = serde_json::from_str(&json).map_err(|error| StoreError::Invalid {
         what: "the store's context record",
@@ -79,7 +79,7 @@ const SHOWN_CHARS: usize = 80;
 ///
 /// # Errors
 /// If the store cannot be read.
-pub fn robot(views: &Views) -> Result<Option<StoreRobot>, StoreError> {
+pub fn robot(views: &dyn RecordViews) -> Result<Option<StoreRobot>, StoreError> {
     Ok(context_record(views)?.and_then(|context| context.robot))
 }
 
@@ -87,7 +87,7 @@ pub fn robot(views: &Views) -> Result<Option<StoreRobot>, StoreError> {
 ///
 /// # Errors
 /// If the store cannot be read.
-pub fn site(views: &Views) -> Result<Option<StoreSite>, StoreError> {
+pub fn site(views: &dyn RecordViews) -> Result<Option<StoreSite>, StoreError> {
     Ok(context_record(views)?.and_then(|context| context.site_file))
 }
 
@@ -95,7 +95,7 @@ pub fn site(views: &Views) -> Result<Option<StoreSite>, StoreError> {
 ///
 /// # Errors
 /// [`StoreError::OtherRobot`], or if the store cannot be read.
-pub(crate) fn check_pointers(views: &Views, given: &StoreRobot) -> Result<(), StoreError> {
+pub(crate) fn check_pointers(views: &dyn RecordViews, given: &StoreRobot) -> Result<(), StoreError> {
     match views.pointer_robots()?.into_iter().find(|(_, robot)| *robot != given.digest) {
         Some((family, recorded)) => {
             Err(StoreError::OtherRobot { family, recorded, given: given.to_string() })
@@ -108,12 +108,12 @@ pub(crate) fn check_pointers(views: &Views, given: &StoreRobot) -> Result<(), St
 ///
 /// # Errors
 /// If the store cannot be read.
-pub fn agent(views: &Views) -> Result<Option<Digest>, StoreError> {
+pub fn agent(views: &dyn RecordViews) -> Result<Option<Digest>, StoreError> {
     Ok(context_record(views)?.and_then(|context| context.agent))
 }
 
 /// The parts omitted in a store; absent as for [`robot`].
-pub(crate) fn omitted(views: &Views) -> Result<Option<AblatedParts>, StoreError> {
+pub(crate) fn omitted(views: &dyn RecordViews) -> Result<Option<AblatedParts>, StoreError> {
     Ok(context_record(views)?.map(|context| context.omitted))
 }
 
@@ -222,7 +222,7 @@ pub(crate) fn set_context(
     let name = context.profile.name;
     let views = version_table.store().views()?;
     let known = views.context()?;
-    let before = context_record(&views)?;
+    let before = context_record(&*views)?;
     let end = views.head()?.seq;
     drop(views);
     let course = &version_table.store().opening().profiles;

@@ -15,7 +15,7 @@ use std::os::fd::AsRawFd as _;
 use std::os::unix::fs::{MetadataExt as _, OpenOptionsExt as _};
 
 use holdpoint_protocol::wire::ID_BYTES_MAX;
-use holdpoint_registry::{Layout, lock_sharers};
+use holdpoint_store::{Layout, lock_sharers};
 use holdpoint_text::file::{NO_LINK, kind_of, regular};
 use rustix::fs::{AtFlags, CWD, OFlags, linkat};
 use serde::{Deserialize, Serialize};

@@ -12,7 +12,8 @@ use std::time::Duration;
 
 use holdpoint_explain::health_series::HealthReader;
 use holdpoint_protocol::health::{HealthQuery, HealthSeries};
-use holdpoint_registry::{Batch, Store, TelemetryLimits, Transaction};
+use holdpoint_registry::{Store, TelemetryLimits};
+use holdpoint_store::{Batch, Transaction};
 use rustix::time::{ClockId, clock_gettime};
 
 const DAY_MS: u64 = 86_400_000;

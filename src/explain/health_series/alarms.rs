@@ -8,7 +8,7 @@ use holdpoint_governance::alarms::{Alarm, AlarmState, Priority};
 use holdpoint_governance::closed_set::Lenient;
 use holdpoint_governance::record::{AuditRecord, RecordKind};
 use holdpoint_protocol::health::{AlarmEpisode, AlarmStep, HealthCoverage};
-use holdpoint_registry::{AuditFilter, StoreError, Views};
+use holdpoint_store::{AuditFilter, RecordViews, StoreError};
 
 use super::clock::RecordSpan;
 
@@ -41,7 +41,7 @@ type AlarmResets = BTreeMap<String, Vec<(u64, String, String)>>;
 
 /// Every episode of an alarm that overlaps a span, the newest first.
 pub(super) fn read(
-    views: &Views,
+    views: &dyn RecordViews,
     span: &RecordSpan,
     coverage: &mut HealthCoverage,
 ) -> Result<Vec<AlarmEpisode>, StoreError> {

@@ -4,7 +4,7 @@
 //! runs or the machine sleeps.
 
 use holdpoint_protocol::health::HealthClock;
-use holdpoint_registry::{RecordTime, StoreError, Views};
+use holdpoint_store::{RecordTime, RecordViews, StoreError};
 
 /// The smallest advance of the machine's clock alone that counts as a gap, ms.
 const ALONE_MS: i64 = 2_000;
@@ -41,7 +41,7 @@ pub(super) fn on_clock(clock: HealthClock, at_ms: u64, wall_ms: Option<i64>) -> 
 impl RecordSpan {
     /// Finds the records by bisection: both clocks advance with the chain.
     pub(super) fn find(
-        views: &Views,
+        views: &dyn RecordViews,
         clock: HealthClock,
         from_ms: i64,
         until_ms: i64,
@@ -54,7 +54,7 @@ impl RecordSpan {
 
     /// The first record at or after a moment; one after the last if there is none.
     pub(super) fn first_at(
-        views: &Views,
+        views: &dyn RecordViews,
         clock: HealthClock,
         head: u64,
         time_ms: i64,
@@ -81,7 +81,7 @@ impl RecordSpan {
 
 /// The gaps in which the machine's clock advanced alone: the first record afterward and the length, ms. A backward step is
 /// not a gap.
-pub(super) fn gaps(views: &Views, span: &RecordSpan) -> Result<Vec<(RecordTime, i64)>, StoreError> {
+pub(super) fn gaps(views: &dyn RecordViews, span: &RecordSpan) -> Result<Vec<(RecordTime, i64)>, StoreError> {
     let mut found = Vec::new();
     // Includes the record before the span: a gap before the first record within belongs to this span.
     let (first, last) = (span.first.saturating_sub(1).max(1), span.after.min(span.head));

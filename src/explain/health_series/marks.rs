@@ -14,7 +14,7 @@ use holdpoint_governance::record::{ActivationCause, AuditRecord, RecordKind, Upg
 use holdpoint_protocol::health::{
     AlarmEpisode, AlarmStep, HealthCoverage, HealthMark, MarkContent, MarkKind, MarkedAct,
 };
-use holdpoint_registry::{AuditFilter, StoreError, Views};
+use holdpoint_store::{AuditFilter, RecordViews, StoreError};
 use holdpoint_wording::health::mark;
 
 use super::clock::{RecordSpan, gaps, on_clock};
@@ -88,7 +88,7 @@ impl PersonActBody {
 
 /// Every mark from records, except alarms; unsorted.
 pub(super) fn read(
-    views: &Views,
+    views: &dyn RecordViews,
     span: &RecordSpan,
     coverage: &mut HealthCoverage,
 ) -> Result<Vec<HealthMark>, StoreError> {

@@ -8,7 +8,7 @@ use holdpoint_governance::ids::{CapabilityId, Digest, Family};
 use holdpoint_governance::record::{AuditRecord, RecordKind};
 use holdpoint_governance::stats::{SHOWN_LEVEL, wilson};
 use holdpoint_protocol::health::{HealthCoverage, HealthPoint, HealthSeries};
-use holdpoint_registry::{AuditFilter, StoreError, StoredBatch, TelemetryViews, Views};
+use holdpoint_store::{AuditFilter, RecordViews, StoreError, StoredBatch, TelemetryReader};
 
 use super::clock::{RecordSpan, on_clock};
 use crate::store_metrics::record_bodies::{SealedBatchBody, SealedBlockBody, change};
@@ -54,8 +54,8 @@ type TaskTallies = BTreeMap<(Family, u32, CapabilityId), TaskTally>;
 
 /// Every point of a series.
 pub(super) fn points(
-    views: &Views,
-    telemetry: &TelemetryViews,
+    views: &dyn RecordViews,
+    telemetry: &dyn TelemetryReader,
     (span, series): (&RecordSpan, &HealthSeries),
     coverage: &mut HealthCoverage,
     tasks_read: u64,
@@ -95,8 +95,8 @@ pub(super) fn points(
 /// The number of blocks at the front that were removed for age: the oldest remaining batch is newer. Batches are numbered in
 /// order, so bisection finds it at no cost per removed block.
 fn removed(
-    views: &Views,
-    telemetry: &TelemetryViews,
+    views: &dyn RecordViews,
+    telemetry: &dyn TelemetryReader,
     blocks: &[u64],
     coverage: &mut HealthCoverage,
 ) -> Result<usize, StoreError> {
@@ -133,7 +133,7 @@ fn passes(count: usize) -> impl Iterator<Item = std::iter::StepBy<std::ops::Rang
 
 /// Reads one block. Returns the number of its batches that were read.
 fn take_in(
-    telemetry: &TelemetryViews,
+    telemetry: &dyn TelemetryReader,
     record: &AuditRecord,
     (span, series): (&RecordSpan, &HealthSeries),
     coverage: &mut HealthCoverage,
@@ -151,7 +151,7 @@ fn take_in(
     telemetry.each_of_streams(
         [LIVE, UNWATCHED],
         (first.batch, last.batch),
-        |StoredBatch { number, digest, batch }| {
+        &mut |StoredBatch { number, digest, batch }| {
             let Some(expected) = digests.get(&number) else { return };
             there += 1;
             let task = batch.filter(|_| digest == *expected).and_then(|batch| {
@@ -179,7 +179,7 @@ fn take_in(
     if there == 0 {
         // Of other streams, or removed.
         let mut any = false;
-        telemetry.each_of(&[first.batch, last.batch], |_| any = true)?;
+        telemetry.each_of(&[first.batch, last.batch], &mut |_| any = true)?;
         coverage.removed += if any { 0 } else { batches.len() as u64 };
     }
     Ok(there)

@@ -10,8 +10,9 @@ use holdpoint_governance::notice::NoticeOrText;
 use holdpoint_governance::record::RecordKind;
 use holdpoint_protocol::health::{HealthClock, MarkContent, MarkKind, Trend};
 use holdpoint_record::live_task_record::{LIVE, LiveTaskMarks, LiveTaskRecord};
-use holdpoint_registry::{AuditBody, Batch, Change, Store, Transaction};
+use holdpoint_registry::Store;
 use holdpoint_runtime::task::TaskRecord;
+use holdpoint_store::{AuditBody, Batch, Change, Transaction};
 use holdpoint_wording::health::mark;
 
 #[path = "../../registry/tests/store/support.rs"]

@@ -16,7 +16,7 @@ use holdpoint_governance::profile::ProfileName;
 use holdpoint_governance::record::{ActivationCause, AuditRecord, RecordKind, UpgradeEnd};
 use holdpoint_governance::site_profile::ProfileTexts;
 use holdpoint_governance::wall_time::ClockMismatch;
-use holdpoint_registry::{StoreError, Views};
+use holdpoint_store::{RecordViews, StoreError};
 
 use super::monitor_action::cause;
 use super::record_bodies::{ActiveSet, SealedBatchBody, SealedBlockBody, change};
@@ -157,9 +157,9 @@ struct DriftBody {
 
 impl History {
     /// Reads the chain up to a record.
-    pub(super) fn read(views: &Views, to_seq: u64) -> Result<Self, StoreError> {
+    pub(super) fn read(views: &dyn RecordViews, to_seq: u64) -> Result<Self, StoreError> {
         let mut history = Self { to_seq, ..Self::default() };
-        views.each_record(to_seq, |record| history.take(record))?;
+        views.each_record(to_seq, &mut |record| history.take(record))?;
         Ok(history)
     }
 

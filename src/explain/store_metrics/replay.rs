@@ -34,9 +34,8 @@ use holdpoint_governance::site_profile::{ProfileTexts, SiteProfile};
 use holdpoint_governance::tries::{self, CountedTry};
 use holdpoint_governance::wall_time::WallTime;
 use holdpoint_governance::worst_case_search::SearchFinding;
-use holdpoint_registry::store_terms::EvidenceKind;
-use holdpoint_registry::{ApprovalEntry, EvidenceEntry, StoreError, Views};
 use holdpoint_runtime::capability::Capability;
+use holdpoint_store::{ApprovalEntry, EvidenceEntry, EvidenceKind, RecordViews, StoreError};
 
 pub(super) use self::first_difference::differing;
 use super::history::History;
@@ -100,7 +99,7 @@ pub(super) struct VersionRecords {
 }
 
 impl VersionRecords {
-    pub(super) fn read(views: &Views, id: &CapabilityId) -> Result<Self, StoreError> {
+    pub(super) fn read(views: &dyn RecordViews, id: &CapabilityId) -> Result<Self, StoreError> {
         let (evidence, approvals) = (views.evidence(id, None)?, views.approvals(id)?);
         Ok(Self { id: id.clone(), evidence, approvals })
     }
@@ -134,7 +133,7 @@ pub(super) struct Replayer<'a> {
 impl<'a> Replayer<'a> {
     /// `frames`: the profiles known without the record.
     pub(super) fn new(
-        views: &Views,
+        views: &dyn RecordViews,
         history: &'a History,
         mut frames: Vec<RulesInForce>,
         environment: Digest,

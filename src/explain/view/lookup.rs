@@ -20,9 +20,9 @@ use holdpoint_record::evidence_file::{EvidenceFile, EvidenceFiles};
 use holdpoint_record::evidence_view::{behavior, drills, modes};
 use holdpoint_record::rationale::check_explanation;
 use holdpoint_record::version_table::VersionTable;
-use holdpoint_registry::store_terms::EvidenceKind;
-use holdpoint_registry::{AuditFilter, EvidenceEntry, Layout, StoreError, VersionFilter, Views};
+use holdpoint_registry::Views;
 use holdpoint_runtime::capability::Capability;
+use holdpoint_store::{AuditFilter, EvidenceEntry, EvidenceKind, Layout, StoreError, VersionFilter};
 use holdpoint_text::Hint;
 use holdpoint_wording::lookup::{lookup_hint, lookup_refusal, verified_chain};
 
@@ -133,7 +133,7 @@ pub fn detail(
     let (_, _, member) = version_table.version(id)?;
     let capability = &member.capability;
     let against = against(version_table, id);
-    let explained = why::explain(&views, id)?;
+    let explained = why::explain(&*views, id)?;
     let filter = AuditFilter {
         subject: Some(id.to_string()),
         limit: TRAIL_MAX,

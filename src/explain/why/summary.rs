@@ -28,8 +28,9 @@ use holdpoint_governance::rollback::{PostStatus, RollbackRecord, TriggerKind};
 use holdpoint_governance::version_status::{StatusFacts, VersionCondition, VersionStatus, next_stage};
 use holdpoint_governance::wall_time::WallTime;
 use holdpoint_protocol::explanation::{PeopleRuling, Ruling};
-use holdpoint_registry::store_terms::EvidenceKind;
-use holdpoint_registry::{ApprovalEntry, AuditFilter, FamilyStatus, StoreError, VersionDetail, Views};
+use holdpoint_store::{
+    ApprovalEntry, AuditFilter, EvidenceKind, FamilyStatus, RecordViews, StoreError, VersionDetail,
+};
 
 pub(super) use decisive_reasons::decision_remedies;
 use decisive_reasons::{decisive_reasons, reason_remedies};
@@ -46,7 +47,10 @@ use holdpoint_record::version_concern::VersionConcern;
 ///
 /// # Errors
 /// If the store cannot be read.
-pub fn summarize(views: &Views, id: &CapabilityId) -> Result<Option<ExplanationSummary>, StoreError> {
+pub fn summarize(
+    views: &dyn RecordViews,
+    id: &CapabilityId,
+) -> Result<Option<ExplanationSummary>, StoreError> {
     let Some(detail) = views.version(id)? else { return Ok(None) };
     let decisions = super::decisions(views, id, &detail)?;
     let filter = AuditFilter { subject: Some(id.to_string()), ..AuditFilter::default() };
@@ -84,7 +88,7 @@ fn is_held_by_gate(decisions: &[ExplainedDecision]) -> bool {
 
 /// Everything about one version that is on record.
 struct SummaryReader<'a> {
-    views: &'a Views,
+    views: &'a dyn RecordViews,
     id: &'a CapabilityId,
     detail: &'a VersionDetail,
     decisions: &'a [ExplainedDecision],

@@ -94,8 +94,8 @@ mod tests {
     use std::collections::BTreeSet;
 
     use holdpoint_governance::lifecycle::Stage;
-    use holdpoint_registry::{CacheSecret, ResultCache};
     use holdpoint_runtime::capability::Capability;
+    use holdpoint_store::{CacheSecret, ResultCache};
     use holdpoint_trials::cell::Cell;
     use holdpoint_trials::embedded;
 

@@ -183,7 +183,7 @@ mod tests {
     use holdpoint_governance::rollback::TriggerKind;
     use holdpoint_governance::stats::Interval;
     use holdpoint_protocol::scenario_state::Decider;
-    use holdpoint_registry::{CacheSecret, ResultCache};
+    use holdpoint_store::{CacheSecret, ResultCache};
 
     fn active() -> ThrowerRun {
         ThrowerRun {

@@ -326,7 +326,7 @@ mod tests {
     use crate::candidate_pool::Class;
     use crate::candidate_pool::truth_file::TruthEntry;
     use holdpoint_governance::decision::Dimension;
-    use holdpoint_registry::{CacheSecret, ResultCache};
+    use holdpoint_store::{CacheSecret, ResultCache};
     use holdpoint_trials::embedded;
     use holdpoint_trials::seeds::CALIBRATION_FROM_RUN;
 

@@ -6,7 +6,7 @@
 use std::time::Instant;
 
 use holdpoint_governance::profile::ProfileName;
-use holdpoint_registry::{CacheSecret, ResultCache};
+use holdpoint_store::{CacheSecret, ResultCache};
 
 use super::candidate_stream::pool_of;
 use super::preset::PresetSize;

@@ -18,7 +18,7 @@ use holdpoint_governance::ids::Digest;
 use holdpoint_governance::metrics::Proportion;
 use holdpoint_governance::monitor::MonitorOutcome;
 use holdpoint_governance::stats::StatsError;
-use holdpoint_registry::ResultCache;
+use holdpoint_store::ResultCache;
 
 use crate::ground_truth::side_by_side;
 
@@ -338,7 +338,7 @@ fn sum(drift: Drift, results: &[CellResult]) -> Result<DriftCell, ExperimentErro
 #[cfg(test)]
 mod tests {
     use super::*;
-    use holdpoint_registry::CacheSecret;
+    use holdpoint_store::CacheSecret;
 
     #[test]
     fn quantiles_of_few_values_are_computed() {

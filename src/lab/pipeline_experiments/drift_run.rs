@@ -32,8 +32,9 @@ use holdpoint_protocol::command::{Command, Reply};
 use holdpoint_protocol::event::{EventKind, TaskSummary};
 use holdpoint_record::version_table::VersionTable;
 use holdpoint_record::wall_clock::WallClock;
-use holdpoint_registry::{ResultCache, Store};
+use holdpoint_registry::Store;
 use holdpoint_runtime::capability::Capability;
+use holdpoint_store::ResultCache;
 use holdpoint_trials::cache::EpisodeCache;
 use holdpoint_trials::cell::Cell;
 use holdpoint_trials::embedded;
@@ -94,7 +95,7 @@ impl DriftSetting {
         let store = Store::open(folder).map_err(StartError::from)?;
         let clock = Clock::scripted(store.opening().head.at_ms);
         let version_table =
-            VersionTable::open(store, WallClock::scripted(0, None)).map_err(StartError::from)?;
+            VersionTable::open(Box::new(store), WallClock::scripted(0, None)).map_err(StartError::from)?;
         let table = PolicyTable::builtin(&self.profile).map_err(|error| StartError::Profile(error.into()))?;
         let settings = PipelineSettings {
             seeds: EpisodeSeeds::OfRun(seed),

@@ -14,7 +14,7 @@ use holdpoint_governance::monitor::Rate;
 use holdpoint_governance::profile::ProfileName;
 use holdpoint_governance::rollback::RungFailure;
 use holdpoint_protocol::command::{Command, Operation, Reply};
-use holdpoint_registry::Layout;
+use holdpoint_store::Layout;
 use holdpoint_trials::embedded::baselines;
 use holdpoint_trials::worker::Worker;
 use serde::{Deserialize, Serialize};
@@ -249,7 +249,7 @@ fn work(
 mod tests {
     use super::*;
     use crate::pipeline_experiments::scratch;
-    use holdpoint_registry::{CacheSecret, ResultCache};
+    use holdpoint_store::{CacheSecret, ResultCache};
 
     /// A seed of calibration whose version a drift of everything worsens within a few tasks.
     const SEED: u64 = 1_002;

@@ -21,9 +21,9 @@ use holdpoint_governance::component::ComponentBytes;
 use holdpoint_governance::ids::Digest;
 use holdpoint_governance::profile::ProfileName;
 use holdpoint_governance::submission::Package;
-use holdpoint_registry::{CacheSecret, ResultCache};
 use holdpoint_runtime::capability;
 use holdpoint_sim::SimCells;
+use holdpoint_store::{CacheSecret, ResultCache};
 use holdpoint_text::Hint;
 use holdpoint_trials::cell::Cell;
 

@@ -22,7 +22,7 @@ use holdpoint_governance::profile::ProfileName;
 use holdpoint_governance::rollback::{Trigger, TriggerKind};
 use holdpoint_protocol::event::EventKind;
 use holdpoint_protocol::scenario_state::Decider;
-use holdpoint_registry::ResultCache;
+use holdpoint_store::ResultCache;
 use holdpoint_trials::cache::EpisodeCache;
 use holdpoint_trials::cell::Cell;
 use holdpoint_trials::seeds::EpisodeSeeds;

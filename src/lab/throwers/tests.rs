@@ -10,9 +10,9 @@ use holdpoint_governance::harm::HarmMeasures;
 use holdpoint_governance::ids::Family;
 use holdpoint_governance::lifecycle::State;
 use holdpoint_protocol::scenario_state::Decider;
-use holdpoint_registry::CacheSecret;
 use holdpoint_runtime::agent::ActiveView;
 use holdpoint_runtime::capability::Capability;
+use holdpoint_store::CacheSecret;
 use holdpoint_trials::embedded;
 use holdpoint_trials::seeds::{CALIBRATION_FROM_RUN, SeedPurpose, episode_seed};
 

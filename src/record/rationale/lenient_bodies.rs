@@ -23,7 +23,7 @@ use holdpoint_governance::permission::PermissionUse;
 use holdpoint_governance::start_domain::StartDomain;
 use holdpoint_governance::tries::CountedTry;
 use holdpoint_governance::wall_time::WallTime;
-use holdpoint_registry::store_terms::RequestState;
+use holdpoint_store::RequestState;
 
 /// The body of a `decision` record.
 #[derive(Debug, Deserialize)]

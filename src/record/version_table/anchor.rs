@@ -9,8 +9,8 @@ use holdpoint_governance::closed_set::Lenient;
 use holdpoint_governance::ids::{CapabilityId, Family};
 use holdpoint_governance::lifecycle::State;
 use holdpoint_governance::record::{AuditRecord, RecordKind};
-use holdpoint_registry::{AuditFilter, StoreError, Views};
 use holdpoint_runtime::capability::Capability;
+use holdpoint_store::{AuditFilter, RecordViews, StoreError};
 
 use super::{FamilyEntry, VersionTable};
 
@@ -26,7 +26,7 @@ fn anchor_in(record: &AuditRecord) -> Option<CapabilityId> {
 ///
 /// # Errors
 /// If the store cannot be read.
-pub fn chosen_anchors(views: &Views) -> Result<BTreeMap<Family, CapabilityId>, StoreError> {
+pub fn chosen_anchors(views: &dyn RecordViews) -> Result<BTreeMap<Family, CapabilityId>, StoreError> {
     let kind = Some(RecordKind::AnchorSet);
     let acts =
         views.audit(&AuditFilter { kind, limit: ACTS_MAX, newest_first: true, ..AuditFilter::default() })?;

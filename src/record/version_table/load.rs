@@ -1,13 +1,16 @@
 //! Versions as the store has them, loaded and compared with their digests.
 
 use holdpoint_governance::ids::{CapabilityId, Family};
-use holdpoint_registry::Views;
 use holdpoint_runtime::capability::Capability;
+use holdpoint_store::RecordViews;
 
 use super::{StoredPackage, VersionEntry, VersionTableError};
 
 /// Loads every version of a family from the store, in registration order, and checks its digest.
-pub(super) fn load_members(views: &Views, family: &Family) -> Result<Vec<VersionEntry>, VersionTableError> {
+pub(super) fn load_members(
+    views: &dyn RecordViews,
+    family: &Family,
+) -> Result<Vec<VersionEntry>, VersionTableError> {
     let ids = views.family_in_order(family)?;
     ids.iter().filter_map(|id| load_member(views, id).transpose()).collect()
 }
@@ -16,7 +19,10 @@ pub(super) fn load_members(views: &Views, family: &Family) -> Result<Vec<Version
 ///
 /// # Errors
 /// If it cannot be read, does not load, or its digest differs.
-pub fn load_member(views: &Views, id: &CapabilityId) -> Result<Option<VersionEntry>, VersionTableError> {
+pub fn load_member(
+    views: &dyn RecordViews,
+    id: &CapabilityId,
+) -> Result<Option<VersionEntry>, VersionTableError> {
     let Some(detail) = views.version(id)? else { return Ok(None) };
     let stored: StoredPackage = serde_json::from_str(&detail.submission)
         .map_err(|source| VersionTableError::Record { what: "package", of: id.to_string(), source })?;

@@ -6,13 +6,13 @@ use std::collections::BTreeMap;
 
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::version_status::RecordedChanges;
-use holdpoint_registry::{AuditBody, AuditFilter, Change, Receipt, StoreError, Views};
+use holdpoint_store::{AuditBody, AuditFilter, Change, Receipt, RecordViews, StoreError};
 
 use super::VersionTable;
 
 /// What is on record of these versions.
 pub(super) fn of_all(
-    views: &Views,
+    views: &dyn RecordViews,
     ids: impl Iterator<Item = CapabilityId>,
 ) -> Result<BTreeMap<CapabilityId, RecordedChanges>, StoreError> {
     ids.map(|id| views.recorded_changes(&id).map(|changes| (id, changes))).collect()

@@ -6,12 +6,12 @@ use holdpoint_governance::approval::Requester;
 use holdpoint_governance::ids::{CapabilityId, Family};
 use holdpoint_governance::record::{AuditRecord, RecordKind};
 use holdpoint_governance::tries::{CountedTry, TryAuthor, TryLedger};
-use holdpoint_registry::{AuditFilter, PAGE_ROWS_MAX, StoreError, Views};
+use holdpoint_store::{AuditFilter, PAGE_ROWS_MAX, RecordViews, StoreError};
 
 use super::{VersionEntry, VersionTable, VersionTableError};
 
 /// Reads the tries and their reviews, in the order of their records.
-pub(super) fn recorded_tries(views: &Views) -> Result<BTreeMap<Family, TryLedger>, StoreError> {
+pub(super) fn recorded_tries(views: &dyn RecordViews) -> Result<BTreeMap<Family, TryLedger>, StoreError> {
     let mut records = all_of(views, RecordKind::TryCounted)?;
     records.extend(all_of(views, RecordKind::TriesReviewed)?);
     records.sort_by_key(|record| record.seq);
@@ -29,7 +29,7 @@ pub(super) fn recorded_tries(views: &Views) -> Result<BTreeMap<Family, TryLedger
 }
 
 /// Every record of a kind, page by page.
-fn all_of(views: &Views, kind: RecordKind) -> Result<Vec<AuditRecord>, StoreError> {
+fn all_of(views: &dyn RecordViews, kind: RecordKind) -> Result<Vec<AuditRecord>, StoreError> {
     let (mut all, mut from_seq) = (Vec::new(), 0);
     loop {
         let page = views.audit(&AuditFilter { from_seq, kind: Some(kind), ..AuditFilter::default() })?;

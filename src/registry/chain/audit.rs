@@ -5,14 +5,15 @@ use std::io::{ErrorKind, Write};
 
 use rusqlite::{Connection, OptionalExtension, Row, params};
 
-use crate::terms::error::{StoreError, StoreFailure};
 use crate::terms::row_limit::error_message;
+use crate::terms::sqlite_error::sqlite_error;
 use holdpoint_audit::ascii_json::ascii_json;
 use holdpoint_audit::chain::Head;
 use holdpoint_audit::merkle::Frontier;
 use holdpoint_governance::closed_set::Lenient;
 use holdpoint_governance::ids::Digest;
 use holdpoint_governance::record::{AuditRecord, RecordKind};
+use holdpoint_store::{StoreError, StoreFailure};
 use holdpoint_text::{ErrorDetails, ErrorReason, Hint};
 
 /// Columns, in the order [`read`] takes them.
@@ -51,7 +52,7 @@ pub(crate) fn wall_ms_of(connection: &Connection, seq: u64) -> Result<Option<i64
         .prepare_cached("SELECT wall_ms FROM audit WHERE seq = ?1")
         .and_then(|mut select| select.query_row([seq], |row| row.get(0)).optional())
         .map(|found: Option<i64>| found.filter(|wall_ms| *wall_ms > 0))
-        .map_err(StoreError::sql("read when the newest record was written"))
+        .map_err(sqlite_error("read when the newest record was written"))
 }
 
 /// Appends one record; the caller holds the write transaction.
@@ -62,7 +63,7 @@ pub(crate) fn append(
     subject: &str,
     body: String,
 ) -> Result<Head, StoreError> {
-    let error = StoreError::sql("append to the audit chain");
+    let error = sqlite_error("append to the audit chain");
     let before = head(connection).map_err(&error)?;
     let mut record = AuditRecord {
         seq: before.seq + 1,
@@ -82,7 +83,7 @@ pub(crate) fn append(
 
 /// Appends a record as it is; the caller holds the write transaction.
 pub(crate) fn copy(connection: &Connection, record: &AuditRecord) -> Result<(), StoreError> {
-    let error = StoreError::sql("append to the audit chain");
+    let error = sqlite_error("append to the audit chain");
     let sql = "INSERT INTO audit (seq, prev, hash, at_ms, kind, subject, body, wall_ms)
              VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8)";
     let kind = record.kind.to_string();
@@ -119,7 +120,7 @@ pub(crate) fn tree_after(connection: &Connection, tree: &Frontier) -> Result<Fro
         }
         Ok(())
     };
-    grow().map_err(StoreError::sql("read the audit chain"))?;
+    grow().map_err(sqlite_error("read the audit chain"))?;
     Ok(tree)
 }
 

@@ -12,9 +12,10 @@ use rusqlite::{Connection, OptionalExtension, params};
 use crate::chain::audit;
 use crate::chain::fold::Fold;
 use crate::database::open::open_sound;
-use crate::terms::error::StoreError;
 use crate::terms::row_limit;
+use crate::terms::sqlite_error::sqlite_error;
 use holdpoint_audit::checkpoint::{Checkpoint, StoredCheckpoint, check_links, check_newest};
+use holdpoint_store::StoreError;
 
 /// Its key in `meta`.
 pub(crate) const KEY: &str = "signed_end";
@@ -38,7 +39,7 @@ pub(crate) fn write(connection: &Connection, end: &Checkpoint) -> Result<(), Sto
         )
         .and_then(|mut put| put.execute(params![KEY, text]))
         .map(drop)
-        .map_err(StoreError::sql("sign the end of the audit chain"))
+        .map_err(sqlite_error("sign the end of the audit chain"))
 }
 
 /// Reads it, `None` if there is none.

@@ -15,7 +15,7 @@
 //! Two columns are compared with nothing. `audit.wall_ms` is displayed and selects the start of `metrics --since DATE`;
 //! decisions use the wall time of the newest record alone, which the signed end and checkpoints hold. `command.digest`
 //! distinguishes a retry from another command under its id, and ids of later commands are unpredictable
-//! ([`command_id`](crate::terms::change::command_id)). An edit of it, or of the id, only makes a retry be refused or run
+//! ([`command_id`](holdpoint_store::command_id)). An edit of it, or of the id, only makes a retry be refused or run
 //! again. A receipt without records is ignored.
 
 use std::collections::BTreeMap;
@@ -25,13 +25,13 @@ use rusqlite::{Connection, OptionalExtension};
 
 use crate::chain::fold::{ChainFault, Fold, HEAD_ROW};
 use crate::chain::row_images::{ChainedTable, RowName, all_rows};
-use crate::terms::change::Receipt;
 use holdpoint_approvals::SignedApproval;
 use holdpoint_approvals::keyfile::hex;
 use holdpoint_audit::display_records::DisplayRecords;
 use holdpoint_audit::history_error::HistoryError;
 use holdpoint_governance::ids::canonical_json;
 use holdpoint_governance::record::RecordKind;
+use holdpoint_store::Receipt;
 
 fn row(table: &'static str, key: &str, problem: impl Into<String>) -> ChainFault {
     ChainFault::Row { table, key: key.to_owned(), problem: problem.into() }

@@ -14,7 +14,7 @@ use crate::chain::chain_signature;
 use crate::chain::row_images::{ChainedTable, RowName};
 use crate::chain::structure::IndexSums;
 use crate::chain::telemetry_seals::TelemetryAccount;
-use crate::terms::store_terms::is_own;
+use crate::terms::own_records::is_own;
 use holdpoint_audit::chain::Head;
 use holdpoint_audit::merkle::{self, Frontier};
 use holdpoint_audit::profile_history::ProfileHistory;

@@ -5,10 +5,10 @@ use rusqlite::{Connection, OptionalExtension};
 use crate::chain::compare::compare;
 use crate::chain::fold::{ChainFault, Fold, FoldError};
 use crate::database::columns::parsed;
-use crate::terms::store_terms::EvidenceKind;
 use holdpoint_governance::approval::ApprovalDecision;
 use holdpoint_governance::lifecycle::State;
 use holdpoint_governance::record::ActivationCause;
+use holdpoint_store::EvidenceKind;
 
 /// The invariants of the store.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]

@@ -6,8 +6,8 @@ use rusqlite::types::{Value, ValueRef};
 use rusqlite::{Connection, OptionalExtension, Row};
 
 use crate::database::migrate::{STORE, version};
-use crate::terms::change::Change;
 use holdpoint_governance::ids::Digest;
+use holdpoint_store::Change;
 
 /// A row by its table and key.
 pub(crate) type RowName = (ChainedTable, String);

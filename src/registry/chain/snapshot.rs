@@ -18,7 +18,6 @@ use sha2::{Digest as _, Sha256};
 use crate::chain::fold::{CellStop, ChainedRow, Fold, FoldParts};
 use crate::chain::row_images::ChainedTable;
 use crate::chain::telemetry_seals::TelemetryAccount;
-use crate::terms::error::StoreError;
 use holdpoint_audit::chain::Head;
 use holdpoint_audit::checkpoint::{self, Checkpoint};
 use holdpoint_audit::files::write_atomically;
@@ -26,6 +25,7 @@ use holdpoint_audit::merkle::Frontier;
 use holdpoint_audit::profile_history::ProfileHistory;
 use holdpoint_governance::ids::Digest;
 use holdpoint_governance::lifecycle::State;
+use holdpoint_store::StoreError;
 use holdpoint_text::file::{NO_LINK, regular};
 
 /// Domain tag of a snapshot's digest.

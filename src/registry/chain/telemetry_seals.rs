@@ -6,9 +6,9 @@ use std::collections::BTreeMap;
 use rusqlite::{Connection, params};
 use serde::{Deserialize, Serialize};
 
-use crate::terms::change::{Change, QuarantinedFile};
 use holdpoint_governance::ids::Digest;
 use holdpoint_governance::record::RecordKind;
+use holdpoint_store::Change;
 
 /// The most batches between two that are looked at one by one; at 32 tasks a batch, more than a decade of them.
 const EACH_MAX: u64 = 10_000_000;
@@ -110,19 +110,6 @@ impl TelemetryAccount {
         }
         gaps
     }
-}
-
-/// Differences between the file and the chain at a start.
-#[derive(Clone, Debug, Default)]
-pub struct StartupTelemetry {
-    /// The change that puts them on record.
-    pub changes: Vec<Change>,
-    /// Batches that were sealed and are not there.
-    pub missing: u64,
-    /// Batches that were not sealed when the last engine ended.
-    pub unsealed: u64,
-    /// Quarantined telemetry files that no record names yet.
-    pub aside: Vec<QuarantinedFile>,
 }
 
 #[derive(Deserialize)]

@@ -2,7 +2,8 @@
 
 use rusqlite::{Connection, TransactionBehavior};
 
-use crate::terms::error::StoreError;
+use crate::terms::sqlite_error::sqlite_error;
+use holdpoint_store::StoreError;
 
 /// The identity of our databases: application id and schemas, oldest first.
 pub(crate) struct Schema {
@@ -50,7 +51,7 @@ pub(crate) fn version(connection: &Connection) -> rusqlite::Result<usize> {
 /// # Errors
 /// If a step fails; that step is undone.
 pub(crate) fn migrate(connection: &mut Connection, schema: &Schema) -> Result<(), StoreError> {
-    migrate_to(connection, schema, schema.newest()).map_err(StoreError::sql("bring its schema up to date"))
+    migrate_to(connection, schema, schema.newest()).map_err(sqlite_error("bring its schema up to date"))
 }
 
 /// Applies the steps that are missing up to a version.
@@ -71,4 +72,26 @@ pub(crate) fn migrate_to(
         step_tx.commit()?;
     }
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use holdpoint_governance::approval::ApprovalDecision;
+    use holdpoint_governance::lifecycle::{Stage, State};
+    use holdpoint_store::{EvidenceKind, RequestState};
+
+    #[test]
+    fn stored_names_are_those_of_lifecycle_and_schema() {
+        let schema = STORE.steps[0];
+        let all = (State::ALL.map(State::name).into_iter())
+            .chain(Stage::ALL.map(Stage::name))
+            .chain(EvidenceKind::ALL.map(EvidenceKind::name))
+            .chain(ApprovalDecision::ALL.map(ApprovalDecision::name))
+            .chain(RequestState::ALL.map(RequestState::name));
+        for name in all {
+            assert!(schema.contains(&format!("'{name}'")), "{name}");
+        }
+        assert!("Active".parse::<State>().is_err());
+    }
 }

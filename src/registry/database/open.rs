@@ -14,10 +14,11 @@ use rusqlite::config::DbConfig;
 use rusqlite::{Connection, OpenFlags};
 
 use crate::database::migrate::{Schema, migrate};
-use crate::terms::error::{RefusalCause, StoreError};
 use crate::terms::row_limit;
+use crate::terms::sqlite_error::sqlite_error;
 use holdpoint_audit::files::sync_folder;
 use holdpoint_audit::head_copies::HeadFault;
+use holdpoint_store::{RefusalCause, StoreError};
 use holdpoint_text::file::kind_of;
 
 /// The oldest SQLite without the WAL-reset bug.
@@ -48,7 +49,7 @@ pub(crate) fn open_writer(
     }
     let flags = OpenFlags::SQLITE_OPEN_READ_WRITE | OpenFlags::SQLITE_OPEN_NO_MUTEX;
     let mut connection =
-        Connection::open_with_flags(path, flags).map_err(StoreError::sql("open its database"))?;
+        Connection::open_with_flags(path, flags).map_err(sqlite_error("open its database"))?;
     configure(&connection)?;
     set(&connection, "journal_mode", "wal", "wal")?;
     match durability {
@@ -90,7 +91,7 @@ pub(crate) fn copy_into(path: &Path, schema: &Schema, to: &Path) -> Result<(), S
     }
     let connection = open_read_only(path)?;
     let name = to.to_str().ok_or_else(|| StoreError::invalid("copy", to.display(), "a name in UTF-8"))?;
-    connection.execute("VACUUM INTO ?1", [name]).map(drop).map_err(StoreError::sql("copy its database"))
+    connection.execute("VACUUM INTO ?1", [name]).map(drop).map_err(sqlite_error("copy its database"))
 }
 
 /// Device and number of a file.
@@ -173,7 +174,7 @@ fn read_only(path: &Path) -> rusqlite::Result<Connection> {
 
 /// Settings of every connection.
 fn configure(connection: &Connection) -> Result<(), StoreError> {
-    row_limit::set(connection).map_err(StoreError::sql("set up its database"))?;
+    row_limit::set(connection).map_err(sqlite_error("set up its database"))?;
     for (config, value) in [
         (DbConfig::SQLITE_DBCONFIG_DEFENSIVE, true),
         (DbConfig::SQLITE_DBCONFIG_TRUSTED_SCHEMA, false),
@@ -183,7 +184,7 @@ fn configure(connection: &Connection) -> Result<(), StoreError> {
         (DbConfig::SQLITE_DBCONFIG_DQS_DDL, false),
         (DbConfig::SQLITE_DBCONFIG_WRITABLE_SCHEMA, false),
     ] {
-        connection.set_db_config(config, value).map_err(StoreError::sql("set up its database"))?;
+        connection.set_db_config(config, value).map_err(sqlite_error("set up its database"))?;
     }
     for (pragma, value) in [
         ("foreign_keys", "1"),
@@ -200,7 +201,7 @@ fn configure(connection: &Connection) -> Result<(), StoreError> {
 
 /// Sets a pragma and fails if it has no effect.
 fn set(connection: &Connection, pragma: &'static str, value: &str, expected: &str) -> Result<(), StoreError> {
-    let error = StoreError::sql("set up its database");
+    let error = sqlite_error("set up its database");
     connection.execute_batch(&format!("PRAGMA {pragma} = {value}")).map_err(&error)?;
     let found: rusqlite::types::Value =
         connection.query_row(&format!("PRAGMA {pragma}"), [], |row| row.get(0)).map_err(&error)?;
@@ -228,7 +229,7 @@ fn create(path: &Path, schema: &Schema) -> Result<(), StoreError> {
     let part = path.with_extension("new");
     remove_database(&part)?;
     let connection = make(&part, schema)?;
-    connection.close().map_err(|(_, error)| StoreError::sql("make its database")(error))?;
+    connection.close().map_err(|(_, error)| sqlite_error("make its database")(error))?;
     File::open(&part).and_then(|file| file.sync_all()).map_err(StoreError::io("write", &part))?;
     fs::rename(&part, path).map_err(StoreError::io("rename", &part))?;
     Ok(path.parent().map_or(Ok(()), sync_folder)?)
@@ -236,7 +237,7 @@ fn create(path: &Path, schema: &Schema) -> Result<(), StoreError> {
 
 /// Makes a complete, empty database, in the mode that writers use.
 pub(crate) fn make(path: &Path, schema: &Schema) -> Result<Connection, StoreError> {
-    let mut connection = Connection::open(path).map_err(StoreError::sql("make its database"))?;
+    let mut connection = Connection::open(path).map_err(sqlite_error("make its database"))?;
     configure(&connection)?;
     set(&connection, "journal_mode", "delete", "delete")?;
     set(&connection, "synchronous", "FULL", "2")?;
@@ -273,7 +274,7 @@ pub(crate) fn remove_database(path: &Path) -> Result<(), StoreError> {
 
 /// Merges a database's log into the database, and removes the log.
 pub(crate) fn truncate_log(path: &Path) -> Result<(), StoreError> {
-    let error = StoreError::sql("write the log into the database");
+    let error = sqlite_error("write the log into the database");
     let flags = OpenFlags::SQLITE_OPEN_READ_WRITE | OpenFlags::SQLITE_OPEN_NO_MUTEX;
     let connection = Connection::open_with_flags(path, flags).map_err(&error)?;
     let busy: i64 =
@@ -430,5 +431,5 @@ pub(crate) fn written_by_others(connection: &Connection) -> Result<i64, StoreErr
     connection
         .prepare_cached("PRAGMA data_version")
         .and_then(|mut pragma| pragma.query_row([], |row| row.get(0)))
-        .map_err(StoreError::sql("ask what others wrote"))
+        .map_err(sqlite_error("ask what others wrote"))
 }

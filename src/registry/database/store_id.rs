@@ -6,9 +6,10 @@ use ed25519_dalek::VerifyingKey;
 use rusqlite::Connection;
 
 use crate::database::open::not_the_chain;
-use crate::terms::error::StoreError;
 use crate::terms::row_limit;
+use crate::terms::sqlite_error::sqlite_error;
 use holdpoint_audit::store_id::of_key;
+use holdpoint_store::StoreError;
 
 /// The store's id, made with the store.
 pub(crate) fn read(connection: &Connection, database: &Path) -> Result<String, StoreError> {
@@ -27,6 +28,6 @@ pub(crate) fn name_after(connection: &Connection, key: &VerifyingKey) -> Result<
     let store_id = of_key(key);
     connection
         .execute("UPDATE meta SET value = ?1 WHERE key = 'store_id' AND value != ?1", [&store_id])
-        .map_err(StoreError::sql("name the store"))?;
+        .map_err(sqlite_error("name the store"))?;
     Ok(store_id)
 }

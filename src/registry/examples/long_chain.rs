@@ -20,11 +20,11 @@ use std::time::{Duration, Instant};
 
 use holdpoint_governance::alarms::{AlarmState, Priority};
 use holdpoint_governance::record::RecordKind;
-use holdpoint_registry::store_terms::EvidenceKind;
 use holdpoint_registry::{
-    AuditBody, BackupParts, Change, ExportScope, Store, StoreError, Transaction, UnsignedRecords,
-    UnverifiedStore, Views, backup, export_store, prove_record, rebuild, verify,
+    BackupParts, ExportScope, Store, UnsignedRecords, UnverifiedStore, Views, backup, export_store,
+    prove_record, rebuild, verify,
 };
+use holdpoint_store::{AuditBody, Change, EvidenceKind, StoreError, Transaction};
 use rusqlite::Connection;
 use rustix::time::{ClockId, clock_gettime};
 use store::{bootstrap, evidence, shadowed};

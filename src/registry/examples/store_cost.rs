@@ -15,7 +15,8 @@ use std::time::{Duration, Instant};
 
 use holdpoint_governance::lifecycle::State;
 use holdpoint_governance::record::VersionGroup;
-use holdpoint_registry::{Store, StoreError, VersionFilter, check_invariants, verify};
+use holdpoint_registry::{Store, check_invariants, verify};
+use holdpoint_store::{StoreError, VersionFilter};
 use store::{commit, new_version};
 
 const VERSIONS: usize = 10_000;

@@ -7,12 +7,11 @@ use rusqlite::params_from_iter;
 use rusqlite::types::Value;
 
 use crate::chain::audit;
-use crate::reading::entries::AuditFilter;
 use crate::reading::views::{Views, limit, many};
-use crate::terms::error::StoreError;
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::record::AuditRecord;
 use holdpoint_governance::version_status::RecordedChanges;
+use holdpoint_store::{AuditFilter, StoreError};
 
 /// The most kinds of records of one chain: an engine knows a quarter of them, and a query has room for this many.
 const KINDS_MAX: usize = 200;

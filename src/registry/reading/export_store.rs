@@ -15,11 +15,11 @@ use crate::chain::compare::is_lost;
 use crate::database::migrate::STORE;
 use crate::database::open::open_reader;
 use crate::database::store_id;
-use crate::terms::error::StoreError;
 use crate::verification::check::{VerificationDepth, open_checked};
 use holdpoint_approvals::keyfile;
 use holdpoint_audit::checkpoint::{Checkpoint, StoredCheckpoint, read_all};
 use holdpoint_audit::export_line::{ExportHeader, ExportLine};
+use holdpoint_store::StoreError;
 
 /// The checkpoints of a moment of the database with this end: an engine may have written more since.
 pub(crate) fn until(

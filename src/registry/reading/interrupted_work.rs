@@ -4,18 +4,7 @@ use crate::database::columns::parsed_option;
 use rusqlite::Connection;
 
 use holdpoint_governance::ids::CapabilityId;
-use holdpoint_governance::lifecycle::Stage;
-
-/// An operation that was running when the last engine ended.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub enum InterruptedWork {
-    /// A stage was running; its result does not count and must be run again.
-    Stage { version: CapabilityId, stage: Stage },
-    /// An activation is provisional: monitor it before its next tick, or roll it back.
-    Provisional { version: CapabilityId },
-    /// A rollback was begun: finish it.
-    RollbackPending { version: CapabilityId },
-}
+use holdpoint_store::InterruptedWork;
 
 /// Every interrupted operation, in order of registration; a pending rollback comes before the rest of a version.
 pub(crate) fn interrupted(connection: &Connection) -> rusqlite::Result<Vec<InterruptedWork>> {

@@ -3,9 +3,10 @@
 use rusqlite::Connection;
 
 use crate::reading::views::Views;
-use crate::terms::error::StoreError;
+use crate::terms::sqlite_error::sqlite_error;
 use holdpoint_audit::profile_history::{ProfileChangeBody, ProfileHistory};
 use holdpoint_governance::record::RecordKind;
+use holdpoint_store::StoreError;
 
 /// The history of a store's profiles, from its records.
 fn profile_history(connection: &Connection) -> rusqlite::Result<ProfileHistory> {
@@ -33,6 +34,6 @@ impl Views {
     /// # Errors
     /// If the store cannot be read.
     pub fn profiles(&self) -> Result<ProfileHistory, StoreError> {
-        profile_history(&self.connection).map_err(StoreError::sql("read the profiles on record"))
+        profile_history(&self.connection).map_err(sqlite_error("read the profiles on record"))
     }
 }

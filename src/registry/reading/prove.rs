@@ -9,10 +9,11 @@ use crate::chain::audit;
 use crate::chain::chain_signature;
 use crate::database::migrate::STORE;
 use crate::database::open::open_reader;
-use crate::terms::error::StoreError;
+use crate::terms::sqlite_error::sqlite_error;
 use holdpoint_audit::checkpoint::{Checkpoint, StoredCheckpoint, read_all};
 use holdpoint_audit::proof::{Proof, ProofFault, SignedChain};
 use holdpoint_governance::ids::Digest;
+use holdpoint_store::StoreError;
 use holdpoint_text::{ErrorDetails, Hint};
 
 /// A proof that cannot be made.
@@ -45,7 +46,7 @@ impl Hint for ProveError {
 /// One moment of a store: its newest signed head and the hashes of all records up to it.
 fn signed_chain(database: &Path) -> Result<(Connection, SignedChain), ProveError> {
     let connection = open_reader(database, &STORE)?;
-    let failed = StoreError::sql("read the audit chain");
+    let failed = sqlite_error("read the audit chain");
     connection.execute_batch("BEGIN").map_err(&failed)?;
     let Some(end) = chain_signature::read(&connection).map_err(ProofFault::Unsound)? else {
         return Err(ProofFault::EndWithoutTree.into());
@@ -72,7 +73,7 @@ pub fn prove_record(database: &Path, seq: u64) -> Result<Proof, ProveError> {
     let (connection, chain) = signed_chain(database)?;
     let sql = format!("SELECT {} FROM audit WHERE seq = ?1", audit::COLUMNS);
     let record = connection.query_row(&sql, [seq], audit::read).optional();
-    let Some(record) = record.map_err(StoreError::sql("read the audit chain"))? else {
+    let Some(record) = record.map_err(sqlite_error("read the audit chain"))? else {
         return Err(ProofFault::NoRecord { seq, end: chain.end().seq }.into());
     };
     Ok(chain.prove_record(record)?)

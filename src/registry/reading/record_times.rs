@@ -3,21 +3,12 @@
 use rusqlite::{OptionalExtension as _, params};
 
 use crate::reading::views::Views;
-use crate::terms::error::StoreError;
+use crate::terms::sqlite_error::sqlite_error;
 use holdpoint_governance::record::RecordKind;
+use holdpoint_store::{RecordTime, StoreError};
 
 /// The most record numbers per query.
 const NUMBERS_MAX: i64 = 4_000_000;
-
-/// When a record was written.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct RecordTime {
-    pub seq: u64,
-    /// Virtual time, ms; never before that of an earlier record.
-    pub at_ms: u64,
-    /// Wall time, ms since 1970, by the machine's clock as it was set then; absent in scripts.
-    pub wall_ms: Option<i64>,
-}
 
 impl Views {
     /// The stamp of a record; `None` if there is none of that number.
@@ -36,7 +27,7 @@ impl Views {
                 };
                 select.query_row([seq_there], read).optional()
             })
-            .map_err(StoreError::sql("read when records were written"))
+            .map_err(sqlite_error("read when records were written"))
     }
 
     /// Numbers of the records of a kind, of those from `from_seq` on and before `before_seq`, in order.
@@ -57,6 +48,6 @@ impl Views {
                 let parameters = params![kind.name(), bound(from_seq), bound(before_seq), NUMBERS_MAX];
                 select.query_map(parameters, |row| row.get(0))?.collect()
             })
-            .map_err(StoreError::sql("read which records there are"))
+            .map_err(sqlite_error("read which records there are"))
     }
 }

@@ -15,13 +15,7 @@ use crate::chain::person_rows;
 use crate::database::columns::{conversion, parsed, parsed_option};
 use crate::database::migrate::{STORE, version};
 use crate::database::open::open_reader;
-use crate::reading::entries::{
-    ActivationEntry, AlarmEntry, ApprovalEntry, AuditFilter, EvidenceEntry, FamilyStatus, VersionDetail,
-    VersionFilter, VersionHistory,
-};
-use crate::terms::change::ApprovalRequest;
-use crate::terms::error::StoreError;
-use crate::terms::store_terms::EvidenceKind;
+use crate::terms::sqlite_error::sqlite_error;
 use crate::transaction::apply::read_reason;
 use crate::verification::check::{VerificationDepth, open_checked};
 use holdpoint_approvals::PersonDirectory;
@@ -33,9 +27,10 @@ use holdpoint_governance::profile::ProfileName;
 use holdpoint_governance::profile_downgrade::AdmissionContext;
 use holdpoint_governance::record::{ActivationCause, AuditRecord, RecordKind, UpgradeEnd, VersionSummary};
 use holdpoint_governance::wall_time::WallTime;
-
-/// The most rows one call returns.
-pub const PAGE_ROWS_MAX: usize = 10_000;
+use holdpoint_store::{
+    ActivationEntry, AlarmEntry, ApprovalEntry, ApprovalRequest, AuditFilter, EvidenceEntry, EvidenceKind,
+    FamilyStatus, PAGE_ROWS_MAX, StoreError, VersionDetail, VersionFilter, VersionHistory,
+};
 
 /// The most closing records of one version that are read: one for each way an upgrade can end.
 const CLOSINGS_MAX: usize = 100;
@@ -301,9 +296,9 @@ impl Views {
         let reading = "read who may decide";
         let id = "SELECT value FROM meta WHERE +key = 'store_id'";
         let store_id: String =
-            self.connection.query_row(id, [], |row| row.get(0)).map_err(StoreError::sql(reading))?;
+            self.connection.query_row(id, [], |row| row.get(0)).map_err(sqlite_error(reading))?;
         person_rows::read(&self.connection, &store_id)
-            .map_err(StoreError::sql(reading))?
+            .map_err(sqlite_error(reading))?
             .map_err(|(name, problem)| StoreError::Person { name, problem })
     }
 
@@ -374,7 +369,7 @@ impl Views {
     /// If the store cannot be read.
     pub fn pointer_robots(&self) -> Result<Vec<(String, String)>, StoreError> {
         // Before schema 2 none did.
-        if version(&self.connection).map_err(StoreError::sql("read the registry"))? < 2 {
+        if version(&self.connection).map_err(sqlite_error("read the registry"))? < 2 {
             return Ok(Vec::new());
         }
         let sql = "SELECT name, robot FROM family WHERE robot IS NOT NULL ORDER BY name";
@@ -514,7 +509,7 @@ impl Views {
             }
             Ok::<(), rusqlite::Error>(())
         })
-        .map_err(StoreError::sql("read the audit chain"))
+        .map_err(sqlite_error("read the audit chain"))
     }
 
     /// The end of the chain.
@@ -522,7 +517,7 @@ impl Views {
     /// # Errors
     /// If the store cannot be read.
     pub fn head(&self) -> Result<Head, StoreError> {
-        audit::head(&self.connection).map_err(StoreError::sql("read the audit chain"))
+        audit::head(&self.connection).map_err(sqlite_error("read the audit chain"))
     }
 
     /// Writes the chain from `from_seq` on as JSON lines, printable ASCII only, and returns their number. A closed pipe
@@ -584,7 +579,7 @@ fn one<T>(
     connection
         .prepare_cached(sql)
         .and_then(|mut select| select.query_row(parameters, read).optional())
-        .map_err(StoreError::sql("read the registry"))
+        .map_err(sqlite_error("read the registry"))
 }
 
 pub(crate) fn many<T>(
@@ -596,5 +591,5 @@ pub(crate) fn many<T>(
     connection
         .prepare_cached(sql)
         .and_then(|mut select| select.query_map(parameters, read)?.collect())
-        .map_err(StoreError::sql("read the registry"))
+        .map_err(sqlite_error("read the registry"))
 }

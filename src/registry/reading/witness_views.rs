@@ -7,9 +7,9 @@ use serde::Deserialize;
 
 use crate::database::migrate::STORE;
 use crate::database::open::open_reader;
-use crate::terms::change::Change;
-use crate::terms::error::StoreError;
+use crate::terms::sqlite_error::sqlite_error;
 use holdpoint_governance::record::RecordKind;
+use holdpoint_store::{Change, StoreError};
 
 /// The witness folders of a store, from its records.
 ///
@@ -20,7 +20,7 @@ pub fn witnesses(database: &Path) -> Result<BTreeSet<String>, StoreError> {
     struct RecordedWitness {
         change: Change,
     }
-    let error = StoreError::sql("read the audit chain");
+    let error = sqlite_error("read the audit chain");
     let connection = open_reader(database, &STORE)?;
     let mut select =
         connection.prepare("SELECT seq, body FROM audit WHERE kind = ?1 ORDER BY seq").map_err(&error)?;

@@ -1,5 +1,5 @@
 //! Telemetry and cached results: a second database file, whose newest batches a power cut may lose until they are
-//! sealed and their digests enter the audit chain. [`crate::telemetry::result_cache`] authenticates cached results.
+//! sealed and their digests enter the audit chain. [`ResultCache`](holdpoint_store::ResultCache) authenticates cached results.
 //!
 //! Batches are sealed in blocks: together with the next record of any kind, or once a block is full or its first batch
 //! is old. So every record rests on telemetry that was sealed before it.
@@ -12,13 +12,16 @@ use std::path::Path;
 use rusqlite::config::DbConfig;
 use rusqlite::{Connection, OptionalExtension, Row, Transaction, TransactionBehavior, params};
 
-use crate::chain::telemetry_seals::{BatchState, SealProgress, StartupTelemetry, TelemetryAccount, absent};
+use crate::chain::telemetry_seals::{BatchState, SealProgress, TelemetryAccount, absent};
 use crate::database::migrate::TELEMETRY;
 use crate::database::open::{Durability, WriterGuard, open_writer};
 use crate::telemetry::telemetry_quarantine::TelemetryContents;
-use crate::terms::change::{BLOCK_BATCHES_MAX, BatchReceipt, Change, GAPS_MAX, QuarantinedFile};
-use crate::terms::error::StoreError;
+use crate::terms::sqlite_error::sqlite_error;
 use holdpoint_governance::ids::{CapabilityId, Digest, is_name};
+use holdpoint_store::{
+    BATCH_BYTES_MAX, BLOCK_BATCHES_MAX, Batch, BatchReceipt, Change, GAPS_MAX, QuarantinedFile,
+    StartupTelemetry, StoreError,
+};
 
 /// How much the telemetry file keeps.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -35,58 +38,10 @@ impl Default for TelemetryLimits {
     }
 }
 
-/// The largest batch or cell, bytes.
-pub(crate) const BODY_BYTES_MAX: usize = 4 << 20;
-
-/// Rows of telemetry of one stream, encoded by the caller (postcard or JSON).
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Batch {
-    /// The version they are about.
-    pub version: CapabilityId,
-    /// Which stream, a name, e.g. `monitor` or `sandbox`.
-    pub stream: String,
-    /// Virtual time of the first row, ms.
-    pub from_ms: u64,
-    /// Virtual time of the last row, ms.
-    pub to_ms: u64,
-    /// Number of rows, at least 1.
-    pub rows: u64,
-    /// The rows, at most 4 MiB.
-    pub body: Vec<u8>,
-}
-
-/// The inputs of an episode's result.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct EpisodeKey {
-    /// Digest of the version.
-    pub bundle: Digest,
-    /// Digest of the scenario with its perturbations.
-    pub scenario: Digest,
-    pub seed: u64,
-    /// The engine's build: name, version and whatever else changes results.
-    pub engine_build: String,
-}
-
-impl EpisodeKey {
-    /// The key of its cached result.
-    #[must_use]
-    pub fn digest(&self) -> Digest {
-        let seed = self.seed.to_le_bytes();
-        let parts =
-            [self.bundle.bytes().as_slice(), self.scenario.bytes(), &seed, self.engine_build.as_bytes()];
-        Digest::of_parts("holdpoint/episode-key/v2", &parts)
-    }
-}
-
-impl Batch {
-    fn digest(&self) -> Digest {
-        batch_digest(
-            &self.version.to_string(),
-            &self.stream,
-            [self.from_ms, self.to_ms, self.rows],
-            &self.body,
-        )
-    }
+/// The digest of a batch.
+fn digest_of(batch: &Batch) -> Digest {
+    let numbers = [batch.from_ms, batch.to_ms, batch.rows];
+    batch_digest(&batch.version.to_string(), &batch.stream, numbers, &batch.body)
 }
 
 /// The digest of a batch's fields.
@@ -138,7 +93,7 @@ impl TelemetryFile {
         let (connection, written) = open_writer(path, &TELEMETRY, Durability::Normal)?;
         // Triggers added while it is open have no effect either.
         for config in [DbConfig::SQLITE_DBCONFIG_ENABLE_TRIGGER, DbConfig::SQLITE_DBCONFIG_ENABLE_VIEW] {
-            connection.set_db_config(config, false).map_err(StoreError::sql("set up its database"))?;
+            connection.set_db_config(config, false).map_err(sqlite_error("set up its database"))?;
         }
         let last = contents.numbers.last().copied().unwrap_or(0).max(sealed);
         Ok(Self {
@@ -171,7 +126,7 @@ impl TelemetryFile {
         if self.unsealed.len() >= UNSEALED_MAX {
             return Err(StoreError::invalid("unsealed batches", UNSEALED_MAX, "fewer; seal them first"));
         }
-        let digest = batch.digest();
+        let digest = digest_of(batch);
         // Between two seals there may be twice as much.
         let limit = self.limits.batch_bytes_max.saturating_mul(2);
         if self.batch_bytes > limit {
@@ -226,7 +181,7 @@ impl TelemetryFile {
         let busy: i64 = self
             .connection
             .query_row("PRAGMA wal_checkpoint(FULL)", [], |row| row.get(0))
-            .map_err(StoreError::sql("force telemetry to disk"))?;
+            .map_err(sqlite_error("force telemetry to disk"))?;
         if busy != 0 {
             return Err(StoreError::invalid("telemetry file", "busy", "no other writer"));
         }
@@ -235,7 +190,7 @@ impl TelemetryFile {
             let batches = block.iter().map(|(receipt, _)| receipt.clone()).collect();
             changes.push(Change::SealTelemetryBlock { batches, found: false });
         }
-        let through = self.over_limit().map_err(StoreError::sql("measure telemetry"))?;
+        let through = self.over_limit().map_err(sqlite_error("measure telemetry"))?;
         changes.extend(through.map(|through| Change::PruneTelemetry { through }));
         Ok(changes)
     }
@@ -305,7 +260,7 @@ impl TelemetryFile {
                 let receipt = BatchReceipt {
                     version: version.clone(),
                     batch: number,
-                    digest: batch.digest(),
+                    digest: digest_of(&batch),
                     rows: *rows,
                 };
                 unsealed.push(receipt);
@@ -332,7 +287,7 @@ impl TelemetryFile {
             .prepare_cached(sql)
             .and_then(|mut select| select.query_row([number], read).optional())
             .map(Option::flatten)
-            .map_err(StoreError::sql("read telemetry"))
+            .map_err(sqlite_error("read telemetry"))
     }
 
     /// A batch's rows, checked against their digest; `None` if it was removed.
@@ -365,9 +320,9 @@ impl TelemetryFile {
                     })
                     .optional()
             })
-            .map_err(StoreError::sql("read telemetry"))?;
+            .map_err(sqlite_error("read telemetry"))?;
         match found {
-            Some((digest, found)) if found.digest().to_string() != digest => Err(StoreError::invalid(
+            Some((digest, found)) if digest_of(&found).to_string() != digest => Err(StoreError::invalid(
                 "telemetry batch",
                 batch,
                 "unchanged; its content does not match its digest",
@@ -463,12 +418,12 @@ impl TelemetryFile {
             tx.commit()?;
             Ok(answer)
         };
-        run().map_err(StoreError::sql(what))
+        run().map_err(sqlite_error(what))
     }
 }
 
 fn check_body(what: &'static str, body: &[u8], has_rows: bool) -> Result<(), StoreError> {
-    if body.is_empty() || body.len() > BODY_BYTES_MAX || !has_rows {
+    if body.is_empty() || body.len() > BATCH_BYTES_MAX || !has_rows {
         let size = format!("of {} bytes", body.len());
         return Err(StoreError::invalid(what, size, "1 byte to 4 MiB with at least one row"));
     }
@@ -493,7 +448,7 @@ pub(crate) fn content_digest(connection: &Connection, batch: u64) -> rusqlite::R
 /// The hashed fields of a batch, and the longest accepted body: no engine writes a longer one.
 pub(crate) const STORED_BATCH_SQL: &str = "SELECT id, version, stream, from_ms, to_ms, rows,
     CASE WHEN length(body) <= 4194304 THEN body ELSE x'' END FROM batch";
-const _: () = assert!(BODY_BYTES_MAX == 4_194_304);
+const _: () = assert!(BATCH_BYTES_MAX == 4_194_304);
 
 /// The digest of a row of [`STORED_BATCH_SQL`].
 pub(crate) fn stored_digest(row: &Row<'_>) -> rusqlite::Result<Digest> {

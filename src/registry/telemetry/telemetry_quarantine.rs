@@ -17,13 +17,12 @@ use crate::chain::telemetry_seals::{TelemetryAccount, sealed_digests};
 use crate::database::migrate::{Schema, TELEMETRY, version};
 use crate::database::open::{COMPANIONS, beside, check_header, damaged, make, open_sound, remove_database};
 use crate::database::schema_shape::{first_difference, has_table};
-use crate::place::layout::Layout;
-use crate::telemetry::telemetry_file::{BODY_BYTES_MAX, TelemetryLimits, UNSEALED_MAX, content_digest};
-use crate::terms::change::{QUARANTINED_MAX, QuarantinedFile};
-use crate::terms::error::StoreError;
+use crate::telemetry::telemetry_file::{TelemetryLimits, UNSEALED_MAX, content_digest};
+use crate::terms::sqlite_error::sqlite_error;
 use holdpoint_audit::files::sync_folder;
 use holdpoint_governance::ids::Digest;
 use holdpoint_governance::record::RecordKind;
+use holdpoint_store::{BATCH_BYTES_MAX, Layout, QUARANTINED_MAX, QuarantinedFile, StoreError};
 use holdpoint_text::file::kind_of;
 
 /// Space in the file beyond the limits, bytes: free pages, keys, indices.
@@ -164,7 +163,7 @@ fn of_file(error: rusqlite::Error) -> Result<String, StoreError> {
         None | Some(ErrorCode::DatabaseCorrupt | ErrorCode::NotADatabase | ErrorCode::Unknown) => {
             Ok(format!("it cannot be read: {error}"))
         }
-        Some(_) => Err(StoreError::sql("read its telemetry")(error)),
+        Some(_) => Err(sqlite_error("read its telemetry")(error)),
     }
 }
 
@@ -187,7 +186,7 @@ fn read_contents(
         let (Ok(number), Ok(bytes)) = (u64::try_from(number), u64::try_from(bytes)) else {
             return Ok(Err(format!("it has a batch {number}")));
         };
-        if number == 0 || bytes > BODY_BYTES_MAX as u64 {
+        if number == 0 || bytes > BATCH_BYTES_MAX as u64 {
             return Ok(Err(format!("it has a batch {number} of {bytes} bytes")));
         }
         if number > sealed {
@@ -243,7 +242,7 @@ fn take_over(path: &Path, chain: ChainEvidence<'_>, part: &Path) -> Result<bool,
     if !has_table(&source, &TELEMETRY, "batch").unwrap_or(false) {
         return Ok(false);
     }
-    let error = StoreError::sql("take over telemetry");
+    let error = sqlite_error("take over telemetry");
     let sealed = sealed_digests(chain.connection).map_err(&error)?;
     remove_database(part)?;
     let mut into = make(part, &TELEMETRY)?;
@@ -364,7 +363,7 @@ pub(crate) fn unrecorded_files(
     if there.is_empty() {
         return Ok(Vec::new());
     }
-    let error = StoreError::sql("read the records of quarantined files");
+    let error = sqlite_error("read the records of quarantined files");
     let mut select = connection.prepare("SELECT body FROM audit WHERE kind = ?1").map_err(&error)?;
     let bodies: rusqlite::Result<Vec<String>> = select
         .query_map([RecordKind::TelemetryMissed.to_string()], |row| row.get(0))

@@ -7,25 +7,15 @@ use rusqlite::{Connection, Row};
 
 use crate::database::migrate::TELEMETRY;
 use crate::database::open::{not_telemetry, open_reader};
-use crate::telemetry::telemetry_file::{Batch, STORED_BATCH_SQL, stored_digest};
+use crate::telemetry::telemetry_file::{STORED_BATCH_SQL, stored_digest};
 use crate::telemetry::telemetry_quarantine::wrong_shape;
-use crate::terms::error::StoreError;
-use holdpoint_governance::ids::Digest;
+use crate::terms::sqlite_error::sqlite_error;
+use holdpoint_store::{Batch, StoreError, StoredBatch};
 
 /// See the module's head.
 #[derive(Debug)]
 pub struct TelemetryViews {
     connection: Connection,
-}
-
-/// A batch's row. The caller compares its digest with the telemetry digest in the audit chain.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct StoredBatch {
-    pub number: u64,
-    /// Digest of its present fields.
-    pub digest: Digest,
-    /// `None` if the row is malformed: no engine writes such a row.
-    pub batch: Option<Batch>,
 }
 
 impl TelemetryViews {
@@ -35,7 +25,7 @@ impl TelemetryViews {
     /// If it cannot be opened, or is not as this program makes it.
     pub fn open(path: &Path) -> Result<Self, StoreError> {
         let connection = open_reader(path, &TELEMETRY)?;
-        let problem = wrong_shape(&connection, &TELEMETRY).map_err(StoreError::sql("read telemetry"))?;
+        let problem = wrong_shape(&connection, &TELEMETRY).map_err(sqlite_error("read telemetry"))?;
         problem.map_or(Ok(Self { connection }), |problem| Err(not_telemetry(path, &problem)))
     }
 
@@ -58,7 +48,7 @@ impl TelemetryViews {
             }
             Ok(())
         };
-        read().map_err(StoreError::sql("read telemetry"))
+        read().map_err(sqlite_error("read telemetry"))
     }
 
     /// Calls `visit` with each batch of two streams from the number `first` to `last`, in order, one at a time.
@@ -85,7 +75,7 @@ impl TelemetryViews {
             }
             Ok(())
         };
-        read().map_err(StoreError::sql("read telemetry"))
+        read().map_err(sqlite_error("read telemetry"))
     }
 
     /// Calls `visit` with each of these numbers that has a batch.
@@ -102,7 +92,7 @@ impl TelemetryViews {
             }
             Ok(())
         };
-        look().map_err(StoreError::sql("read telemetry"))
+        look().map_err(sqlite_error("read telemetry"))
     }
 
     /// The number of the oldest batch; `None` without one.
@@ -112,7 +102,7 @@ impl TelemetryViews {
     pub fn oldest(&self) -> Result<Option<u64>, StoreError> {
         self.connection
             .query_row("SELECT min(id) FROM batch WHERE id > 0", [], |row| row.get(0))
-            .map_err(StoreError::sql("read telemetry"))
+            .map_err(sqlite_error("read telemetry"))
     }
 
     /// The numbers of all batches.
@@ -123,7 +113,7 @@ impl TelemetryViews {
         self.connection
             .prepare("SELECT id FROM batch WHERE id > 0")
             .and_then(|mut select| select.query_map([], |row| row.get(0))?.collect())
-            .map_err(StoreError::sql("read telemetry"))
+            .map_err(sqlite_error("read telemetry"))
     }
 }
 

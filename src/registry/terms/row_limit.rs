@@ -4,11 +4,10 @@
 //! The limit applies to the values read from a row. A search by the key of a table without row ids loads whole rows on
 //! its way, so `meta`, which is read before any check, is read from its beginning (`+key`).
 
+use holdpoint_store::ROW_BYTES_MAX;
 use rusqlite::limits::Limit;
 use rusqlite::{Connection, ErrorCode};
 
-/// The longest text of a row, and the longest row, bytes. This program writes shorter ones.
-pub(crate) const ROW_BYTES_MAX: i32 = 32 << 20;
 /// The table of the chain, whose records are read one by one anyway.
 const CHAIN: &str = "audit";
 

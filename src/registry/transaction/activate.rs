@@ -2,12 +2,11 @@
 
 use rusqlite::params;
 
-use crate::terms::change::ActiveCause;
-use crate::terms::error::StoreError;
 use crate::transaction::apply::{Applier, ChangeEffect, check_json, checked_reason};
 use holdpoint_governance::ids::{CapabilityId, Digest, Family};
 use holdpoint_governance::notice::NoticeOrText;
 use holdpoint_governance::record::RecordKind;
+use holdpoint_store::{ActiveCause, StoreError};
 
 /// A family's row in the store.
 struct FamilyPointers {

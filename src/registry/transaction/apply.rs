@@ -11,12 +11,8 @@ use crate::chain::fold::{ChainFault, Fold};
 use crate::chain::invariants;
 use crate::chain::row_images::{RowName, row_digest, rows_of};
 use crate::database::columns::parsed;
-use crate::terms::change::{
-    AUDIT_MAX, AuditBody, BODY_BYTES_MAX, CHANGES_MAX, Change, NOTICE_BYTES_MAX, Receipt, TEXT_BYTES_MAX,
-    Transaction,
-};
-use crate::terms::error::StoreError;
-use crate::terms::store_terms::{EvidenceKind, is_own};
+use crate::terms::own_records::is_own;
+use crate::terms::sqlite_error::sqlite_error;
 use holdpoint_approvals::PersonActKind;
 use holdpoint_audit::chain::Head;
 use holdpoint_audit::profile_history::ProfileHistory;
@@ -28,6 +24,10 @@ use holdpoint_governance::lifecycle::State;
 use holdpoint_governance::notice::{Notice, NoticeOrText};
 use holdpoint_governance::profile::ProfileName;
 use holdpoint_governance::record::{AuditRecord, RecordKind};
+use holdpoint_store::{
+    AUDIT_MAX, AuditBody, BODY_BYTES_MAX, CHANGES_MAX, Change, EvidenceKind, NOTICE_BYTES_MAX, Receipt,
+    StoreError, TEXT_BYTES_MAX, Transaction,
+};
 
 /// The most alarms a store holds.
 const ALARMS_MAX: u64 = 10_000;
@@ -110,7 +110,7 @@ pub(crate) fn apply(
 ) -> Result<(Receipt, Head), StoreError> {
     check_size(transaction)?;
     let digest = command_digest(transaction)?;
-    let before = audit::head(connection).map_err(StoreError::sql("read the audit chain"))?;
+    let before = audit::head(connection).map_err(sqlite_error("read the audit chain"))?;
     if before != fold.end() {
         let problem =
             format!("the audit chain ends at {}, this engine wrote up to {}", before.seq, fold.end().seq);
@@ -148,7 +148,7 @@ pub(crate) fn apply(
     }
     for family in &applier.families {
         if let Some(violation) = invariants::check_family(connection, family)
-            .map_err(StoreError::sql("check its invariants"))?
+            .map_err(sqlite_error("check its invariants"))?
             .into_iter()
             .next()
         {
@@ -172,7 +172,7 @@ pub(crate) fn apply(
             .and_then(|mut insert| {
                 insert.execute(params![receipt.command_id, digest.to_string(), applier.head.seq, text])
             })
-            .map_err(StoreError::sql("keep the receipt"))?;
+            .map_err(sqlite_error("keep the receipt"))?;
     }
     crate::fp!("before-commit");
     Ok((receipt, applier.head))
@@ -183,7 +183,7 @@ fn earlier_receipt(
     transaction: &Transaction,
     digest: Digest,
 ) -> Result<Option<Receipt>, StoreError> {
-    let error = StoreError::sql("look up the command");
+    let error = sqlite_error("look up the command");
     let found: Option<(String, String)> = connection
         .prepare_cached("SELECT digest, receipt FROM command WHERE id = ?1")
         .and_then(|mut select| {
@@ -330,7 +330,7 @@ impl Applier<'_> {
         self.connection
             .prepare_cached(sql)
             .and_then(|mut statement| statement.execute(parameters))
-            .map_err(StoreError::sql(what))
+            .map_err(sqlite_error(what))
     }
 
     pub(crate) fn find<T>(
@@ -343,14 +343,13 @@ impl Applier<'_> {
         self.connection
             .prepare_cached(sql)
             .and_then(|mut select| select.query_row(parameters, read).optional())
-            .map_err(StoreError::sql(what))
+            .map_err(sqlite_error(what))
     }
 
     /// Checks that the replaced rows are those of the chain: a row that another program changed is never taken over.
     fn check_before(&self, rows: &[RowName]) -> Result<(), StoreError> {
         for (table, key) in rows {
-            let found =
-                row_digest(self.connection, *table, key).map_err(StoreError::sql("read a row back"))?;
+            let found = row_digest(self.connection, *table, key).map_err(sqlite_error("read a row back"))?;
             let written = self.written.get(&(*table, key.clone())).copied();
             let expected = written.or_else(|| self.fold.row(*table, key).map(|vouched| vouched.digest));
             if found != expected {
@@ -374,8 +373,7 @@ impl Applier<'_> {
     ) -> Result<(), StoreError> {
         let mut rows = Vec::with_capacity(changed.len());
         for (table, key) in changed {
-            let digest =
-                row_digest(self.connection, table, &key).map_err(StoreError::sql("read a row back"))?;
+            let digest = row_digest(self.connection, table, &key).map_err(sqlite_error("read a row back"))?;
             let digest =
                 digest.ok_or_else(|| StoreError::NotFound { what: table.name(), name: key.clone() })?;
             rows.push(json!([table.name(), key, digest]));

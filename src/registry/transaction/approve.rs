@@ -2,8 +2,6 @@
 
 use rusqlite::params;
 
-use crate::terms::change::ApprovalRequest;
-use crate::terms::error::StoreError;
 use crate::transaction::apply::{Applier, ChangeEffect, check_int, check_json, check_name};
 use holdpoint_approvals::{PersonDirectory, PersonState, SignedApproval};
 use holdpoint_audit::recorded_approval::RecordedApproval;
@@ -11,6 +9,7 @@ use holdpoint_governance::approval::ApprovalDecision;
 use holdpoint_governance::ids::{CapabilityId, Digest, canonical_json};
 use holdpoint_governance::record::RecordKind;
 use holdpoint_governance::wall_time::WallTime;
+use holdpoint_store::{ApprovalRequest, StoreError};
 
 impl Applier<'_> {
     pub(crate) fn put_request(&mut self, request: &ApprovalRequest) -> Result<ChangeEffect, StoreError> {

@@ -3,17 +3,18 @@
 use rusqlite::params;
 
 use crate::chain::person_rows;
-use crate::terms::error::StoreError;
+use crate::terms::sqlite_error::sqlite_error;
 use crate::transaction::apply::{Applier, ChangeEffect};
 use holdpoint_approvals::{PersonActKind, PersonDirectory, PersonState, SignedPersonAct};
 use holdpoint_governance::ids::canonical_json;
 use holdpoint_governance::record::RecordKind;
+use holdpoint_store::StoreError;
 
 impl Applier<'_> {
     /// All persons of the store in this transaction so far.
     pub(crate) fn persons(&self) -> Result<PersonDirectory, StoreError> {
         person_rows::read(self.connection, self.place.store_id)
-            .map_err(StoreError::sql("read who may decide"))?
+            .map_err(sqlite_error("read who may decide"))?
             .map_err(|(name, problem)| StoreError::Person { name, problem })
     }
 

@@ -2,12 +2,12 @@
 //! used where robots or people are at risk; [`ProfileHistory`](holdpoint_audit::profile_history::ProfileHistory) tells
 //! which change needs one.
 
-use crate::terms::error::StoreError;
 use crate::transaction::apply::Applier;
 use holdpoint_approvals::SignedProfileAct;
 use holdpoint_audit::profile_history::{ContextRules, check_key_guarded};
 use holdpoint_governance::profile::ProfileName;
 use holdpoint_governance::profile_downgrade::DOWNGRADED_FIELDS_MAX;
+use holdpoint_store::StoreError;
 
 impl Applier<'_> {
     /// The authorization is an administrator's, for this end of the chain and for the profile in force.

@@ -5,9 +5,9 @@ use serde::Deserialize;
 use serde_json::json;
 
 use crate::chain::compare::LOST;
-use crate::terms::error::StoreError;
 use holdpoint_audit::rebuild_report::RebuildRecordChange;
 use holdpoint_governance::record::AuditRecord;
+use holdpoint_store::StoreError;
 
 /// A mark in place of a lost text.
 pub(crate) fn lost_mark(what: &str) -> String {

@@ -11,14 +11,14 @@ use crate::chain::compare::check_approval;
 use crate::chain::fold::Fold;
 use crate::chain::row_images::{ChainedTable, RowName, differing_columns, row_digest};
 use crate::database::migrate::{STORE, migrate};
-use crate::terms::change::Change;
-use crate::terms::error::StoreError;
+use crate::terms::sqlite_error::sqlite_error;
 use crate::transaction::apply::{Applier, ApprovalBasis};
 use crate::transaction::rebuild_losses::{lost_mark, rows_lost, text_of};
 use holdpoint_approvals::SignedApproval;
 use holdpoint_audit::recorded_approval::RecordedApproval;
 use holdpoint_governance::ids::{CapabilityId, Digest, canonical_json};
 use holdpoint_governance::record::{AuditRecord, RecordKind};
+use holdpoint_store::{Change, StoreError};
 
 /// The text of an approval, also where its row is under another key.
 const SIGNED: &str = "SELECT signed FROM approval WHERE nonce = ?1
@@ -41,7 +41,7 @@ pub(crate) fn replay(
     fold: &Fold,
     record: &AuditRecord,
 ) -> Result<Vec<RowName>, StoreError> {
-    let Some(kind) = record.kind.known().copied().filter(|kind| crate::terms::store_terms::is_own(*kind))
+    let Some(kind) = record.kind.known().copied().filter(|kind| crate::terms::own_records::is_own(*kind))
     else {
         return Ok(Vec::new());
     };
@@ -113,7 +113,7 @@ fn mark(new_store: &Connection, table: &str, key: &str) -> Result<RowName, Store
         Some(table @ ChainedTable::Approval) => ("UPDATE approval SET signed = ?2 WHERE nonce = ?1", table),
         _ => return Err(StoreError::invalid("lost row of the table", table, "evidence or approval")),
     };
-    new_store.execute(sql, params![key, lost_mark(key)]).map_err(StoreError::sql("mark a lost text"))?;
+    new_store.execute(sql, params![key, lost_mark(key)]).map_err(sqlite_error("mark a lost text"))?;
     Ok((table, key.to_owned()))
 }
 
@@ -167,7 +167,7 @@ fn repair_version(
     manifest: &str,
     rows: &[(String, String, Digest)],
 ) -> Result<(), StoreError> {
-    let error = StoreError::sql("repair a version");
+    let error = sqlite_error("repair a version");
     let is_whole = || -> Result<bool, StoreError> {
         let digest = row_digest(new_store, ChainedTable::Version, name).map_err(&error)?;
         let table = ChainedTable::Version.name();
@@ -250,7 +250,7 @@ pub(crate) struct ReapplyError(pub(crate) StoreError);
 
 impl From<rusqlite::Error> for ReapplyError {
     fn from(error: rusqlite::Error) -> Self {
-        Self(StoreError::sql("read the audit chain")(error))
+        Self(sqlite_error("read the audit chain")(error))
     }
 }
 

@@ -3,11 +3,10 @@
 use std::collections::BTreeSet;
 
 use crate::telemetry::telemetry_quarantine::is_quarantine_name;
-use crate::terms::change::{BLOCK_BATCHES_MAX, BatchReceipt, Change, GAPS_MAX, QUARANTINED_MAX};
-use crate::terms::error::StoreError;
 use crate::transaction::apply::{Applier, ChangeEffect, check_int};
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::record::RecordKind;
+use holdpoint_store::{BLOCK_BATCHES_MAX, BatchReceipt, Change, GAPS_MAX, QUARANTINED_MAX, StoreError};
 
 impl Applier<'_> {
     /// Checks one of these changes; any other is about nothing.

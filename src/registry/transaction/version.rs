@@ -2,13 +2,12 @@
 
 use rusqlite::params;
 
-use crate::terms::change::NewVersion;
-use crate::terms::error::StoreError;
 use crate::transaction::apply::{Applier, ChangeEffect, check_json, check_text, checked_reason};
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::lifecycle::{Stage, State, VersionFlags};
 use holdpoint_governance::notice::NoticeOrText;
 use holdpoint_governance::record::RecordKind;
+use holdpoint_store::{NewVersion, StoreError};
 
 /// The most versions a store holds.
 const VERSIONS_MAX: u64 = 100_000;

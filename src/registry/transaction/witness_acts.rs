@@ -1,9 +1,9 @@
 //! Changes of the witnesses on record; where robots or people are at risk, by an administrator's signed authorization.
 
-use crate::terms::error::StoreError;
 use crate::transaction::apply::Applier;
 use holdpoint_approvals::SignedWitnessAct;
 use holdpoint_governance::profile::ProfileName;
+use holdpoint_store::StoreError;
 
 /// Whether a profile requires an administrator's signed authorization to change witnesses.
 #[must_use]

@@ -18,16 +18,16 @@ use sha2::{Digest as _, Sha256};
 use crate::chain::chain_signature;
 use crate::database::migrate::{STORE, TELEMETRY};
 use crate::database::open::{copy_into, damaged, open_reader};
-use crate::place::layout::Layout;
 use crate::reading::export_store::until;
 use crate::reading::views::Views;
-use crate::terms::error::StoreError;
+use crate::terms::sqlite_error::sqlite_error;
 use crate::verification::verify::{DatabaseLocation, VerifyOptions, VerifyReport, verify_against};
 use crate::verification::verify_error::VerifyError;
 use holdpoint_approvals::keyfile;
 use holdpoint_audit::checkpoint::{name, read_all};
 use holdpoint_audit::files::sync_folder;
 use holdpoint_governance::ids::Digest;
+use holdpoint_store::{Layout, StoreError};
 use holdpoint_text::file::{NO_LINK, regular};
 use holdpoint_text::{ErrorDetails, ErrorReason, Hint};
 use std::borrow::Cow;
@@ -232,7 +232,7 @@ fn copy_folder(
     copy_into(&layout.database(), &STORE, &copy.database())?;
     let connection = open_reader(&copy.database(), &STORE)?;
     let end = chain_signature::read(&connection).map_err(|problem| damaged(&layout.database(), &problem))?;
-    let last = crate::chain::audit::head(&connection).map_err(StoreError::sql("read the audit chain"))?.seq;
+    let last = crate::chain::audit::head(&connection).map_err(sqlite_error("read the audit chain"))?.seq;
     drop(connection);
     let checkpoints = read_all(&layout.checkpoints())
         .map_err(|bad| damaged(&layout.checkpoints().join(bad.file), &bad.problem))?;

@@ -12,10 +12,9 @@ use crate::chain::person_rows;
 use crate::database::migrate::{STORE, TELEMETRY};
 use crate::database::open::{damaged, open_reader};
 use crate::database::schema_shape::first_difference;
-use crate::place::layout::{Layout, lock_owner, size};
 use crate::reading::witness_views::witnesses;
 use crate::telemetry::telemetry_quarantine::wrong_shape;
-use crate::terms::error::StoreError;
+use crate::terms::sqlite_error::sqlite_error;
 use crate::upkeep::backup::count;
 use crate::upkeep::key_files::check_key_files;
 use crate::verification::verify::verify;
@@ -24,6 +23,7 @@ use holdpoint_approvals::keyfile;
 use holdpoint_audit::chain::Head;
 use holdpoint_audit::checkpoint::{Checkpoint, names, read_all};
 use holdpoint_audit::witness::witness_heads;
+use holdpoint_store::{Layout, StoreError, lock_owner, size};
 
 /// Less free space than this gives a warning, bytes.
 const FREE_BYTES_MIN: u64 = 64 << 20;
@@ -62,7 +62,7 @@ pub struct StoreInfo {
 pub fn store_info(folder: &Path) -> Result<StoreInfo, StoreError> {
     let layout = Layout::new(folder);
     let connection = open_reader(&layout.database(), &STORE)?;
-    let error = StoreError::sql("read the store");
+    let error = sqlite_error("read the store");
     connection.execute_batch("BEGIN").map_err(&error)?;
     let number = |sql: &str| -> Result<u64, StoreError> {
         connection.query_row(sql, [], |row| row.get(0)).map_err(&error)
@@ -140,7 +140,7 @@ pub fn check_store(folder: &Path) -> Result<Vec<StoreCheck>, StoreError> {
     // Before the connection here: the verifier closes files, which drops the locks of this process.
     let verdict = history(&layout);
     let connection = open_reader(&layout.database(), &STORE)?;
-    let failed = StoreError::sql("read the store");
+    let failed = sqlite_error("read the store");
     connection.execute_batch("BEGIN").map_err(&failed)?;
     let mut checks = vec![match first_difference(&connection, &STORE).map_err(&failed)? {
         None if info.schema == info.schema_newest => {
@@ -208,7 +208,7 @@ fn telemetry_file(layout: &Layout) -> Result<Option<StoreCheck>, StoreError> {
     }
     let problem = match open_reader(&path, &TELEMETRY) {
         Ok(connection) => {
-            wrong_shape(&connection, &TELEMETRY).map_err(StoreError::sql("read the store's telemetry"))?
+            wrong_shape(&connection, &TELEMETRY).map_err(sqlite_error("read the store's telemetry"))?
         }
         Err(StoreError::Refused { problem, .. }) => Some(problem),
         Err(error) => return Err(error),
@@ -225,7 +225,7 @@ fn counted_records(connection: &Connection, head: Head) -> Result<StoreCheck, St
     let counts = connection.query_row("SELECT count(*), coalesce(max(seq), 0) FROM audit", [], |row| {
         Ok((row.get::<_, u64>(0)?, row.get::<_, u64>(1)?))
     });
-    let (count, last) = counts.map_err(StoreError::sql("read the audit chain"))?;
+    let (count, last) = counts.map_err(sqlite_error("read the audit chain"))?;
     Ok(if (count, last) == (head.seq, head.seq) {
         good(format!("The audit chain has {count} records, none is missing."))
     } else {

@@ -5,11 +5,10 @@ use std::fs;
 use std::os::unix::fs::PermissionsExt;
 use std::path::Path;
 
-use crate::place::layout::Layout;
-use crate::terms::store_terms::FIRST_ADMINISTRATOR;
 use crate::upkeep::info::{StoreCheck, bad, good};
 use holdpoint_approvals::keyfile::{self, KeyError, Protection};
 use holdpoint_approvals::{Identity, IdentityError, Person, PersonDirectory, PersonState};
+use holdpoint_store::{FIRST_ADMINISTRATOR, Layout};
 use holdpoint_text::Hint;
 
 /// Endings of the files that an identity has.

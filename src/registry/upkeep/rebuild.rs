@@ -27,10 +27,8 @@ use crate::database::open::{
     damaged, make, not_the_chain, open_reader, refused, remove_database, truncate_log,
     unsigned_records_refused,
 };
-use crate::place::layout::{EngineLock, Layout};
-use crate::terms::change::Receipt;
-use crate::terms::error::{RefusalCause, StoreError};
 use crate::terms::row_limit;
+use crate::terms::sqlite_error::sqlite_error;
 use crate::transaction::rebuild_losses::{lost_mark, text_of};
 use crate::transaction::replay::{ReapplyError, replay};
 use crate::verification::authorizations::first_unauthorized;
@@ -48,6 +46,7 @@ use holdpoint_audit::merkle::Frontier;
 use holdpoint_audit::rebuild_report::{DifferingRow, RebuildRecordChange, RebuildReport};
 use holdpoint_governance::ids::canonical_json;
 use holdpoint_governance::record::RecordKind;
+use holdpoint_store::{EngineLock, Layout, Receipt, RefusalCause, StoreError};
 
 /// Unsigned records that a refusal names.
 const UNSIGNED_NAMED_MAX: usize = 8;
@@ -83,7 +82,7 @@ pub fn rebuild(
     let secret = layout.store_key();
     let key = keyfile::read_secret(&secret).map_err(|source| StoreError::Key { path: secret, source })?;
     let damaged_store = open_reader(&database, &STORE)?;
-    row_limit::lift(&damaged_store).map_err(StoreError::sql("read the damaged database"))?;
+    row_limit::lift(&damaged_store).map_err(sqlite_error("read the damaged database"))?;
     let fold = checked_records(&damaged_store, &database)?;
     let checkpoints = stored_checkpoints(&layout)?;
     let store_id = match checkpoints.last() {
@@ -119,7 +118,7 @@ pub fn rebuild(
         Err(error) => return Err(error),
     };
     // A rebuild cannot replace an administrator's authorization of a profile.
-    let reading = StoreError::sql("read the words on profiles");
+    let reading = sqlite_error("read the words on profiles");
     let signed = fold.end().seq.saturating_sub(unsigned);
     if let Some((seq, problem)) = first_unauthorized(&damaged_store, signed).map_err(reading)? {
         let problem = format!("no signature covers the record {seq}, and {problem}");
@@ -131,17 +130,17 @@ pub fn rebuild(
     let part = database.with_extension("rebuilt");
     remove_database(&part)?;
     let mut new_store = make(&part, &STORE)?;
-    row_limit::lift(&new_store).map_err(StoreError::sql("write the rebuilt database"))?;
+    row_limit::lift(&new_store).map_err(sqlite_error("write the rebuilt database"))?;
     let damaged_path = free_name(&layout, fold.end())?;
     let summary = RebuildSummary { by: requester, problem, damaged_file: file_name(&damaged_path), unsigned };
     let rebuilt = fill(&mut new_store, &damaged_store, &fold, (&store_id, summary), wall_ms);
     let rebuilt = rebuilt.inspect_err(|_| drop(remove_database(&part)))?;
-    let head = audit::head(&new_store).map_err(StoreError::sql("read the audit chain"))?;
+    let head = audit::head(&new_store).map_err(sqlite_error("read the audit chain"))?;
     let root = audit::tree_after(&new_store, &Frontier::empty())?.root();
     let wall_ms = audit::wall_ms_of(&new_store, head.seq)?;
     let end = Checkpoint::sign(&store_id, (head, root), wall_ms, link, None, &key);
     chain_signature::write(&new_store, &end).inspect_err(|_| drop(remove_database(&part)))?;
-    new_store.close().map_err(|(_, error)| StoreError::sql("write the rebuilt database")(error))?;
+    new_store.close().map_err(|(_, error)| sqlite_error("write the rebuilt database")(error))?;
     drop(damaged_store);
     File::open(&part).and_then(|file| file.sync_all()).map_err(StoreError::io("write", &part))?;
     // The damaged file's log is merged into the file: otherwise it would be taken for the rebuilt one's.
@@ -234,7 +233,7 @@ fn fill(
     (store_id, summary): (&str, RebuildSummary),
     wall_ms: i64,
 ) -> Result<RebuildReport, StoreError> {
-    let error = StoreError::sql("write the rebuilt database");
+    let error = sqlite_error("write the rebuilt database");
     let tx = new_store.transaction().map_err(&error)?;
     tx.execute("UPDATE meta SET value = ?1 WHERE key = 'store_id'", [store_id]).map_err(&error)?;
     let mut lost = Vec::new();
@@ -283,7 +282,7 @@ fn fill(
 
 /// Evidence whose text does not match its record: a mark replaces it.
 fn mark_lost_evidence(new_store: &Connection, fold: &Fold) -> Result<Vec<RowName>, StoreError> {
-    let error = StoreError::sql("compare the rebuilt database");
+    let error = sqlite_error("compare the rebuilt database");
     let mut lost = Vec::new();
     for (table, key) in differing(fold, new_store).map_err(&error)?.into_keys() {
         if table == ChainedTable::Evidence {
@@ -302,14 +301,14 @@ fn first_unrepaired(
     fold: &Fold,
     lost: &[RowName],
 ) -> Result<Option<(RowName, String)>, StoreError> {
-    let found = differing(fold, new_store).map_err(StoreError::sql("compare the rebuilt database"))?;
+    let found = differing(fold, new_store).map_err(sqlite_error("compare the rebuilt database"))?;
     Ok(found.into_iter().find(|(row, _)| row.0 != ChainedTable::Evidence || !lost.contains(row)))
 }
 
 /// Copies the receipts that match the chain. Records of unknown commands get a name that no command uses: a retry of
 /// that command would be applied again.
 fn copy_commands(new_store: &Connection, damaged_store: &Connection, fold: &Fold) -> Result<(), StoreError> {
-    let error = StoreError::sql("copy the receipts");
+    let error = sqlite_error("copy the receipts");
     let mut select =
         damaged_store.prepare("SELECT id, digest, last_seq, receipt FROM command").map_err(&error)?;
     let mut rows = select.query([]).map_err(&error)?;
@@ -353,7 +352,7 @@ fn keep_command(
         .prepare_cached("INSERT INTO command (id, digest, last_seq, receipt) VALUES (?1, ?2, ?3, ?4)")
         .and_then(|mut insert| insert.execute(params![id, digest, last_seq, receipt]))
         .map(drop)
-        .map_err(StoreError::sql("keep the receipt"))
+        .map_err(sqlite_error("keep the receipt"))
 }
 
 /// A receipt for records whose own is lost.
@@ -381,7 +380,7 @@ fn write_record(
 ) -> Result<(), StoreError> {
     let mut rows = Vec::new();
     for (table, key) in lost {
-        let digest = row_digest(new_store, *table, key).map_err(StoreError::sql("read a row back"))?;
+        let digest = row_digest(new_store, *table, key).map_err(sqlite_error("read a row back"))?;
         rows.push(json!([table.name(), key, digest]));
     }
     let kind = RecordKind::StoreRebuilt;

@@ -3,12 +3,12 @@
 use rusqlite::Connection;
 use serde::Deserialize;
 
-use crate::terms::change::Change;
 use holdpoint_approvals::{Person, PersonDirectory};
 use holdpoint_audit::history_error::HistoryError;
 use holdpoint_audit::profile_history::{ProfileChangeBody, ProfileHistory, check_key_guarded};
 use holdpoint_governance::ids::Digest;
 use holdpoint_governance::record::RecordKind;
+use holdpoint_store::Change;
 
 /// The checked part of an authorization's record.
 #[derive(Deserialize)]

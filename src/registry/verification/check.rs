@@ -20,15 +20,15 @@ use crate::database::open::{
 };
 use crate::database::schema_shape::first_difference;
 use crate::database::store_id;
-use crate::place::layout::Layout;
-use crate::terms::error::{RefusalCause, StoreError};
 use crate::terms::row_limit::{error_message, first_too_long, is_reached};
+use crate::terms::sqlite_error::sqlite_error;
 use crate::transaction::replay::columns_otherwise;
 use holdpoint_approvals::keyfile;
 use holdpoint_audit::checkpoint::{StoredCheckpoint, read_all};
 use holdpoint_audit::head_copies::ChainPoint;
 use holdpoint_audit::witness::{WitnessProblems, compare_witnesses};
 use holdpoint_governance::ids::Digest;
+use holdpoint_store::{Layout, RefusalCause, StoreError};
 
 /// The most records that are applied again only to name the different columns of a row.
 const RECORDS_REPLAYED_MAX: u64 = 20_000;
@@ -88,7 +88,7 @@ pub(crate) enum VerificationDepth {
 /// [`StoreError::Refused`] if it does not match, or if it cannot be opened.
 pub(crate) fn open_checked(database: &Path, reading: VerificationDepth) -> Result<Connection, StoreError> {
     let connection = open_reader(database, &STORE)?;
-    let begin = |sql| connection.execute_batch(sql).map_err(StoreError::sql("read the registry"));
+    let begin = |sql| connection.execute_batch(sql).map_err(sqlite_error("read the registry"));
     // One moment of the store: an engine may be writing to it.
     begin("BEGIN")?;
     check_lengths(&connection, database)?;
@@ -118,7 +118,7 @@ pub(crate) fn open_checked(database: &Path, reading: VerificationDepth) -> Resul
 
 /// No row beside the chain is longer than it may be.
 fn check_lengths(connection: &Connection, database: &Path) -> Result<(), StoreError> {
-    let found = first_too_long(connection).map_err(StoreError::sql("read the registry"))?;
+    let found = first_too_long(connection).map_err(sqlite_error("read the registry"))?;
     found.map_or(Ok(()), |problem| Err(not_the_chain(database, &problem)))
 }
 

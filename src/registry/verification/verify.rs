@@ -24,8 +24,8 @@ use crate::database::schema_shape::first_difference;
 use crate::database::store_id;
 use crate::telemetry::telemetry_file::check_batch;
 use crate::telemetry::telemetry_quarantine::wrong_shape;
-use crate::terms::error::StoreError;
 use crate::terms::row_limit;
+use crate::terms::sqlite_error::sqlite_error;
 use crate::verification::authorizations::check_authorizations;
 use crate::verification::verify_error::VerifyError;
 use holdpoint_audit::checkpoint::{BadCheckpointFile, Checkpoint, StoredCheckpoint, read_all};
@@ -353,7 +353,7 @@ fn is_on_record(database: &Path, checkpoint: &Checkpoint) -> bool {
     let hash = open_reader(database, &STORE).and_then(|connection| {
         connection
             .query_row("SELECT hash FROM audit WHERE seq = ?1", [checkpoint.seq], |row| row.get(0))
-            .map_err(StoreError::sql("read the audit chain"))
+            .map_err(sqlite_error("read the audit chain"))
     });
     hash.is_ok_and(|hash| Digest::from_bytes(hash) == checkpoint.head)
 }

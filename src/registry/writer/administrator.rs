@@ -1,12 +1,10 @@
 //! The first administrator of a store, and all persons of a store.
 
-use crate::terms::change::{Change, Transaction};
-use crate::terms::error::StoreError;
-use crate::terms::store_terms::FIRST_ADMINISTRATOR;
 use crate::writer::store::Store;
 use holdpoint_approvals::keyfile::Protection;
 use holdpoint_approvals::{Identity, IdentityError, PersonDirectory};
 use holdpoint_governance::approval::Role;
+use holdpoint_store::{Change, FIRST_ADMINISTRATOR, StoreError, Transaction};
 
 /// Names that are tried for the first administrator.
 const NAMES_MAX: usize = 100;

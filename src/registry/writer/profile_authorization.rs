@@ -1,10 +1,9 @@
 //! Puts an administrator's authorization of a change of profile on record.
 
-use crate::terms::change::{Change, Transaction, command_id};
-use crate::terms::error::StoreError;
 use crate::writer::store::Store;
 use holdpoint_approvals::SignedProfileAct;
 use holdpoint_governance::profile::ProfileName;
+use holdpoint_store::{Change, StoreError, Transaction, command_id};
 
 /// Puts an administrator's authorization of a change of profile on record. It is valid while no other record follows
 /// it.

@@ -17,50 +17,34 @@ use crate::chain::chain_signature;
 use crate::chain::compare::compare;
 use crate::chain::fold::{Fold, ReadProgress};
 use crate::chain::snapshot;
-use crate::chain::telemetry_seals::{SealProgress, StartupTelemetry};
+use crate::chain::telemetry_seals::SealProgress;
 use crate::database::migrate::STORE;
 use crate::database::open::{
     Durability, FileId, WriterGuard, damaged, file_id, open_reader, open_writer, written_by_others,
 };
 use crate::database::schema_shape::first_difference;
 use crate::database::store_id;
-use crate::place::layout::{EngineLock, Layout};
-use crate::reading::interrupted_work::{InterruptedWork, interrupted};
+use crate::reading::interrupted_work::interrupted;
 use crate::reading::views::{ActiveVersions, Views};
-use crate::telemetry::result_cache::{CacheSecret, ResultCache};
-use crate::telemetry::telemetry_file::{Batch, TelemetryFile, TelemetryLimits};
+use crate::telemetry::cached_rows::CachedRows;
+use crate::telemetry::telemetry_file::{TelemetryFile, TelemetryLimits};
 use crate::telemetry::telemetry_quarantine::{ChainEvidence, prepare_file, unrecorded_files};
-use crate::terms::change::{BatchReceipt, Change, Receipt, Transaction};
-use crate::terms::error::StoreError;
+use crate::terms::sqlite_error::sqlite_error;
 use crate::transaction::apply::{ApprovalBasis, apply};
 use crate::verification::check::{check_existing, stored_checkpoints};
 use crate::writer::unverified_store::UnverifiedStore;
 use holdpoint_audit::chain::Head;
 use holdpoint_audit::checkpoint::{Checkpoint, CheckpointLink, EVERY_RECORDS};
-use holdpoint_audit::profile_history::ProfileHistory;
 use holdpoint_audit::witness::{WitnessProblems, WitnessSenders};
 use holdpoint_governance::ids::{CapabilityId, Digest};
 use holdpoint_governance::wall_time::WallTime;
+use holdpoint_store::{
+    Batch, BatchReceipt, CacheSecret, Change, EngineLock, Layout, OpenReport, Receipt, ResultCache,
+    StartupTelemetry, StoreError, Transaction,
+};
 
 /// Pending transactions of the writer; a further caller blocks.
 const QUEUE_MAX: usize = 64;
-
-/// The state of the store when it was opened.
-#[derive(Clone, Debug)]
-pub struct OpenReport {
-    /// Whether the store is new.
-    pub created: bool,
-    /// The end of the chain; virtual time must continue from its `at_ms`.
-    pub head: Head,
-    /// Wall time of the newest record; absent in a store of scripts alone.
-    pub newest_record: Option<WallTime>,
-    /// Unfinished operations of an earlier engine, to finish or undo.
-    pub interrupted: Vec<InterruptedWork>,
-    /// News of the telemetry file, for this engine to put on record.
-    pub telemetry: StartupTelemetry,
-    /// The history of the profiles, by the chain.
-    pub profiles: ProfileHistory,
-}
 
 /// A job of the writer.
 enum WriterJob {
@@ -129,12 +113,13 @@ impl Store {
         } else {
             store_id::read(&connection, &layout.database())?
         };
-        let head = audit::head(&connection).map_err(StoreError::sql("read the audit chain"))?;
+        let head = audit::head(&connection).map_err(sqlite_error("read the audit chain"))?;
         let newest_record = audit::wall_ms_of(&connection, head.seq)?.map(WallTime::from_ms);
-        let interrupted = interrupted(&connection).map_err(StoreError::sql("look for interrupted work"))?;
+        let interrupted = interrupted(&connection).map_err(sqlite_error("look for interrupted work"))?;
         let (telemetry, found) = open_telemetry((&layout, limits), &connection, &fold)?;
         let telemetry = Arc::new(Mutex::new(telemetry));
-        let result_cache = ResultCache::in_table(Arc::clone(&telemetry), CacheSecret::of_store(&key)?);
+        let result_cache =
+            ResultCache::in_table(Arc::new(CachedRows(Arc::clone(&telemetry))), CacheSecret::of_store(&key)?);
         let (public_key, profiles) = (key.verifying_key(), fold.profiles().clone());
         let link = sign_on(&connection, &layout, (&store_id, &fold), &key)?;
         let (jobs, incoming) = sync_channel(QUEUE_MAX);
@@ -428,7 +413,7 @@ impl StoreWriter {
         let tx = self
             .connection
             .transaction_with_behavior(TransactionBehavior::Immediate)
-            .map_err(StoreError::sql("begin a transaction"))?;
+            .map_err(sqlite_error("begin a transaction"))?;
         let written_by_others = match check_others(&tx, &self.fold, self.compared)? {
             ExternalChange::Compared(count) => Some(count),
             ExternalChange::Altered(problem) => {
@@ -449,7 +434,7 @@ impl StoreWriter {
             let end = Checkpoint::sign(&self.store_id, (answer.1, root), wall_ms, link, None, &self.key);
             chain_signature::write(&tx, &end)?;
         }
-        tx.commit().map_err(StoreError::sql("commit a transaction"))?;
+        tx.commit().map_err(sqlite_error("commit a transaction"))?;
         self.compared = written_by_others;
         // After a failure the end of the chain differs from the fold, and the next transaction is refused.
         drop(self.fold.go_on(&self.connection));
@@ -501,7 +486,7 @@ fn open_telemetry(
     let known: BTreeSet<String> = connection
         .prepare("SELECT name FROM version")
         .and_then(|mut select| select.query_map([], |row| row.get(0))?.collect())
-        .map_err(StoreError::sql("read the versions"))?;
+        .map_err(sqlite_error("read the versions"))?;
     let account = fold.telemetry();
     let chain = ChainEvidence { account, batches: &fold.batches, connection };
     let (contents, own) = prepare_file(layout, limits, chain)?;
@@ -524,7 +509,7 @@ enum ExternalChange {
 fn compare_tables(connection: &mut Connection, fold: &Fold) -> Result<i64, StoreError> {
     let tx = connection
         .transaction_with_behavior(TransactionBehavior::Immediate)
-        .map_err(StoreError::sql("begin a transaction"))?;
+        .map_err(sqlite_error("begin a transaction"))?;
     match check_others(&tx, fold, None)? {
         ExternalChange::Compared(count) => Ok(count),
         ExternalChange::Altered(problem) => Err(StoreError::Altered(problem)),
@@ -538,7 +523,7 @@ fn check_others(
     fold: &Fold,
     compared: Option<i64>,
 ) -> Result<ExternalChange, StoreError> {
-    let error = StoreError::sql("compare the registry with the audit chain");
+    let error = sqlite_error("compare the registry with the audit chain");
     let now = written_by_others(connection)?;
     if compared == Some(now) {
         return Ok(ExternalChange::Compared(now));

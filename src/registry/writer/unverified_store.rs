@@ -6,14 +6,13 @@ use std::path::Path;
 use ed25519_dalek::SigningKey;
 
 use crate::database::open::{damaged, other_public_key};
-use crate::place::layout::{EngineLock, Layout};
 use crate::reading::views::Views;
 use crate::telemetry::telemetry_file::TelemetryLimits;
-use crate::terms::error::StoreError;
 use crate::writer::store::Store;
 use holdpoint_approvals::keyfile;
 use holdpoint_audit::checkpoint;
 use holdpoint_audit::files::sync_folder;
+use holdpoint_store::{EngineLock, Layout, StoreError};
 
 /// The most replaced keys that one store keeps.
 const QUARANTINED_KEYS_MAX: u32 = 99;

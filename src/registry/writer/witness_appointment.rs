@@ -5,11 +5,10 @@ use crate::chain::chain_signature;
 use crate::database::migrate::STORE;
 use crate::database::open::open_reader;
 use crate::reading::witness_views::witnesses;
-use crate::terms::change::{Change, Transaction, command_id};
-use crate::terms::error::StoreError;
 use crate::writer::store::Store;
 use holdpoint_approvals::SignedWitnessAct;
 use holdpoint_audit::witness::{check_path, prepare};
+use holdpoint_store::{Change, StoreError, Transaction, command_id};
 
 /// The requesting system user, JSON text, and the authorizing administrator.
 pub type WitnessRequester = (String, Option<Box<SignedWitnessAct>>);

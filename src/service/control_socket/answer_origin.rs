@@ -7,7 +7,7 @@ use std::fmt;
 use std::path::Path;
 
 use holdpoint_protocol::command::{Refusal, Reply};
-use holdpoint_registry::{LockHolder, holds_lock, lock_holder};
+use holdpoint_store::{LockHolder, holds_lock, lock_holder};
 
 /// The process that answers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -17,7 +17,7 @@ use holdpoint_protocol::video_frame::VideoFrame;
 use holdpoint_protocol::wire::{
     self, ANSWER_BYTES_MAX, CALL_BYTES_MAX, ClientMessage, PROTOCOL, ServerMessage,
 };
-use holdpoint_registry::Layout;
+use holdpoint_store::Layout;
 
 /// How long the first line may take.
 const HELLO_SECS: u64 = 5;

@@ -32,7 +32,7 @@ use holdpoint_protocol::wire::{
     self, ANSWER_BYTES_MAX, CALL_BYTES_MAX, ClientMessage, ID_BYTES_MAX, PROTOCOL, ServerMessage,
 };
 use holdpoint_record::caller;
-use holdpoint_registry::StopMarks;
+use holdpoint_store::StopMarks;
 
 /// How long a connection may stay silent.
 const IDLE_TIME_MAX: Duration = Duration::from_mins(1);

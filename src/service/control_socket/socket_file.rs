@@ -8,7 +8,7 @@ use std::os::unix::net::{UnixListener, UnixStream};
 use std::path::{Path, PathBuf};
 
 use super::ControlSocketError;
-use holdpoint_registry::{Layout, LockHolder, lock_holder, lock_sharers};
+use holdpoint_store::{Layout, LockHolder, lock_holder, lock_sharers};
 use holdpoint_text::shell_word;
 use holdpoint_text::users::{described_group, described_user, user_name};
 

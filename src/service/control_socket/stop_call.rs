@@ -10,7 +10,7 @@ use super::client::Client;
 use holdpoint_approvals::Nonce;
 use holdpoint_engine::live::stop_mark::{self, OwnStopMark};
 use holdpoint_protocol::command::{Command, Reply, Request, StopPersistence};
-use holdpoint_registry::{Layout, LockHolder, lock_holder};
+use holdpoint_store::{Layout, LockHolder, lock_holder};
 use holdpoint_text::Hint as _;
 
 /// How long the caller waits for a confirmation.

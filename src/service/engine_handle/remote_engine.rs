@@ -7,7 +7,7 @@ use crate::control_socket::{
     stopped_by_mark,
 };
 use holdpoint_protocol::command::{Command, Refusal, Reply, StopPersistence};
-use holdpoint_registry::{Layout, lock_owner};
+use holdpoint_store::{Layout, lock_owner};
 use holdpoint_text::Problem;
 
 /// Interval between checks whether a store is free.

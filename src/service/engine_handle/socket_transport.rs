@@ -19,7 +19,7 @@ use holdpoint_protocol::command::{Command, Reply, Request};
 use holdpoint_protocol::console_presence::ConsolePresence;
 use holdpoint_protocol::snapshot::Snapshot;
 use holdpoint_protocol::video_frame::VideoFrame;
-use holdpoint_registry::Layout;
+use holdpoint_store::Layout;
 use holdpoint_text::Hint as _;
 
 /// How long the reader waits for a message before it checks that a receiver is left.

@@ -9,7 +9,7 @@ use holdpoint_cell::CellError;
 use holdpoint_engine::StartError;
 use holdpoint_protocol::command::{Reply, Request};
 use holdpoint_protocol::event::Event;
-use holdpoint_registry::StoreError;
+use holdpoint_store::StoreError;
 use holdpoint_text::{ErrorDetails, ErrorReason, Hint as _, Problem};
 
 /// The most requests that are unanswered.

@@ -8,8 +8,7 @@ use holdpoint_governance::evaluation_key::{EvaluationKey, KeyCommitment, KeyReve
 use holdpoint_governance::evidence::{EvidenceBinding, Pair};
 use holdpoint_governance::ids::{CapabilityId, Digest, Family};
 use holdpoint_governance::record::{AuditRecord, RecordKind};
-use holdpoint_registry::store_terms::EvidenceKind;
-use holdpoint_registry::{EvidenceEntry, StoreError, Views};
+use holdpoint_store::{EvidenceEntry, EvidenceKind, RecordViews, StoreError};
 use holdpoint_trials::live_start;
 use holdpoint_trials::seeds::{KEYED_FROM, SeedPurpose, SeedSource};
 use serde::Serialize;
@@ -78,7 +77,7 @@ struct Committed {
 ///
 /// # Errors
 /// If the store cannot be read.
-pub fn check_keys(views: &Views) -> Result<Result<KeyCheck, KeyProblem>, StoreError> {
+pub fn check_keys(views: &dyn RecordViews) -> Result<Result<KeyCheck, KeyProblem>, StoreError> {
     let (committed, reveals) = key_records(views)?;
     let mut keys: Vec<Committed> = committed
         .iter()
@@ -119,9 +118,9 @@ pub fn check_keys(views: &Views) -> Result<Result<KeyCheck, KeyProblem>, StoreEr
 }
 
 /// All commitments and all reveals of a store, in order: a key counts however many came after it.
-fn key_records(views: &Views) -> Result<(Vec<AuditRecord>, Vec<AuditRecord>), StoreError> {
+fn key_records(views: &dyn RecordViews) -> Result<(Vec<AuditRecord>, Vec<AuditRecord>), StoreError> {
     let (mut committed, mut revealed) = (Vec::new(), Vec::new());
-    views.each_record(views.head()?.seq, |record| {
+    views.each_record(views.head()?.seq, &mut |record| {
         if record.kind == RecordKind::KeyCommitted {
             committed.push(record);
         } else if record.kind == RecordKind::KeyRevealed {

@@ -6,7 +6,7 @@ use holdpoint_governance::lifecycle::Stage;
 use holdpoint_governance::profile::{Profile, ProfileName};
 use holdpoint_governance::record::RecordKind;
 use holdpoint_protocol::command::{Command, Operation, Reply};
-use holdpoint_registry::AuditFilter;
+use holdpoint_store::AuditFilter;
 
 use super::key_check::{KeyCheck, check_keys};
 use super::*;
@@ -54,7 +54,7 @@ fn key_records(pipeline: &Pipeline) -> Vec<AuditRecord> {
 }
 
 fn checked(pipeline: &Pipeline) -> KeyCheck {
-    check_keys(&pipeline.record().version_table().store().views().unwrap()).unwrap().unwrap()
+    check_keys(&*pipeline.record().version_table().store().views().unwrap()).unwrap().unwrap()
 }
 
 /// Neither a kill nor a restart gives a candidate other seeds; another store has others.

@@ -20,8 +20,7 @@ use holdpoint_governance::wall_time::WallTime;
 use holdpoint_protocol::command::{Operation, Refusal, Reply};
 use holdpoint_protocol::event::EventKind;
 use holdpoint_protocol::snapshot::{ApprovalRequestView, RequestKind};
-use holdpoint_registry::store_terms::RequestState;
-use holdpoint_registry::{ApprovalRequest, Change};
+use holdpoint_store::{ApprovalRequest, Change, RequestState};
 use holdpoint_wording::request::{self, drift_response};
 
 use crate::decide::recorder::EngineRecorder;

@@ -11,8 +11,7 @@ use holdpoint_governance::submission::Risk;
 use holdpoint_governance::wall_time::WallTime;
 use holdpoint_protocol::command::{Refusal, Reply};
 use holdpoint_protocol::snapshot::{ApprovalRequestView, RequestKind};
-use holdpoint_registry::store_terms::RequestState;
-use holdpoint_registry::{ApprovalRequest, Change};
+use holdpoint_store::{ApprovalRequest, Change, RequestState};
 use holdpoint_text::is_visible;
 use holdpoint_wording::request::review_cause;
 

@@ -3,7 +3,7 @@
 use holdpoint_approvals::keyfile::Protection;
 use holdpoint_approvals::{Identity, PersonAct, PersonActKind, PersonDirectory, SignedPersonAct};
 use holdpoint_protocol::command::{Refusal, Reply};
-use holdpoint_registry::Change;
+use holdpoint_store::Change;
 use holdpoint_text::Hint;
 use holdpoint_wording::command_effect::{EngineEffect, engine_effect};
 

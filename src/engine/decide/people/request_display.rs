@@ -26,8 +26,8 @@ use holdpoint_protocol::command::{Refusal, Reply};
 use holdpoint_protocol::event::DimensionResult;
 use holdpoint_protocol::snapshot::RequestKind;
 use holdpoint_record::untested::untested;
-use holdpoint_registry::AuditBody;
 use holdpoint_runtime::capability::Capability;
+use holdpoint_store::AuditBody;
 use holdpoint_wording::approval::{RENDERER_VERSION, render};
 use holdpoint_wording::request::{refusal, refusal_hint, stricter_levels};
 

@@ -5,7 +5,7 @@ use holdpoint_approvals::{Identity, IdentityInfo, PersonDirectory, PersonState, 
 use holdpoint_governance::approval::ApprovalDecision;
 use holdpoint_governance::ids::{CapabilityId, is_name};
 use holdpoint_protocol::command::{Refusal, Reply};
-use holdpoint_registry::FIRST_ADMINISTRATOR;
+use holdpoint_store::FIRST_ADMINISTRATOR;
 use holdpoint_text::{Hint, is_visible};
 
 use super::persons::unconfirmed;

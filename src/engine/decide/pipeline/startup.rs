@@ -7,8 +7,8 @@ use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::lifecycle::{Stage, State};
 use holdpoint_governance::notice::Notice;
 use holdpoint_protocol::event::EventKind;
-use holdpoint_registry::ActiveCause;
 use holdpoint_runtime::capability::Capability;
+use holdpoint_store::ActiveCause;
 
 use super::{Pipeline, StageWork};
 use crate::decide::operations::registered_event;

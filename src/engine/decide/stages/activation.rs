@@ -12,8 +12,7 @@ use holdpoint_governance::record::RecordKind;
 use holdpoint_governance::wall_time::WallTime;
 use holdpoint_protocol::event::EventKind;
 use holdpoint_protocol::snapshot::RequestKind;
-use holdpoint_registry::store_terms::{EvidenceKind, RequestState};
-use holdpoint_registry::{ActiveCause, AuditBody, Change};
+use holdpoint_store::{ActiveCause, AuditBody, Change, EvidenceKind, RequestState};
 use holdpoint_wording::command_effect::{VersionEffect, version_effect};
 
 use super::closing::{

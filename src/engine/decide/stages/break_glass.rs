@@ -15,8 +15,7 @@ use holdpoint_governance::record::RecordKind;
 use holdpoint_governance::rollback::TriggerKind;
 use holdpoint_protocol::command::{Refusal, Reply};
 use holdpoint_protocol::event::EventKind;
-use holdpoint_registry::store_terms::RequestState;
-use holdpoint_registry::{AuditBody, Change};
+use holdpoint_store::{AuditBody, Change, RequestState};
 use holdpoint_wording::command_effect::{VersionEffect, version_effect};
 
 use super::activation::{Activation, Admission, activate, gate};

@@ -11,8 +11,7 @@ use holdpoint_governance::time_excess::TimeExcess;
 use holdpoint_protocol::event::EventKind;
 use holdpoint_protocol::snapshot::ProgressView;
 use holdpoint_protocol::work_unit::{PartCount, WorkUnit};
-use holdpoint_registry::store_terms::{EvidenceKind, RequestState};
-use holdpoint_registry::{AuditBody, Change};
+use holdpoint_store::{AuditBody, Change, EvidenceKind, RequestState};
 use holdpoint_wording::stage::early_end;
 
 use crate::decide::people::approvals::{Approvals, clear_alarm, closing_note};

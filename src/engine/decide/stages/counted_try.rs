@@ -13,8 +13,8 @@ use holdpoint_governance::lifecycle::{LifecycleEvent, Stage, State};
 use holdpoint_governance::outcome::{Basis, BehaviorOutcome, RecoveryOutcome};
 use holdpoint_governance::record::RecordKind;
 use holdpoint_governance::tries::{CountedTry, SpentTries, TryLedger};
-use holdpoint_registry::store_terms::EvidenceKind;
 use holdpoint_runtime::capability::Capability;
+use holdpoint_store::EvidenceKind;
 use holdpoint_trials::seeds::SeedSource;
 
 use super::closing::{close_rejected, first_reason, put_on_hold, report_decision, stage_note};

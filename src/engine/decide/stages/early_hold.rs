@@ -7,7 +7,7 @@ use holdpoint_governance::lifecycle::{LifecycleEvent, Stage};
 use holdpoint_governance::outcome::Recommendation;
 use holdpoint_governance::recovery::names_cell_fault;
 use holdpoint_governance::time_excess::names_time_excess;
-use holdpoint_registry::store_terms::EvidenceKind;
+use holdpoint_store::EvidenceKind;
 
 use super::closing::{close_rejected, first_reason, put_on_hold, report_decision, stage_note};
 use crate::decide::recorder::EngineRecorder;

@@ -7,8 +7,7 @@ use holdpoint_governance::ids::Digest;
 use holdpoint_governance::notice::Notice;
 use holdpoint_governance::rollback::{RollbackRecord, Rung, RungFailure, RungRecord};
 use holdpoint_protocol::event::EventKind;
-use holdpoint_registry::Change;
-use holdpoint_registry::store_terms::EvidenceKind;
+use holdpoint_store::{Change, EvidenceKind};
 
 use crate::decide::recorder::EngineRecorder;
 use crate::fault::EngineFault;

@@ -12,8 +12,8 @@ use holdpoint_governance::live_harm::{HarmTally, LiveHarm, TaskHarm};
 use holdpoint_governance::record::RecordKind;
 use holdpoint_governance::stats::StatsError;
 use holdpoint_protocol::event::EventKind;
-use holdpoint_registry::{AuditFilter, StoredBatch, TelemetryViews, Views};
 use holdpoint_runtime::capability::Capability;
+use holdpoint_store::{AuditFilter, RecordViews, StoredBatch};
 use serde::{Deserialize, Serialize};
 
 use crate::decide::recorder::EngineRecorder;
@@ -96,7 +96,7 @@ impl LiveHarmWatch {
                 if version.state == State::Active {
                     active.push(id.clone());
                 }
-                if let Some(count) = recorded(context, &views, &id)? {
+                if let Some(count) = recorded(context, &*views, &id)? {
                     watch.counts.insert(id, count);
                 }
             }
@@ -114,12 +114,10 @@ impl LiveHarmWatch {
         evidence_files: &EvidenceFiles,
         active: &[CapabilityId],
     ) -> Result<(), EngineFault> {
-        let file = version_table.store().layout().telemetry();
-        let last = active.iter().map(|id| self.recorded_batch(id)).min();
-        let Some(last) = last.filter(|_| file.is_file()) else { return Ok(()) };
-        let telemetry = TelemetryViews::open(&file)?;
+        let Some(last) = active.iter().map(|id| self.recorded_batch(id)).min() else { return Ok(()) };
+        let Some(telemetry) = version_table.store().telemetry_reader()? else { return Ok(()) };
         let mut failed = None;
-        telemetry.each_of_streams([LIVE, UNWATCHED], (last.saturating_add(1), u64::MAX), |stored| {
+        telemetry.each_of_streams([LIVE, UNWATCHED], (last.saturating_add(1), u64::MAX), &mut |stored| {
             let StoredBatch { number, batch: Some(batch), .. } = stored else { return };
             if !active.contains(&batch.version) || number <= self.recorded_batch(&batch.version) {
                 return;
@@ -223,7 +221,7 @@ impl LiveHarmWatch {
 /// The last recorded count of a version; absent without one, and if the limits were others.
 fn recorded(
     context: &Context,
-    views: &Views,
+    views: &dyn RecordViews,
     id: &CapabilityId,
 ) -> Result<Option<VersionCount>, EngineFault> {
     let filter = AuditFilter {

@@ -12,9 +12,9 @@ use holdpoint_governance::notice::Notice;
 use holdpoint_governance::record::{RecordKind, UpgradeEnd};
 use holdpoint_governance::rollback::{Trigger, TriggerKind};
 use holdpoint_protocol::event::{EventKind, TaskSummary};
-use holdpoint_registry::Batch;
 use holdpoint_runtime::agent::dispatcher::DispatchedTask;
 use holdpoint_runtime::task::TaskRecord;
+use holdpoint_store::Batch;
 
 use super::ladder::raise_rolled_back;
 use super::live_harm::LiveHarmWatch;

@@ -8,7 +8,7 @@ use holdpoint_governance::lifecycle::{LifecycleEvent, Stage};
 use holdpoint_governance::notice::Notice;
 use holdpoint_governance::outcome::StageOutcome;
 use holdpoint_protocol::event::EventKind;
-use holdpoint_registry::store_terms::EvidenceKind;
+use holdpoint_store::EvidenceKind;
 
 use super::closing::stage_note;
 use crate::decide::recorder::EngineRecorder;

@@ -13,8 +13,7 @@ use holdpoint_governance::profile::ProfileName;
 use holdpoint_governance::record::RecordKind;
 use holdpoint_protocol::command::{Operation, Refusal, Reply};
 use holdpoint_protocol::event::EventKind;
-use holdpoint_registry::AuditBody;
-use holdpoint_registry::store_terms::RequestState;
+use holdpoint_store::{AuditBody, RequestState};
 use holdpoint_wording::command_effect::{VersionEffect, version_effect};
 
 use crate::decide::operations::{accepted, checked};

@@ -13,10 +13,10 @@ use holdpoint_governance::rollback::{
     PostStatus, RollbackRecord, Rung, RungFailure, RungRecord, Trigger, TriggerKind, ticks_to_ms,
 };
 use holdpoint_governance::shared_event::{SceneKind, SharedEvent, StoppingEvent, UncomparedReason};
-use holdpoint_registry::ActiveCause;
 use holdpoint_runtime::agent::AbandonedGoal;
 use holdpoint_runtime::capability::Capability;
 use holdpoint_runtime::terms::SkillTerms;
+use holdpoint_store::ActiveCause;
 use holdpoint_text::Hint;
 
 use super::ladder::{event, evidence, push_rung, rung};

@@ -15,8 +15,7 @@ use holdpoint_governance::outcome::CheckResult;
 use holdpoint_governance::shared_event::SceneKind;
 use holdpoint_protocol::event::EventKind;
 use holdpoint_protocol::work_unit::WorkUnit;
-use holdpoint_registry::store_terms::EvidenceKind;
-use holdpoint_registry::{Batch, Store};
+use holdpoint_store::{Batch, EvidenceKind, OpenStore};
 use holdpoint_trials::scene_stops::SceneStops;
 
 use super::closing::{abort_stage, close_rejected, progress, put_on_hold, stage_note};
@@ -263,7 +262,7 @@ fn decide(
 /// Keeps every shadowed sequence with both outputs, the comparison and its context (paper appendix F.2). The
 /// paths stay with the sequences in which the two worlds did not agree.
 fn keep_traces(
-    store: &Store,
+    store: &dyn OpenStore,
     id: &CapabilityId,
     traces: &[ShadowTrace],
     at_ms: u64,

@@ -7,8 +7,8 @@ use holdpoint_governance::interface::RegisteredVersion;
 use holdpoint_governance::lifecycle::{LifecycleEvent, Stage, State};
 use holdpoint_governance::outcome::Recommendation;
 use holdpoint_governance::time_excess::TimeExcess;
-use holdpoint_registry::store_terms::EvidenceKind;
 use holdpoint_runtime::capability::Capability;
+use holdpoint_store::EvidenceKind;
 use holdpoint_trials::tick_time::median_tick_us;
 
 use super::closing::{close_rejected, first_reason, report_decision, stage_note};

@@ -14,7 +14,8 @@ use holdpoint_governance::lifecycle::State;
 use holdpoint_governance::outcome::PolicyOutcome;
 use holdpoint_governance::profile::ProfileName;
 use holdpoint_protocol::command::{Caller, Command, Operation, Reply};
-use holdpoint_registry::{Change, Store, Transaction, allow_profile, verify};
+use holdpoint_registry::{Store, allow_profile, verify};
+use holdpoint_store::{Change, Transaction};
 use holdpoint_trials::seeds::EpisodeSeeds;
 
 use super::*;

@@ -8,8 +8,8 @@ use holdpoint_governance::approval::Role;
 use holdpoint_governance::lifecycle::State;
 use holdpoint_governance::profile::ProfileName;
 use holdpoint_governance::wall_time::WallTime;
-use holdpoint_registry::store_terms::{EvidenceKind, RequestState};
-use holdpoint_registry::{ApprovalRequest, Change, verify};
+use holdpoint_registry::verify;
+use holdpoint_store::{ApprovalRequest, Change, EvidenceKind, RequestState};
 
 use crate::support::*;
 

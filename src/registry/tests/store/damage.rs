@@ -7,11 +7,8 @@ use std::path::Path;
 use holdpoint_audit::history_error::HistoryError;
 use holdpoint_governance::alarms::{AlarmState, Priority};
 use holdpoint_governance::record::AuditRecord;
-use holdpoint_registry::store_terms::EvidenceKind;
-use holdpoint_registry::{
-    AuditFilter, Change, RefusalCause, Store, UnsignedRecords, VerifyError, VersionFilter, Views, rebuild,
-    verify,
-};
+use holdpoint_registry::{Store, UnsignedRecords, VerifyError, Views, rebuild, verify};
+use holdpoint_store::{AuditFilter, Change, EvidenceKind, RefusalCause, VersionFilter};
 use rusqlite::{Connection, params};
 
 use crate::proofs::heads;
@@ -212,7 +209,7 @@ fn stop_hidden_by_an_index_is_found_at_the_start() {
     make_store_with_approval(folder.path());
     let store = open(folder.path());
     let mut stop = transaction("stop", store.opening().head.at_ms + 1, Vec::new());
-    stop.audit = vec![holdpoint_registry::AuditBody {
+    stop.audit = vec![holdpoint_store::AuditBody {
         kind: holdpoint_governance::record::RecordKind::CellStopped,
         subject: String::new(),
         body: "{\"by\":\"ana\"}".to_owned(),
@@ -323,7 +320,7 @@ pub fn contents(database: &Path) -> Result<String, String> {
             views.open_requests()?
         ))
     };
-    read().map_err(|error: holdpoint_registry::StoreError| error.to_string())
+    read().map_err(|error: holdpoint_store::StoreError| error.to_string())
 }
 
 /// Flips one bit at a time: verification finds it, or all reads are unchanged. Nothing panics.

@@ -9,9 +9,8 @@ use std::time::{Duration, Instant};
 
 use ed25519_dalek::VerifyingKey;
 use holdpoint_approvals::{Identity, keyfile};
-use holdpoint_registry::{
-    AuditFilter, Batch, CacheLookup, Store, StoredBatch, TelemetryViews, VerifyReport, Views, verify,
-};
+use holdpoint_registry::{Store, TelemetryViews, VerifyReport, Views, verify};
+use holdpoint_store::{AuditFilter, Batch, CacheLookup, StoredBatch};
 use holdpoint_text::{Hint, WIDTH_MAX, sanitize};
 use tempfile::TempDir;
 
@@ -177,7 +176,7 @@ fn batches(store: &Path) -> Result<Vec<StoredBatch>, String> {
         views.each_batch(u64::MAX, |batch| found.push(batch))?;
         Ok(found)
     };
-    read().map_err(|error: holdpoint_registry::StoreError| error.to_string())
+    read().map_err(|error: holdpoint_store::StoreError| error.to_string())
 }
 
 /// The number of cases for each file, and their results.

@@ -8,7 +8,8 @@
 use std::path::Path;
 use std::process::{Command, Stdio};
 
-use holdpoint_registry::{Batch, Store, check_invariants, verify};
+use holdpoint_registry::{Store, check_invariants, verify};
+use holdpoint_store::Batch;
 
 use crate::edits::quick_folder;
 use crate::kill::one_step;
@@ -46,13 +47,13 @@ impl Spell {
 
 /// A short life of a store, from its creation to an activation and its rollback, with telemetry; prints `ACK <seq>`
 /// after each commit and `FAILED` with the error at the first.
-fn live(folder: &Path) -> Result<(), holdpoint_registry::StoreError> {
+fn live(folder: &Path) -> Result<(), holdpoint_store::StoreError> {
     let store = Store::open(folder)?;
     let version = id("grasp@1.0.0");
     let acked = |command: &str, changes| {
         let receipt = commit(&store, command, changes)?;
         println!("ACK {}", receipt.last_seq);
-        Ok::<_, holdpoint_registry::StoreError>(())
+        Ok::<_, holdpoint_store::StoreError>(())
     };
     acked("bootstrap", bootstrapping("grasp"))?;
     acked("shadowed", shadowing("grasp@1.1.0"))?;

@@ -9,9 +9,8 @@ use std::process::{Child, Command, Stdio};
 use holdpoint_approvals::{Identity, Nonce};
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::wall_time::WallTime;
-use holdpoint_registry::{
-    AuditFilter, Change, Receipt, Store, StoreError, check_invariants, failpoint, verify,
-};
+use holdpoint_registry::{Store, check_invariants, failpoint, verify};
+use holdpoint_store::{AuditFilter, Change, Receipt, StoreError};
 
 use crate::edits::quick_folder;
 use crate::support::*;
@@ -175,7 +174,7 @@ fn full_disk_loses_no_acknowledged_record() {
     }
     child.wait().unwrap();
     let failed = failed.expect("the limit was reached");
-    assert!(failed.starts_with("Sqlite {") || failed.starts_with("DiskFull {"), "{failed}");
+    assert!(failed.starts_with("Database {") || failed.starts_with("DiskFull {"), "{failed}");
     check(folder.path(), last_ack, "disk full");
     let store = open(folder.path());
     let before = store.views().unwrap().head().unwrap().seq;

@@ -9,7 +9,8 @@ use std::os::unix::process::ExitStatusExt;
 use std::path::Path;
 use std::process::{Command, Stdio};
 
-use holdpoint_registry::{Store, StoreError, UnsignedRecords, check_invariants, rebuild, verify};
+use holdpoint_registry::{Store, UnsignedRecords, check_invariants, rebuild, verify};
+use holdpoint_store::StoreError;
 use rusqlite::Connection;
 
 use crate::edits::{make_full_store, quick_folder};

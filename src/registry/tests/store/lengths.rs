@@ -5,9 +5,10 @@ use std::path::Path;
 use std::time::{Duration, Instant};
 
 use holdpoint_registry::{
-    BackupParts, DatabaseLocation, ExportScope, Layout, Store, UnsignedRecords, VerifyOptions, Views, backup,
+    BackupParts, DatabaseLocation, ExportScope, Store, UnsignedRecords, VerifyOptions, Views, backup,
     check_store, export_store, rebuild, store_info, verify, verify_against, verify_copy,
 };
+use holdpoint_store::Layout;
 use rusqlite::Connection;
 
 use crate::damage::UNLOCK;

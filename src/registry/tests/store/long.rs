@@ -3,7 +3,8 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use holdpoint_registry::{AuditBody, ExportScope, Store, Views, export_store, verify};
+use holdpoint_registry::{ExportScope, Store, Views, export_store, verify};
+use holdpoint_store::AuditBody;
 use rusqlite::Connection;
 
 use crate::edits::{make_full_store, quick_folder};

@@ -4,7 +4,8 @@ use std::fs;
 use std::os::unix::fs::PermissionsExt;
 use std::path::Path;
 
-use holdpoint_registry::{RefusalCause, Store, StoreError};
+use holdpoint_registry::Store;
+use holdpoint_store::{RefusalCause, StoreError};
 use holdpoint_text::Hint as _;
 use rusqlite::Connection;
 
@@ -246,7 +247,7 @@ fn a_folder_that_cannot_be_used_is_named() {
 fn no_new_history_begins_in_place_of_a_removed_one() {
     let folder = tempfile::tempdir().unwrap();
     make_small_store(folder.path());
-    let layout = holdpoint_registry::Layout::new(folder.path());
+    let layout = holdpoint_store::Layout::new(folder.path());
     let before = fs::read(layout.store_key()).unwrap();
     let refused = |left: &str| {
         let error = Store::open(folder.path()).expect_err(left);
@@ -276,7 +277,7 @@ fn no_new_history_begins_in_place_of_a_removed_one() {
 #[test]
 fn stop_mark_is_set_even_if_its_text_cannot_be_written() {
     let folder = tempfile::tempdir().unwrap();
-    let layout = holdpoint_registry::Layout::new(folder.path());
+    let layout = holdpoint_store::Layout::new(folder.path());
     layout.create().unwrap();
     let marks = layout.stop_marks();
     assert_eq!(marks.found(), None);

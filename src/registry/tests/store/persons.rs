@@ -2,7 +2,8 @@
 
 use holdpoint_approvals::{Identity, PersonError, SignedPersonAct};
 use holdpoint_governance::approval::Role;
-use holdpoint_registry::{Change, RefusalCause, Store, UnsignedRecords, rebuild, verify};
+use holdpoint_registry::{Store, UnsignedRecords, rebuild, verify};
+use holdpoint_store::{Change, RefusalCause};
 
 use crate::support::*;
 

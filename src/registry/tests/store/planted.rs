@@ -4,11 +4,8 @@
 use std::fs;
 use std::path::Path;
 
-use holdpoint_registry::store_terms::EvidenceKind;
-use holdpoint_registry::{
-    BackupParts, Change, RefusalCause, Store, StoreError, UnsignedRecords, Views, backup, command_id,
-    rebuild, verify,
-};
+use holdpoint_registry::{BackupParts, Store, UnsignedRecords, Views, backup, rebuild, verify};
+use holdpoint_store::{Change, EvidenceKind, RefusalCause, StoreError, command_id};
 use rusqlite::{Connection, params};
 
 use crate::support::*;

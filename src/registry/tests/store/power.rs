@@ -7,7 +7,8 @@
 use std::path::Path;
 use std::process::Command;
 
-use holdpoint_registry::{Batch, Store, StoreError, UnsignedRecords, check_invariants, rebuild, verify};
+use holdpoint_registry::{Store, UnsignedRecords, check_invariants, rebuild, verify};
+use holdpoint_store::{Batch, StoreError};
 use rusqlite::Connection;
 
 use crate::disk::{Loss, Trace};

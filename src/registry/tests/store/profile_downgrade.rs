@@ -4,9 +4,8 @@
 use holdpoint_audit::chain::Head;
 use holdpoint_governance::approval::Role;
 use holdpoint_governance::profile::ProfileName;
-use holdpoint_registry::{
-    Change, RefusalCause, Store, StoreError, UnsignedRecords, VerifyError, allow_profile, rebuild, verify,
-};
+use holdpoint_registry::{Store, UnsignedRecords, VerifyError, allow_profile, rebuild, verify};
+use holdpoint_store::{Change, RefusalCause, StoreError};
 
 use crate::damage::rewrite;
 use crate::edits::{make_full_store, quick_folder};

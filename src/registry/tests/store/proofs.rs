@@ -7,9 +7,8 @@ use ed25519_dalek::VerifyingKey;
 use holdpoint_approvals::keyfile;
 use holdpoint_audit::checkpoint::Checkpoint;
 use holdpoint_audit::proof::{Proof, ProofError, ProofFault};
-use holdpoint_registry::{
-    ProveError, RefusalCause, Store, prove_consistency, prove_record, stored_head, verify,
-};
+use holdpoint_registry::{ProveError, Store, prove_consistency, prove_record, stored_head, verify};
+use holdpoint_store::RefusalCause;
 
 use crate::edits::{make_full_store, quick_folder};
 use crate::released::schema_1;

@@ -6,7 +6,8 @@
 use std::sync::Barrier;
 
 use holdpoint_governance::lifecycle::State;
-use holdpoint_registry::{Change, Store, StoreError, check_invariants, verify};
+use holdpoint_registry::{Store, check_invariants, verify};
+use holdpoint_store::{Change, StoreError};
 
 use crate::edits::quick_folder;
 use crate::mutate::Random;

@@ -5,9 +5,8 @@ use std::path::Path;
 
 use holdpoint_audit::rebuild_report::RebuildReport;
 use holdpoint_governance::record::RecordKind;
-use holdpoint_registry::{
-    AuditFilter, RefusalCause, Store, StoreError, UnsignedRecords, VersionFilter, Views, rebuild, verify,
-};
+use holdpoint_registry::{Store, UnsignedRecords, Views, rebuild, verify};
+use holdpoint_store::{AuditFilter, RefusalCause, StoreError, VersionFilter};
 use holdpoint_text::Hint as _;
 use rusqlite::Connection;
 use rusqlite::types::Value;

@@ -5,10 +5,10 @@ use holdpoint_governance::lifecycle::State as S;
 use holdpoint_governance::lifecycle::VersionFlags;
 use holdpoint_governance::profile::ProfileName;
 use holdpoint_governance::record::{ActivationCause, RecordKind, VersionGroup};
-use holdpoint_registry::store_terms::EvidenceKind;
-use holdpoint_registry::{
-    ActiveCause, AuditBody, AuditFilter, Change, InterruptedWork, StoreError, Transaction, VersionFilter,
-    check_invariants, verify,
+use holdpoint_registry::{check_invariants, verify};
+use holdpoint_store::{
+    ActiveCause, AuditBody, AuditFilter, Change, EvidenceKind, InterruptedWork, StoreError, Transaction,
+    VersionFilter,
 };
 
 use crate::support::*;

@@ -17,10 +17,10 @@ use holdpoint_governance::notice::NoticeOrText;
 use holdpoint_governance::profile::ProfileName;
 use holdpoint_governance::profile_downgrade::{DowngradedField, ProfileSettings};
 use holdpoint_governance::wall_time::WallTime;
-use holdpoint_registry::store_terms::{EvidenceKind, RequestState};
-use holdpoint_registry::{
-    ActiveCause, ApprovalRequest, AuditBody, Change, NewVersion, Receipt, RefusalCause, Store, StoreError,
-    Transaction, allow_profile,
+use holdpoint_registry::{Store, allow_profile};
+use holdpoint_store::{
+    ActiveCause, ApprovalRequest, AuditBody, Change, EvidenceKind, NewVersion, Receipt, RefusalCause,
+    RequestState, StoreError, Transaction,
 };
 
 /// The digest of a robot.

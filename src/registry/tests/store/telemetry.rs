@@ -1,8 +1,8 @@
 //! Telemetry batches, their seals, retention, and cached results.
 
-use holdpoint_registry::{
-    Batch, CacheLookup, Change, EpisodeKey, Store, StoreError, TelemetryLimits, VerifyError, verify,
-};
+use holdpoint_approvals::keyfile;
+use holdpoint_registry::{Store, TelemetryLimits, VerifyError, verify};
+use holdpoint_store::{Batch, CacheLookup, CacheSecret, Change, EpisodeKey, StoreError};
 use rusqlite::Connection;
 
 use crate::support::*;
@@ -272,4 +272,17 @@ fn bad_batches_are_refused() {
     let unknown =
         Change::SealTelemetry { version: id("grasp@9.9.9"), batch: 1, digest: digest("x"), rows: 1 };
     assert!(commit(&store, "seal", vec![unknown]).is_err());
+}
+
+/// A foreign key in a store's folder authenticates nothing.
+#[test]
+fn a_stores_secret_is_derived_from_the_key_that_signs_its_records() {
+    let folder = tempfile::tempdir().unwrap();
+    let store = open(folder.path());
+    let planted = keyfile::generate().unwrap();
+    let own = store.result_cache().secret().derived("test").unwrap();
+    assert_ne!(own, CacheSecret::of_store(&planted).unwrap().derived("test").unwrap());
+    keyfile::write_secret(&store.layout().keys().join("cells.key"), &planted).unwrap();
+    drop(store);
+    assert_eq!(open(folder.path()).result_cache().secret().derived("test").unwrap(), own);
 }

@@ -5,9 +5,8 @@ use std::os::unix::fs::symlink;
 use std::path::Path;
 use std::process::Command;
 
-use holdpoint_registry::{
-    Batch, BatchReceipt, Change, Layout, Store, StoreError, TelemetryLimits, check_store, verify,
-};
+use holdpoint_registry::{Store, TelemetryLimits, check_store, verify};
+use holdpoint_store::{Batch, BatchReceipt, Change, Layout, StoreError};
 use rusqlite::Connection;
 
 use crate::support::*;
@@ -149,7 +148,7 @@ fn cells_with_an_edited_use_counter_stay_usable() {
         for (key, body) in [("one", b"one"), ("two", b"two")] {
             let found = store.result_cache().get(&digest(key));
             assert!(
-                matches!(&found, holdpoint_registry::CacheLookup::Found { body: cached, .. } if cached == body),
+                matches!(&found, holdpoint_store::CacheLookup::Found { body: cached, .. } if cached == body),
                 "{found:?}"
             );
         }
@@ -261,7 +260,7 @@ fn unrecorded_quarantine_is_recorded_by_the_next_start() {
     assert_eq!(start(&layout, "third").aside.len(), 0);
     let refused = open(folder.path());
     let aside =
-        vec![holdpoint_registry::QuarantinedFile { file: "../holdpoint.db".into(), problem: String::new() }];
+        vec![holdpoint_store::QuarantinedFile { file: "../holdpoint.db".into(), problem: String::new() }];
     let error =
         commit(&refused, "foreign", vec![Change::MissTelemetry { gaps: Vec::new(), aside }]).unwrap_err();
     assert!(matches!(error, StoreError::Invalid { .. }), "{error}");

@@ -11,8 +11,9 @@ use holdpoint_audit::history_error::HistoryError;
 use holdpoint_governance::approval::Role;
 use holdpoint_governance::profile::ProfileName;
 use holdpoint_registry::{
-    ExportError, ExportScope, RefusalCause, UnsignedRecords, add_witness, export_store, rebuild, verify,
+    ExportError, ExportScope, UnsignedRecords, add_witness, export_store, rebuild, verify,
 };
+use holdpoint_store::RefusalCause;
 
 use crate::damage::rewrite;
 use crate::edits::{make_full_store, quick_folder};

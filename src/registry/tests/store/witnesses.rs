@@ -11,10 +11,10 @@ use holdpoint_audit::head_copies::HeadFault;
 use holdpoint_audit::history_error::HistoryError;
 use holdpoint_audit::witness::{WITNESSES_MAX, check_witness};
 use holdpoint_registry::{
-    BackupParts, DatabaseLocation, ExportScope, RefusalCause, Store, StoreError, UnsignedRecords,
-    VerifyError, VerifyOptions, add_witness, backup, export_store, prove_record, remove_witness, verify,
-    verify_against, witnesses,
+    BackupParts, DatabaseLocation, ExportScope, Store, UnsignedRecords, VerifyError, VerifyOptions,
+    add_witness, backup, export_store, prove_record, remove_witness, verify, verify_against, witnesses,
 };
+use holdpoint_store::{RefusalCause, StoreError};
 
 use crate::edits::{make_full_store, quick_folder};
 use crate::proofs::{heads, public_key};
@@ -243,7 +243,7 @@ fn restored_older_store_is_refused_by_its_witness() {
 /// A commit with a checkpoint behind it.
 fn checkpointed(store: &Store, number: u64) {
     let text = "x".repeat(10);
-    let many = |nth: u64| holdpoint_registry::AuditBody {
+    let many = |nth: u64| holdpoint_store::AuditBody {
         kind: holdpoint_governance::record::RecordKind::Monitor,
         subject: String::new(),
         body: format!("{{\"text\":\"{text}{nth}\"}}"),

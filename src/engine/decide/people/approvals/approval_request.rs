@@ -10,8 +10,7 @@ use holdpoint_governance::ids::{CapabilityId, Digest};
 use holdpoint_governance::submission::Risk;
 use holdpoint_governance::wall_time::WallTime;
 use holdpoint_protocol::snapshot::RequestKind;
-use holdpoint_registry::store_terms::RequestState;
-use holdpoint_registry::{ApprovalEntry, ApprovalRequest};
+use holdpoint_store::{ApprovalEntry, ApprovalRequest, RequestState};
 
 use crate::decide::people::signers::rollback_target;
 use crate::decide::recorder::EngineRecorder;

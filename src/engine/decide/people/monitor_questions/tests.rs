@@ -15,7 +15,7 @@ use holdpoint_governance::record::RecordKind;
 use holdpoint_protocol::clock::Clock;
 use holdpoint_protocol::command::{Command, Operation, Refusal, Reply};
 use holdpoint_protocol::event::EventKind;
-use holdpoint_registry::AuditFilter;
+use holdpoint_store::AuditFilter;
 
 fn go_on(id: &CapabilityId) -> Command {
     Command::Continue(Operation {

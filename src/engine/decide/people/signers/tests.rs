@@ -450,9 +450,9 @@ fn an_answer_by_a_revoked_key_is_not_restored() {
     let admin = persons.unprotected_administrator(&folder).unwrap();
     let signed = persons.revocation(persons.named("ann").unwrap(), &admin, "a test").unwrap();
     let at_ms = store.views().unwrap().head().unwrap().at_ms;
-    let changes = vec![holdpoint_registry::Change::RevokePerson(Box::new(signed))];
+    let changes = vec![holdpoint_store::Change::RevokePerson(Box::new(signed))];
     let (command_id, audit) = ("revoke ann".to_owned(), Vec::new());
-    store.commit(holdpoint_registry::Transaction { command_id, at_ms, wall_ms: 0, changes, audit }).unwrap();
+    store.commit(holdpoint_store::Transaction { command_id, at_ms, wall_ms: 0, changes, audit }).unwrap();
     let bench = bench.reopened(Profile::builtin(ProfileName::Human).unwrap());
     assert!(bench.pipeline.snapshot().prompts[0].approved_by.is_empty());
 }

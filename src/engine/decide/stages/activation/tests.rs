@@ -14,8 +14,8 @@ use holdpoint_governance::submission::Package;
 use holdpoint_protocol::command::{Command, Operation, Reply};
 use holdpoint_protocol::event::Event;
 use holdpoint_protocol::monitor_chart::ChartView;
-use holdpoint_registry::AuditFilter;
 use holdpoint_runtime::capability;
+use holdpoint_store::AuditFilter;
 use holdpoint_wording::event as event_text;
 
 use super::*;

@@ -32,10 +32,10 @@ use holdpoint_protocol::command::{Command, Operation, Reply};
 use holdpoint_protocol::event::EventKind;
 use holdpoint_record::version_table::VersionTable;
 use holdpoint_record::wall_clock::WallClock;
-use holdpoint_registry::store_terms::EvidenceKind;
-use holdpoint_registry::{Change, Store};
+use holdpoint_registry::Store;
 use holdpoint_runtime::capability;
 use holdpoint_runtime::recovery::{RecoveryReport, StoppedBy};
+use holdpoint_store::{Change, EvidenceKind};
 use holdpoint_trials::cache::EpisodeCache;
 use holdpoint_trials::cell::Cell;
 use holdpoint_trials::seeds::CALIBRATION_FROM_RUN;
@@ -107,7 +107,7 @@ impl RollbackBench {
         };
         let store = Store::open(folder.path()).unwrap();
         let clock = Clock::scripted(store.opening().head.at_ms);
-        let version_table = VersionTable::open(store, WallClock::scripted(0, None)).unwrap();
+        let version_table = VersionTable::open(Box::new(store), WallClock::scripted(0, None)).unwrap();
         let baselines = holdpoint_trials::embedded::baselines().unwrap();
         let pipeline = Pipeline::new(settings, version_table, clock, baselines).unwrap();
         Self { folder, pipeline }
@@ -478,7 +478,7 @@ fn the_agents_identity_is_the_same_before_and_after_upgrade_and_rollback() {
     let mut bench = RollbackBench::new();
     let of = |bench: &RollbackBench| {
         let views = bench.pipeline.record().version_table().store().views().unwrap();
-        (bench.pipeline.snapshot().agent, crate::decide::store_identity::agent(&views).unwrap().unwrap())
+        (bench.pipeline.snapshot().agent, crate::decide::store_identity::agent(&*views).unwrap().unwrap())
     };
     let before = of(&bench);
     assert_eq!(before.0, before.1);

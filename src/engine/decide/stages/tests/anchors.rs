@@ -50,7 +50,7 @@ fn a_confirmation_begins_again_under_another_anchor() {
     assert!(run.is_current(bench.pipeline.record().version_table()), "the predecessor is the anchor now");
     // A restart reads the choice from the record.
     let table = bench.pipeline.record().version_table();
-    let chosen = holdpoint_record::version_table::chosen_anchors(&table.store().views().unwrap()).unwrap();
+    let chosen = holdpoint_record::version_table::chosen_anchors(&*table.store().views().unwrap()).unwrap();
     assert_eq!(chosen.get(&first.family), Some(&first));
     let (context, table, _) = bench.pipeline.known();
     let page = holdpoint_explain::view::lookup::registry_page(context, table, VersionGroup::All, "", 0, 10);

@@ -18,8 +18,9 @@ use holdpoint_governance::record::RecordKind;
 use holdpoint_protocol::clock::Clock;
 use holdpoint_protocol::command::{Command, Operation, Reply};
 use holdpoint_protocol::event::EventKind;
-use holdpoint_registry::{AuditFilter, CacheSecret, ResultCache, Store};
+use holdpoint_registry::Store;
 use holdpoint_sim::SimCells;
+use holdpoint_store::{AuditFilter, CacheSecret, ResultCache};
 use holdpoint_trials::cache::EpisodeCache;
 use holdpoint_trials::cell::Cell;
 use holdpoint_trials::seeds::CALIBRATION_FROM_RUN;
@@ -61,7 +62,7 @@ pub(super) fn pipeline(folder: &Path, cache: EpisodeCache, jobs: usize) -> Pipel
     let baselines = holdpoint_trials::embedded::baselines().unwrap();
     Pipeline::new(
         settings,
-        VersionTable::open(store, WallClock::scripted(0, None)).unwrap(),
+        VersionTable::open(Box::new(store), WallClock::scripted(0, None)).unwrap(),
         clock,
         baselines,
     )
@@ -184,7 +185,7 @@ fn cached_results_count_after_a_spot_check_and_change_no_event() {
     assert!(samples[0].foreign < all.foreign, "what the process ran again is its own: {samples:?}");
 
     let views = second.record().version_table().store().views().unwrap();
-    let explained = holdpoint_explain::why::explain(&views, &id).unwrap().unwrap();
+    let explained = holdpoint_explain::why::explain(&*views, &id).unwrap().unwrap();
     let uses = explained.decisions.iter().filter_map(|decision| decision.kept.as_ref());
     assert_eq!(uses.count(), 1, "with the sandbox's decision");
 }
@@ -239,7 +240,7 @@ fn cache_mismatch_with_a_valid_mac_is_found_before_it_counts() {
     assert_eq!(begun.count(), 2, "it began again");
     let views = second.record().version_table().store().views().unwrap();
     let detail = views.version(&id).unwrap().unwrap();
-    let decisions = holdpoint_explain::why::decisions(&views, &id, &detail).unwrap();
+    let decisions = holdpoint_explain::why::decisions(&*views, &id, &detail).unwrap();
     let mut consequences = decisions.iter().flat_map(|decision| &decision.consequences);
     let is_void =
         |of: &Consequence| matches!(of, Consequence::CacheVoided { place: CacheLocation::Store, .. });

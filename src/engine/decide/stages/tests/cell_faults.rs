@@ -75,7 +75,7 @@ fn a_fallback_that_may_not_take_over_demotes_the_candidate_each_time() {
     // The check of the folder names the same.
     let views = bench.pipeline.record().version_table().store().views().unwrap();
     let candidate = bench.pipeline.record().capability(&id).unwrap();
-    let versions = RegisteredVersions::of(&views).unwrap();
+    let versions = RegisteredVersions::of(&*views).unwrap();
     let named = versions.cell_faults(&candidate);
     assert_eq!((named.len(), &named[0].finding), (1, &Some(fault)));
     assert_eq!((versions.recovery(&candidate), versions.unmet_fallback(&candidate)), (Vec::new(), None));

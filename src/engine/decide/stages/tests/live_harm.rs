@@ -14,7 +14,7 @@ use holdpoint_governance::rollback::{PostStatus, RollbackRecord, RungFailure, Tr
 use holdpoint_governance::shared_event::StoppingEvent;
 use holdpoint_protocol::command::{Command, Operation, Reply};
 use holdpoint_protocol::event::EventKind;
-use holdpoint_registry::AuditFilter;
+use holdpoint_store::AuditFilter;
 
 use crate::decide::stages::rollback::tests::RollbackBench;
 use holdpoint_record::version_table::TransitionNote;

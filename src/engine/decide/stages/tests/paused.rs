@@ -9,7 +9,7 @@ use holdpoint_governance::profile::ProfileName;
 use holdpoint_governance::record::RecordKind;
 use holdpoint_protocol::command::{Command, Operation, Refusal, Reply};
 use holdpoint_protocol::event::EventKind;
-use holdpoint_registry::AuditFilter;
+use holdpoint_store::AuditFilter;
 use holdpoint_wording::command_effect::{EngineEffect, VersionEffect, engine_effect, version_effect};
 
 use crate::decide::pipeline::SliceOutcome;

@@ -16,7 +16,7 @@ use holdpoint_governance::profile::{Profile, ProfileName};
 use holdpoint_governance::record::RecordKind;
 use holdpoint_protocol::command::{Command, Operation, Reply};
 use holdpoint_protocol::snapshot::RequestKind;
-use holdpoint_registry::AuditFilter;
+use holdpoint_store::AuditFilter;
 
 use crate::decide::people::persons::enrolled;
 use crate::decide::stages::activation::tests::{package, request_activation};
@@ -215,7 +215,7 @@ pub(super) const SETTINGS: [Setting; 29] = [
         let id = bench.activate(CANDIDATE);
         let version = number(bench, &id);
         apply(bench, &id, LifecycleEvent::BeginRollback { version });
-        let cause = Some(holdpoint_registry::ActiveCause::Vacate);
+        let cause = Some(holdpoint_store::ActiveCause::Vacate);
         let note = TransitionNote { cause, ..TransitionNote::because(Notice::StageBegins) };
         let event = LifecycleEvent::FailRollback { version };
         bench.pipeline.live().record.transition(&id.family, event, note).unwrap();

@@ -2,7 +2,7 @@
 
 use holdpoint_governance::record::RecordKind;
 use holdpoint_protocol::command::{Caller, Command, Reply};
-use holdpoint_registry::AuditFilter;
+use holdpoint_store::AuditFilter;
 
 use super::state_verb_table::done;
 

@@ -27,9 +27,10 @@ use holdpoint_protocol::clock::Clock;
 use holdpoint_protocol::command::{Command, Refusal, Reply};
 use holdpoint_record::version_table::VersionTable;
 use holdpoint_record::wall_clock::WallClock;
-use holdpoint_registry::{Layout, Store, TelemetryViews, Views};
+use holdpoint_registry::{Store, TelemetryViews, Views};
 use holdpoint_runtime::capability::{self, Capability};
 use holdpoint_sim::SimCells;
+use holdpoint_store::Layout;
 use holdpoint_trials::cache::EpisodeCache;
 use holdpoint_trials::cell::Cell;
 use holdpoint_trials::seeds::CALIBRATION_FROM_RUN;
@@ -105,8 +106,8 @@ fn registered(
         controls: Controls::default(),
         omitted: holdpoint_governance::ablation::AblatedParts::default(),
     };
-    let version_table =
-        VersionTable::open(Store::open(folder.path()).unwrap(), WallClock::scripted(0, None)).unwrap();
+    let store = Box::new(Store::open(folder.path()).unwrap());
+    let version_table = VersionTable::open(store, WallClock::scripted(0, None)).unwrap();
     let baselines = holdpoint_trials::embedded::baselines().unwrap();
     let mut pipeline = Pipeline::new(settings, version_table, Clock::scripted(0), baselines).unwrap();
     let path = Path::new(crate::MANIFESTS).join("candidates").join(candidate);
@@ -359,7 +360,7 @@ fn edited_telemetry_is_in_no_number(whole: &Path, before: &StoreMetrics) {
     let store = Store::open(folder.path()).unwrap();
     let opening = store.opening().clone();
     assert_eq!((opening.telemetry.unsealed, opening.telemetry.aside.len()), (1, 0));
-    let transaction = holdpoint_registry::Transaction {
+    let transaction = holdpoint_store::Transaction {
         command_id: "found".to_owned(),
         at_ms: opening.head.at_ms,
         wall_ms: 0,

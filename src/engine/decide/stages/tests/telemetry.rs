@@ -2,7 +2,8 @@
 
 use holdpoint_governance::alarms::AlarmKey;
 use holdpoint_governance::notice::Notice;
-use holdpoint_registry::{Batch, verify};
+use holdpoint_registry::verify;
+use holdpoint_store::Batch;
 use holdpoint_trials::cache::EpisodeCache;
 
 use super::cache_edits::pipeline;

@@ -129,7 +129,7 @@ fn run_until(bench: &mut RollbackBench, id: &CapabilityId, state: State, running
 fn assert_replays(bench: &mut RollbackBench, id: &CapabilityId) {
     let environment = bench.pipeline.live().context.cell.digest();
     let views = bench.pipeline.record().version_table().store().views().unwrap();
-    let found = observe(&views, None, Since::Record(1), environment).unwrap();
+    let found = observe(&*views, None, Since::Record(1), environment).unwrap();
     assert!(found.metrics.replays.equal >= 2, "{:?}", found.metrics.replays);
     let unequal: Vec<_> = found.unequal.iter().filter(|one| one.version == *id).collect();
     assert!(unequal.is_empty(), "{unequal:?}");

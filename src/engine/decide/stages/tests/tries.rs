@@ -10,8 +10,9 @@ use holdpoint_governance::record::RecordKind;
 use holdpoint_governance::submission::Package;
 use holdpoint_governance::tries::{CountedTry, TryAuthor};
 use holdpoint_protocol::command::{Command, Refusal, Reply};
-use holdpoint_registry::{AuditFilter, Views};
+use holdpoint_registry::Views;
 use holdpoint_runtime::capability;
+use holdpoint_store::AuditFilter;
 
 use super::cell_faults::{operation, register};
 use crate::decide::operations::has_tried;

@@ -72,7 +72,7 @@ fn engine_and_store_give_every_version_the_same_status() {
         );
         if by_person {
             assert!(told.contains("ada") && told.contains("a test"), "{name}: {told}");
-            let summary = summarize(&views, &id).unwrap().unwrap();
+            let summary = summarize(&*views, &id).unwrap().unwrap();
             let explained = summary_lines(&summary, None).details;
             assert!(explained.contains(&told), "{name}: {explained:?}");
         }

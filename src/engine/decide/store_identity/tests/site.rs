@@ -7,8 +7,9 @@ use std::sync::Arc;
 use holdpoint_governance::ids::Family;
 use holdpoint_governance::notice::{BoundPart, Notice};
 use holdpoint_protocol::event::EventKind;
-use holdpoint_registry::{AuditFilter, Layout, Views};
+use holdpoint_registry::Views;
 use holdpoint_sim::SimCells;
+use holdpoint_store::{AuditFilter, Layout};
 use holdpoint_trials::cell::Cell;
 use holdpoint_trials::site::LoadedSite;
 

@@ -3,8 +3,7 @@
 use std::borrow::Cow;
 use std::path::{Path, PathBuf};
 
-use crate::terms::row_limit::ROW_BYTES_MAX;
-use crate::terms::store_terms::FIRST_ADMINISTRATOR;
+use crate::store_terms::FIRST_ADMINISTRATOR;
 use holdpoint_approvals::keyfile::KeyError;
 use holdpoint_audit::files::FileError;
 use holdpoint_governance::ids::CapabilityId;
@@ -53,7 +52,7 @@ holdpoint_governance::closed_set! {
     StoreFailure, "failure of the store", {
         /// The system could not open, read or write a file.
         Io = "io",
-        /// SQLite reported an error.
+        /// The database reported an error.
         Database = "database",
         /// The disk is full.
         DiskFull = "disk-full",
@@ -122,6 +121,9 @@ impl RefusalCause {
     }
 }
 
+/// The longest text of a row, and the longest row, bytes. This program writes shorter ones.
+pub const ROW_BYTES_MAX: i32 = 32 << 20;
+
 /// Any failure of the registry, the audit chain or the telemetry file. Nothing was changed, except after
 /// [`StoreError::Unknown`]: then the outcome is not known, and the command may be retried with the same id.
 #[derive(Debug, thiserror::Error)]
@@ -152,9 +154,9 @@ pub enum StoreError {
         problem: String,
         cause: RefusalCause,
     },
-    /// SQLite reported an error.
+    /// The database reported an error.
     #[error("the store could not {what}: {source}")]
-    Sqlite { what: &'static str, source: rusqlite::Error },
+    Database { what: &'static str, source: Box<dyn std::error::Error + Send + Sync> },
     /// The disk is full. The transaction was undone.
     #[error("the disk is full: the store could not {what}; nothing was changed")]
     DiskFull { what: &'static str },
@@ -279,7 +281,7 @@ impl Hint for StoreError {
             Self::Refused { path, cause, .. } => {
                 ErrorDetails::of_path(ErrorReason::StoreRefused, path).with_cause(cause.name())
             }
-            Self::Sqlite { .. } => failed(StoreFailure::Database),
+            Self::Database { .. } => failed(StoreFailure::Database),
             Self::DiskFull { .. } => failed(StoreFailure::DiskFull),
             Self::RowTooLong { .. } => failed(StoreFailure::RowTooLong),
             Self::Invariant(_) => failed(StoreFailure::Invariant),
@@ -342,7 +344,7 @@ impl Hint for StoreError {
                 "leave --data out, or name another folder: the script then has a store of its own".into(),
             ),
             Self::Io { .. }
-            | Self::Sqlite { .. }
+            | Self::Database { .. }
             | Self::RowTooLong { .. }
             | Self::NotFound { .. }
             | Self::Exists { .. }
@@ -358,22 +360,14 @@ impl Hint for StoreError {
 
 impl StoreError {
     /// Wraps an I/O error.
-    pub(crate) fn io(what: &'static str, path: &Path) -> impl FnOnce(std::io::Error) -> Self {
+    pub fn io(what: &'static str, path: &Path) -> impl FnOnce(std::io::Error) -> Self {
         let path = path.to_owned();
         move |source| Self::Io { what, path, source }
     }
 
-    /// Wraps an SQLite error; a full disk has its own variant.
-    pub(crate) fn sql(what: &'static str) -> impl Fn(rusqlite::Error) -> Self {
-        move |source| match source.sqlite_error_code() {
-            Some(rusqlite::ErrorCode::DiskFull) => Self::DiskFull { what },
-            Some(rusqlite::ErrorCode::TooBig) => Self::RowTooLong { what },
-            _ => Self::Sqlite { what, source },
-        }
-    }
-
     /// A value that is not allowed.
-    pub(crate) fn invalid(what: &'static str, value: impl ToString, allowed: impl ToString) -> Self {
+    #[must_use]
+    pub fn invalid(what: &'static str, value: impl ToString, allowed: impl ToString) -> Self {
         Self::Invalid { what, value: value.to_string(), allowed: allowed.to_string() }
     }
 }

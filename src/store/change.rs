@@ -6,8 +6,8 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::terms::error::StoreError;
-use crate::terms::store_terms::{EvidenceKind, RequestState};
+use crate::error::StoreError;
+use crate::store_terms::{EvidenceKind, RequestState};
 use holdpoint_approvals::{
     Nonce, PersonActKind, SignedApproval, SignedPersonAct, SignedProfileAct, SignedWitnessAct,
 };
@@ -33,7 +33,7 @@ pub const BLOCK_BATCHES_MAX: usize = 64;
 /// The most runs of missing batches in one record; the last one extends to the end of the gap.
 pub const GAPS_MAX: usize = 64;
 /// The most quarantined telemetry files in one record.
-pub(crate) const QUARANTINED_MAX: usize = 64;
+pub const QUARANTINED_MAX: usize = 64;
 /// The most changes in one transaction.
 pub const CHANGES_MAX: usize = 256;
 /// The most records a caller may add to one transaction.
@@ -61,7 +61,8 @@ pub struct Transaction {
 impl Transaction {
     /// Whether the end of the chain is signed at once, so that its removal (with the database's log, for example) is
     /// noticed.
-    pub(crate) fn is_signed_at_once(&self) -> bool {
+    #[must_use]
+    pub fn is_signed_at_once(&self) -> bool {
         let kinds = [
             RecordKind::CellStopped,
             RecordKind::CellReleased,
@@ -373,7 +374,8 @@ impl Change {
     }
 
     /// Whether it admits a version or advances it. Stops, rollbacks and notes do not.
-    pub(crate) const fn admits(&self) -> bool {
+    #[must_use]
+    pub const fn admits(&self) -> bool {
         match self {
             Self::RegisterVersion(_)
             | Self::EnrolPerson(_)

@@ -19,8 +19,8 @@ use hmac::{Hmac, Mac};
 use sha2_of_hmac::Sha256;
 use zeroize::Zeroizing;
 
-use crate::telemetry::telemetry_file::{BODY_BYTES_MAX, TelemetryFile};
-use crate::terms::error::StoreError;
+use crate::error::StoreError;
+use crate::telemetry_batch::BATCH_BYTES_MAX;
 use holdpoint_approvals::keyfile::{self, hex, unhex};
 use holdpoint_audit::files::sync_folder;
 use holdpoint_governance::cached_result::CacheLocation;
@@ -69,7 +69,7 @@ impl CacheSecret {
     ///
     /// # Errors
     /// None in practice: the MAC accepts a secret of any length.
-    pub(crate) fn of_store(key: &SigningKey) -> Result<Self, StoreError> {
+    pub fn of_store(key: &SigningKey) -> Result<Self, StoreError> {
         let bytes = Zeroizing::new(key.to_bytes());
         let mac = Hmac::<Sha256>::new_from_slice(&bytes[..]).map_err(|_| StoreError::Unknown)?;
         Ok(Self(Arc::new(Zeroizing::new(mac.chain_update(STORE_DOMAIN).finalize().into_bytes().into()))))
@@ -171,9 +171,30 @@ pub enum CacheLookup {
     },
 }
 
+/// The table of cached results in a database, which does not authenticate them.
+pub trait ResultRows: fmt::Debug + Send + Sync {
+    /// The MAC and the body under a key; `None` if there is no row.
+    ///
+    /// # Errors
+    /// If the database cannot be read.
+    fn row(&self, key: &Digest) -> Result<Option<(String, Vec<u8>)>, StoreError>;
+
+    /// Stores a MAC and a body under a key, and may remove the rows that were used least recently.
+    ///
+    /// # Errors
+    /// If the body is too large, or the database cannot be written.
+    fn put_row(&self, key: &Digest, mac: &str, body: &[u8]) -> Result<(), StoreError>;
+
+    /// Deletes every row.
+    ///
+    /// # Errors
+    /// If the database cannot be written.
+    fn delete_rows(&self) -> Result<(), StoreError>;
+}
+
 #[derive(Clone, Debug)]
 enum CacheMedium {
-    Table(Arc<Mutex<TelemetryFile>>),
+    Table(Arc<dyn ResultRows>),
     /// One file for each result.
     Folder(PathBuf),
 }
@@ -196,8 +217,10 @@ impl ResultCache {
         Self::new(CacheMedium::Folder(folder), secret)
     }
 
-    pub(crate) fn in_table(telemetry: Arc<Mutex<TelemetryFile>>, secret: CacheSecret) -> Self {
-        Self::new(CacheMedium::Table(telemetry), secret)
+    /// In a table of a store's database.
+    #[must_use]
+    pub fn in_table(rows: Arc<dyn ResultRows>, secret: CacheSecret) -> Self {
+        Self::new(CacheMedium::Table(rows), secret)
     }
 
     fn new(medium: CacheMedium, secret: CacheSecret) -> Self {
@@ -242,9 +265,7 @@ impl ResultCache {
         let mac = self.secret.mac_of(key, body)?;
         self.remember_own(key, body);
         match &self.medium {
-            CacheMedium::Table(telemetry) => {
-                telemetry.lock().map_err(|_| StoreError::Unknown)?.put_cell(key, &hex(&mac), body)
-            }
+            CacheMedium::Table(rows) => rows.put_row(key, &hex(&mac), body),
             CacheMedium::Folder(_) if self.is_invalidated() => Ok(()),
             CacheMedium::Folder(folder) => {
                 let part = folder.join(format!("{key}.{}.part", unique_suffix()));
@@ -280,7 +301,7 @@ impl ResultCache {
         self.own().clear();
         self.invalidated.store(true, Ordering::Release);
         match &self.medium {
-            CacheMedium::Table(telemetry) => telemetry.lock().map_err(|_| StoreError::Unknown)?.void_cells(),
+            CacheMedium::Table(rows) => rows.delete_rows(),
             CacheMedium::Folder(_) => Ok(()),
         }
     }
@@ -291,8 +312,8 @@ impl ResultCache {
 
     fn read(&self, key: &Digest) -> Option<([u8; MAC_BYTES], Vec<u8>)> {
         match &self.medium {
-            CacheMedium::Table(telemetry) => {
-                let (mac, body) = telemetry.lock().ok()?.cell(key).ok()??;
+            CacheMedium::Table(rows) => {
+                let (mac, body) = rows.row(key).ok()??;
                 Some((unhex(&mac).unwrap_or([0; MAC_BYTES]), body))
             }
             CacheMedium::Folder(folder) => read_file(&folder.join(key.to_string())),
@@ -313,7 +334,7 @@ fn read_file(path: &Path) -> Option<([u8; MAC_BYTES], Vec<u8>)> {
     let flags = rustix::fs::OFlags::NOFOLLOW | rustix::fs::OFlags::NONBLOCK;
     let flags = i32::try_from(flags.bits()).ok()?;
     let file = OpenOptions::new().read(true).custom_flags(flags).open(path).ok()?;
-    let size_max = (MAC_BYTES + BODY_BYTES_MAX) as u64;
+    let size_max = (MAC_BYTES + BATCH_BYTES_MAX) as u64;
     let found = file.metadata().ok()?;
     if !found.is_file() || found.len() > size_max {
         return None;
@@ -431,22 +452,6 @@ mod tests {
         copy.put(&key("b"), b"b").unwrap();
         assert_eq!((copy.get(&key("a")), copy.get(&key("b"))), (CacheLookup::Nothing, CacheLookup::Nothing));
         assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1, "it is others' too");
-    }
-
-    /// A foreign key in a store's folder authenticates nothing.
-    #[test]
-    fn a_stores_secret_is_derived_from_the_key_that_signs_its_records() {
-        let folder = tempfile::tempdir().unwrap();
-        let store = crate::Store::open(folder.path()).unwrap();
-        let planted = keyfile::generate().unwrap();
-        let [ours, theirs] =
-            [store.result_cache().secret().clone(), CacheSecret::of_store(&planted).unwrap()];
-        assert_ne!(ours.mac_of(&key("a"), b"x").unwrap(), theirs.mac_of(&key("a"), b"x").unwrap());
-        keyfile::write_secret(&store.layout().keys().join("cells.key"), &planted).unwrap();
-        drop(store);
-        let again = crate::Store::open(folder.path()).unwrap();
-        let mac = again.result_cache().secret().mac_of(&key("a"), b"x").unwrap();
-        assert_eq!(mac, ours.mac_of(&key("a"), b"x").unwrap());
     }
 
     #[test]

@@ -1,8 +1,8 @@
-//! The results of the views: plain data from the registry.
+//! The results of the views, and their filters: plain data.
 
 use std::collections::BTreeSet;
 
-use crate::terms::store_terms::EvidenceKind;
+use crate::store_terms::EvidenceKind;
 use holdpoint_approvals::SignedApproval;
 use holdpoint_governance::alarms::{AlarmState, Priority};
 use holdpoint_governance::ids::{CapabilityId, Digest};
@@ -12,8 +12,8 @@ use holdpoint_governance::profile::ProfileName;
 use holdpoint_governance::profile_downgrade::AdmissionContext;
 use holdpoint_governance::record::{ActivationCause, RecordKind, VersionGroup, VersionSummary};
 
-#[cfg(doc)]
-use crate::reading::views::PAGE_ROWS_MAX;
+/// The most rows one call returns.
+pub const PAGE_ROWS_MAX: usize = 10_000;
 
 #[derive(Clone, Debug, Default)]
 pub struct VersionFilter {
@@ -172,4 +172,14 @@ pub struct VersionHistory {
     pub confirmed: bool,
     /// The context in which the gate last activated it; absent if it never did.
     pub activated_under: Option<AdmissionContext>,
+}
+
+/// When a record was written.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct RecordTime {
+    pub seq: u64,
+    /// Virtual time, ms; never before that of an earlier record.
+    pub at_ms: u64,
+    /// Wall time, ms since 1970, by the machine's clock as it was set then; absent in scripts.
+    pub wall_ms: Option<i64>,
 }

@@ -6,8 +6,8 @@ use std::os::unix::fs::{DirBuilderExt, MetadataExt, OpenOptionsExt};
 use std::path::{Path, PathBuf};
 use std::time::{SystemTime, UNIX_EPOCH};
 
-use crate::place::stop_mark::StopMarks;
-use crate::terms::error::StoreError;
+use crate::error::StoreError;
+use crate::stop_mark::StopMarks;
 use holdpoint_audit::files::sync_folder;
 use holdpoint_text::file::{NO_LINK, kind_of, regular};
 use holdpoint_text::users::described_user;
@@ -170,7 +170,7 @@ pub fn other_owner(folder: &Path) -> Option<StoreError> {
 /// Locks the folder itself, which cannot be deleted while it has entries. It also locks a file that names the owner,
 /// for earlier versions of the program.
 #[derive(Debug)]
-pub(crate) struct EngineLock {
+pub struct EngineLock {
     folder: File,
     file: File,
 }
@@ -189,7 +189,7 @@ impl EngineLock {
     ///
     /// # Errors
     /// [`StoreError::InUse`] with the first engine's process id and start; [`StoreError::Io`].
-    pub(crate) fn take(layout: &Layout) -> Result<Self, StoreError> {
+    pub fn take(layout: &Layout) -> Result<Self, StoreError> {
         let path = layout.lock();
         let mut file = OpenOptions::new()
             .read(true)

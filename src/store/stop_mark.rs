@@ -12,8 +12,8 @@ use std::path::{Path, PathBuf};
 use holdpoint_governance::ids::Digest;
 use holdpoint_text::file::{NO_LINK, read_text};
 
-use crate::place::layout::Layout;
-use crate::terms::error::StoreError;
+use crate::error::StoreError;
+use crate::layout::Layout;
 use holdpoint_audit::files::{sync_folder, write_atomically};
 
 /// The longest text of a stop, bytes.

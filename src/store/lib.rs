@@ -1,0 +1,38 @@
+//! What an engine needs of its store, without the database behind it.
+//!
+//! Owns the traits [`OpenStore`], [`RecordViews`] and [`TelemetryReader`], the changes, entries, filters and errors as plain
+//! data, the store's folder with its lock and its marks of stops, and the authentication of cached results. The crate
+//! `registry` implements the traits with SQLite. Must not decide, or know a database.
+
+mod change;
+mod entries;
+mod error;
+mod layout;
+mod lock_holder;
+mod open_store;
+mod opening;
+mod result_cache;
+mod stop_mark;
+mod store_terms;
+mod telemetry_batch;
+mod views;
+
+pub use change::{
+    AUDIT_MAX, ActiveCause, ApprovalRequest, AuditBody, BLOCK_BATCHES_MAX, BODY_BYTES_MAX, BatchReceipt,
+    CHANGES_MAX, Change, GAPS_MAX, NOTICE_BYTES_MAX, NewVersion, QUARANTINED_MAX, QuarantinedFile, Receipt,
+    TEXT_BYTES_MAX, Transaction, command_id,
+};
+pub use entries::{
+    ActivationEntry, AlarmEntry, ApprovalEntry, AuditFilter, EvidenceEntry, FamilyStatus, PAGE_ROWS_MAX,
+    RecordTime, VersionDetail, VersionFilter, VersionHistory,
+};
+pub use error::{ROW_BYTES_MAX, RefusalCause, StoreError, StoreFailure};
+pub use layout::{EngineLock, Layout, lock_owner, other_owner, size, utc};
+pub use lock_holder::{LockHolder, holds_lock, lock_holder, lock_sharers};
+pub use open_store::OpenStore;
+pub use opening::{InterruptedWork, OpenReport, StartupTelemetry};
+pub use result_cache::{CacheLookup, CacheSecret, ResultCache, ResultRows};
+pub use stop_mark::StopMarks;
+pub use store_terms::{EvidenceKind, FIRST_ADMINISTRATOR, RequestState};
+pub use telemetry_batch::{BATCH_BYTES_MAX, Batch, EpisodeKey, StoredBatch};
+pub use views::{RecordViews, TelemetryReader};
