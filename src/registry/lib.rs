@@ -27,7 +27,6 @@ pub use reading::views::{ActiveVersion, ActiveVersions, Views};
 pub use reading::witness_views::witnesses;
 pub use telemetry::telemetry_file::TelemetryLimits;
 pub use telemetry::telemetry_views::TelemetryViews;
-pub use transaction::approve::verify_approval;
 pub use transaction::witness_acts::witnesses_are_signed;
 pub use upkeep::backup::{
     BackupError, BackupParts, BackupReport, ListRecordings, OmittedFile, RetainedRecording, backup,

@@ -1,9 +1,11 @@
 //! What an engine needs of its store, without the database behind it.
 //!
-//! Owns the traits [`OpenStore`], [`RecordViews`] and [`TelemetryReader`], the changes, entries, filters and errors as plain
-//! data, the store's folder with its lock and its marks of stops, and the authentication of cached results. The crate
-//! `registry` implements the traits with SQLite. Must not decide, or know a database.
+//! Owns the traits [`OpenStore`], [`RecordViews`] and [`TelemetryReader`], with changes, entries, filters and errors as plain
+//! data. Also owns the store's folder with its lock and its marks of stops, the check of a signed decision, and the
+//! authentication of cached results. The crate `registry` implements the traits with SQLite. Must not decide, or know a
+//! database.
 
+mod approval_check;
 mod change;
 mod entries;
 mod error;
@@ -17,6 +19,7 @@ mod store_terms;
 mod telemetry_batch;
 mod views;
 
+pub use approval_check::verify_approval;
 pub use change::{
     AUDIT_MAX, ActiveCause, ApprovalRequest, AuditBody, BLOCK_BATCHES_MAX, BODY_BYTES_MAX, BatchReceipt,
     CHANGES_MAX, Change, GAPS_MAX, NOTICE_BYTES_MAX, NewVersion, QUARANTINED_MAX, QuarantinedFile, Receipt,

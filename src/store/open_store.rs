@@ -15,8 +15,8 @@ use holdpoint_approvals::PersonDirectory;
 
 /// An open store. It belongs to this process until it is dropped.
 ///
-/// An implementation applies the transactions of all callers one at a time, each whole or not at all, checks each change
-/// against the present rows, and refuses to admit a version once another program changed its rows.
+/// An implementation applies the transactions of all callers one at a time, each whole or not at all. It checks each change
+/// against the present rows. Once another program changed them, it admits no version.
 pub trait OpenStore: Debug + Send + Sync {
     /// The store's id; approvals are bound to it.
     fn store_id(&self) -> &str;

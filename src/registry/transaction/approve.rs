@@ -3,13 +3,13 @@
 use rusqlite::params;
 
 use crate::transaction::apply::{Applier, ChangeEffect, check_int, check_json, check_name};
-use holdpoint_approvals::{PersonDirectory, PersonState, SignedApproval};
+use holdpoint_approvals::SignedApproval;
 use holdpoint_audit::recorded_approval::RecordedApproval;
 use holdpoint_governance::approval::ApprovalDecision;
 use holdpoint_governance::ids::{CapabilityId, Digest, canonical_json};
 use holdpoint_governance::record::RecordKind;
 use holdpoint_governance::wall_time::WallTime;
-use holdpoint_store::{ApprovalRequest, StoreError};
+use holdpoint_store::{ApprovalRequest, StoreError, verify_approval};
 
 impl Applier<'_> {
     pub(crate) fn put_request(&mut self, request: &ApprovalRequest) -> Result<ChangeEffect, StoreError> {
@@ -185,16 +185,4 @@ impl Applier<'_> {
             }),
         })
     }
-}
-
-/// The one verification of a signed decision: its signer is enrolled, in this role, and signed exactly this. It runs in the
-/// transaction that stores the decision, in the one that uses it, and when a restart restores it from its row.
-///
-/// # Errors
-/// The problem.
-pub fn verify_approval(signed: &SignedApproval, persons: &PersonDirectory) -> Result<(), String> {
-    let name = &signed.approval().who;
-    let person = persons.named(name).filter(|person| person.state == PersonState::Enrolled);
-    let person = person.ok_or_else(|| format!("{name:?} is not enrolled in this store"))?;
-    signed.verify(&person.info()).map_err(|error| error.to_string())
 }

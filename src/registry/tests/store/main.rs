@@ -40,6 +40,7 @@ mod strict;
 mod support;
 mod telemetry;
 mod telemetry_quarantine;
+mod traits;
 mod tree;
 mod verifier_fuzz;
 mod verifiers;

@@ -4,7 +4,7 @@ use holdpoint_governance::approval::{ApprovalDecision, ApprovalOutcome};
 use holdpoint_governance::gate::{GateOutcome, GateResult};
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::wall_time::WallTime;
-use holdpoint_registry::verify_approval;
+use holdpoint_store::verify_approval;
 
 use super::{Approvals, PendingApproval, RecordedAnswer, RequestKind, activation_terms, vote};
 use crate::decide::people::persons::unconfirmed;
