@@ -22,9 +22,8 @@ use holdpoint_engine::StartError;
 use holdpoint_governance::policy::PolicyError;
 use holdpoint_governance::stats::StatsError;
 use holdpoint_governance::text_error::TextError;
-use holdpoint_registry::VerifyError;
 use holdpoint_runtime::capability::PackageError;
-use holdpoint_store::StoreError;
+use holdpoint_store::{StoreError, VerifyError};
 use holdpoint_text::{ErrorDetails, ErrorReason, Hint};
 
 /// Everything that was measured in one run.

@@ -17,8 +17,8 @@ use holdpoint_governance::calendar;
 use holdpoint_governance::notice::{Notice, NoticeOrText};
 use holdpoint_governance::record::{AuditRecord, RecordKind};
 use holdpoint_protocol::health::{AlarmEpisode, BUCKET_MS_MAX, BUCKETS_MAX, HealthClock, HealthQuery};
-use holdpoint_registry::Views;
-use holdpoint_store::{AuditFilter, Layout};
+use holdpoint_registry::{SqliteReader, Views};
+use holdpoint_store::{AuditFilter, Layout, ReadableStore};
 use holdpoint_text::Untrusted;
 use holdpoint_wording::alarm as wording;
 
@@ -219,7 +219,8 @@ fn courses(
     (args, from_ms): (&AlarmsArgs, u64),
     out: &mut CommandOutput<'_>,
 ) -> Result<Exit, CliError> {
-    let reader = HealthReader::new(views, &Layout::new(&context.data)).map_err(CliError::usage)?;
+    let store = SqliteReader::new(Layout::new(&context.data));
+    let reader = HealthReader::new(Box::new(views), store.telemetry().map_err(CliError::usage)?);
     let end = reader.end().map_err(CliError::usage)?;
     // Records are ordered by the engine's clock.
     let query = HealthQuery {

@@ -25,7 +25,8 @@ use holdpoint_protocol::health::{
     BUCKET_MS_MAX, BUCKET_MS_MIN, BUCKET_WIDTHS_MS, BUCKETS_MAX, HealthClock, HealthQuery, HealthSeries,
     HealthVerdict, together,
 };
-use holdpoint_store::Layout;
+use holdpoint_registry::SqliteReader;
+use holdpoint_store::{Layout, ReadableStore};
 use holdpoint_wording::health::{confounding_versions, health_verdict, omissions};
 
 /// The default span, ms: a day.
@@ -93,7 +94,8 @@ struct HealthAnswer<'a> {
 /// If there is no store, it cannot be read, or the options contradict each other.
 pub fn run(context: &CliContext, args: &HealthArgs, out: &mut CommandOutput<'_>) -> Result<Exit, CliError> {
     let views = data::open_checked(&context.data)?;
-    let reader = HealthReader::new(views, &Layout::new(&context.data)).map_err(CliError::usage)?;
+    let store = SqliteReader::new(Layout::new(&context.data));
+    let reader = HealthReader::new(Box::new(views), store.telemetry().map_err(CliError::usage)?);
     let end = reader.end().map_err(CliError::usage)?;
     let (query, at_ms) = health_query(args, end)?;
     let read = if args.every_task {

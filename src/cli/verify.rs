@@ -16,10 +16,8 @@ use holdpoint_audit::export_file::{ExportReport, is_exported, verify_export};
 use holdpoint_audit::history_error::HistoryError;
 use holdpoint_engine::decide::evaluation_keys::key_check::{KeyCheck, check_keys};
 use holdpoint_recordings::audit_record::FileCheck;
-use holdpoint_registry::{
-    DatabaseLocation, MissingBatches, VerifyError, VerifyOptions, VerifyReport, verify_against,
-};
-use holdpoint_store::Layout;
+use holdpoint_registry::{DatabaseLocation, VerifyOptions, verify_against};
+use holdpoint_store::{Layout, MissingBatches, VerifyError, VerifyReport};
 use holdpoint_text::file::kind_of;
 use holdpoint_text::{ErrorDetails, ErrorReason};
 

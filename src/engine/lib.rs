@@ -41,7 +41,7 @@ use holdpoint_record::wall_clock::{SystemClocks, WallClock};
 use holdpoint_registry::Store;
 use holdpoint_runtime::capability::{Capability, PackageError};
 use holdpoint_runtime::skill::component::keep_compiled_in;
-use holdpoint_store::{Layout, OpenStore, StoreError};
+use holdpoint_store::{Layout, OpenStore, ReadableStore, StoreError};
 use holdpoint_text::{ErrorDetails, ErrorReason, Hint, Problem};
 use holdpoint_trials::cache::EpisodeCache;
 use holdpoint_trials::cell::Cell;
@@ -319,7 +319,7 @@ impl Engine {
     /// Carries out one request, and waits if it has to. A repeated id gets the same answer and has no further effect.
     pub fn submit(&mut self, request: Request) -> Reply {
         if let Some(query) = RecordQuery::of(&request.command) {
-            return record_query::read(self.layout(), query, self.present());
+            return record_query::read(&*self.reader(), query, self.present());
         }
         let id = request.id.clone();
         if let Some(reply) = self.offer(request) {
@@ -352,8 +352,8 @@ impl Engine {
 
     fn take(&mut self, request: Request, caller: Caller) -> Option<Reply> {
         if let Some(query) = RecordQuery::of(&request.command) {
-            let (layout, present) = (self.layout().clone(), self.present());
-            return self.readings.begin(&request.id, query, (&layout, present));
+            let (reader, present) = (self.reader(), self.present());
+            return self.readings.begin(&request.id, query, (reader, present));
         }
         if matches!(request.command, Command::Stop { .. }) {
             // A stop is carried out even if its id was used before or waits.
@@ -550,6 +550,10 @@ impl Engine {
     #[must_use]
     pub fn cancel(&self) -> Arc<AtomicBool> {
         self.pipeline.cancel()
+    }
+
+    fn reader(&self) -> Arc<dyn ReadableStore> {
+        self.pipeline.record().version_table().store().reader()
     }
 
     /// The files of the store.

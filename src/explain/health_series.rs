@@ -13,8 +13,7 @@ mod tasks;
 use std::borrow::Cow;
 
 use holdpoint_protocol::health::{HealthClock, HealthCoverage, HealthQuery, HealthSeries};
-use holdpoint_registry::{TelemetryViews, Views};
-use holdpoint_store::{Layout, StoreError};
+use holdpoint_store::{ReadableStore, RecordViews, StoreError, TelemetryReader};
 use holdpoint_text::{ErrorDetails, ErrorReason, Hint};
 use holdpoint_wording::health::NO_MACHINE_TIME;
 
@@ -61,27 +60,23 @@ pub struct PresentTime {
 
 /// The parts of a store that answers need.
 pub struct HealthReader {
-    views: Views,
-    telemetry: Option<TelemetryViews>,
+    views: Box<dyn RecordViews>,
+    telemetry: Option<Box<dyn TelemetryReader>>,
 }
 
 impl HealthReader {
-    /// Opens the telemetry of a store; `views` are its record, opened as the caller needs it.
-    ///
-    /// # Errors
-    /// If telemetry is there and cannot be read.
-    pub fn new(views: Views, layout: &Layout) -> Result<Self, StoreError> {
-        let file = layout.telemetry();
-        let telemetry = file.is_file().then(|| TelemetryViews::open(&file)).transpose()?;
-        Ok(Self { views, telemetry })
+    /// The record, opened as the caller needs it, and the telemetry, if there is any.
+    #[must_use]
+    pub fn new(views: Box<dyn RecordViews>, telemetry: Option<Box<dyn TelemetryReader>>) -> Self {
+        Self { views, telemetry }
     }
 
     /// As [`Self::new`], for a store that a running engine has verified.
     ///
     /// # Errors
     /// If the store cannot be read.
-    pub fn open(layout: &Layout) -> Result<Self, StoreError> {
-        Self::new(Views::open(&layout.database())?, layout)
+    pub fn open(reader: &dyn ReadableStore) -> Result<Self, StoreError> {
+        Ok(Self::new(reader.views()?, reader.telemetry()?))
     }
 
     /// The end of the record: without a running engine, this is the end of what can be queried.
@@ -158,17 +153,17 @@ impl HealthReader {
             alarms: Vec::new(),
             coverage,
         };
-        let span = RecordSpan::find(&self.views, clock, from_ms, until_ms)?;
-        series.alarms = alarms::read(&self.views, &span, &mut coverage)?;
+        let span = RecordSpan::find(&*self.views, clock, from_ms, until_ms)?;
+        series.alarms = alarms::read(&*self.views, &span, &mut coverage)?;
         if query.only_alarms {
             series.coverage = coverage;
             return Ok(series);
         }
         if let Some(telemetry) = &self.telemetry {
             series.points =
-                tasks::points(&self.views, telemetry, (&span, &series), &mut coverage, tasks_read)?;
+                tasks::points(&*self.views, &**telemetry, (&span, &series), &mut coverage, tasks_read)?;
         }
-        let mut marks = marks::read(&self.views, &span, &mut coverage)?;
+        let mut marks = marks::read(&*self.views, &span, &mut coverage)?;
         marks.extend(marks::of_alarms(&span, &series.alarms));
         series.marks = marks::bounded(marks, &span, &mut coverage);
         series.coverage = coverage;

@@ -7,7 +7,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use holdpoint_protocol::command::{Command, Refusal, Reply};
 use holdpoint_protocol::health::HealthQuery;
-use holdpoint_store::Layout;
+use holdpoint_store::ReadableStore;
 
 use crate::health_series::{HealthError, HealthReader, PresentTime};
 use crate::view::lookup;
@@ -60,17 +60,17 @@ pub struct QueryQueue(VecDeque<RunningQuery>);
 
 /// The answer to a query, read on this thread.
 #[must_use]
-pub fn read(layout: &Layout, query: RecordQuery, present: PresentTime) -> Reply {
+pub fn read(reader: &dyn ReadableStore, query: RecordQuery, present: PresentTime) -> Reply {
     match query {
-        RecordQuery::Health(query) => health(layout, &query, present),
+        RecordQuery::Health(query) => health(reader, &query, present),
         RecordQuery::VerifyAudit => {
-            lookup::verify_audit(layout).unwrap_or_else(|error| Reply::refused(Refusal::Store, &error))
+            lookup::verify_audit(reader).unwrap_or_else(|error| Reply::refused(Refusal::Store, &error))
         }
     }
 }
 
-fn health(layout: &Layout, query: &HealthQuery, present: PresentTime) -> Reply {
-    let read = HealthReader::open(layout).map_err(HealthError::from);
+fn health(reader: &dyn ReadableStore, query: &HealthQuery, present: PresentTime) -> Reply {
+    let read = HealthReader::open(reader).map_err(HealthError::from);
     match read.and_then(|reader| reader.read(query, Some(present))) {
         Ok(series) => Reply::Health { series: Box::new(series) },
         Err(error @ HealthError::InvalidQuery(_)) => Reply::refused(Refusal::BadInput, &error),
@@ -84,7 +84,7 @@ impl QueryQueue {
         &mut self,
         id: &str,
         query: RecordQuery,
-        (layout, present): (&Layout, PresentTime),
+        (reader, present): (Arc<dyn ReadableStore>, PresentTime),
     ) -> Option<Reply> {
         if let Some(running) = self.0.iter().find(|running| running.id == id && running.query == query) {
             return running.answered();
@@ -101,9 +101,9 @@ impl QueryQueue {
             self.0.remove(oldest);
         }
         let answer = Arc::new(Mutex::new(None));
-        let (slot, layout) = (Arc::clone(&answer), layout.clone());
+        let slot = Arc::clone(&answer);
         let work = move || {
-            let reply = catch_unwind(AssertUnwindSafe(|| read(&layout, query, present)));
+            let reply = catch_unwind(AssertUnwindSafe(|| read(&*reader, query, present)));
             // The client must get an answer.
             let reply = reply.unwrap_or_else(|_| Reply::Refused {
                 code: Refusal::Store,

@@ -23,6 +23,7 @@ pub use chain::audit::ExportError;
 pub use chain::invariants::{Invariant, Violation, check_invariants};
 pub use reading::export_store::{ExportScope, export_store};
 pub use reading::prove::{ProveError, prove_consistency, prove_record, stored_head};
+pub use reading::sqlite_reader::SqliteReader;
 pub use reading::views::{ActiveVersion, ActiveVersions, Views};
 pub use reading::witness_views::witnesses;
 pub use telemetry::telemetry_file::TelemetryLimits;
@@ -33,10 +34,7 @@ pub use upkeep::backup::{
 };
 pub use upkeep::info::{StoreCheck, StoreInfo, check_store, store_info};
 pub use upkeep::rebuild::{UnsignedRecords, rebuild};
-pub use verification::verify::{
-    DatabaseLocation, MissingBatches, VerifyOptions, VerifyReport, verify, verify_against, verify_copy,
-};
-pub use verification::verify_error::VerifyError;
+pub use verification::verify::{DatabaseLocation, VerifyOptions, verify, verify_against, verify_copy};
 pub use writer::profile_authorization::allow_profile;
 pub use writer::store::Store;
 pub use writer::unverified_store::UnverifiedStore;

@@ -9,5 +9,6 @@ pub(crate) mod profile_views;
 pub(crate) mod prove;
 pub(crate) mod record_times;
 mod record_views;
+pub(crate) mod sqlite_reader;
 pub(crate) mod views;
 pub(crate) mod witness_views;

@@ -5,4 +5,3 @@
 pub(crate) mod authorizations;
 pub(crate) mod check;
 pub(crate) mod verify;
-pub(crate) mod verify_error;

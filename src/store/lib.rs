@@ -1,6 +1,6 @@
 //! What an engine needs of its store, without the database behind it.
 //!
-//! Owns the traits [`OpenStore`], [`RecordViews`] and [`TelemetryReader`], with changes, entries, filters and errors as plain
+//! Owns the traits [`OpenStore`] and [`ReadableStore`] with their views, and changes, entries, filters and errors as plain
 //! data. Also owns the store's folder with its lock and its marks of stops, the check of a signed decision, and the
 //! authentication of cached results. The crate `registry` implements the traits with SQLite. Must not decide, or know a
 //! database.
@@ -17,6 +17,8 @@ mod result_cache;
 mod stop_mark;
 mod store_terms;
 mod telemetry_batch;
+mod verify_error;
+mod verify_report;
 mod views;
 
 pub use approval_check::verify_approval;
@@ -38,4 +40,6 @@ pub use result_cache::{CacheLookup, CacheSecret, ResultCache, ResultRows};
 pub use stop_mark::StopMarks;
 pub use store_terms::{EvidenceKind, FIRST_ADMINISTRATOR, RequestState};
 pub use telemetry_batch::{BATCH_BYTES_MAX, Batch, EpisodeKey, StoredBatch};
-pub use views::{RecordViews, TelemetryReader};
+pub use verify_error::VerifyError;
+pub use verify_report::{MissingBatches, VerifyReport};
+pub use views::{ReadableStore, RecordViews, TelemetryReader};

@@ -1,6 +1,7 @@
 //! The store of a running engine: its one writer.
 
 use std::fmt::Debug;
+use std::sync::Arc;
 
 use ed25519_dalek::VerifyingKey;
 
@@ -10,7 +11,7 @@ use crate::layout::Layout;
 use crate::opening::OpenReport;
 use crate::result_cache::ResultCache;
 use crate::telemetry_batch::Batch;
-use crate::views::{RecordViews, TelemetryReader};
+use crate::views::{ReadableStore, RecordViews, TelemetryReader};
 use holdpoint_approvals::PersonDirectory;
 
 /// An open store. It belongs to this process until it is dropped.
@@ -33,17 +34,24 @@ pub trait OpenStore: Debug + Send + Sync {
     /// The store's cached results.
     fn result_cache(&self) -> &ResultCache;
 
+    /// Read access for other threads.
+    fn reader(&self) -> Arc<dyn ReadableStore>;
+
     /// A read-only view of everything that is on record, also of transactions that follow.
     ///
     /// # Errors
     /// If the store cannot be read.
-    fn views(&self) -> Result<Box<dyn RecordViews>, StoreError>;
+    fn views(&self) -> Result<Box<dyn RecordViews>, StoreError> {
+        self.reader().views()
+    }
 
     /// A read-only view of the telemetry; `None` if there is none.
     ///
     /// # Errors
     /// If it cannot be read.
-    fn telemetry_reader(&self) -> Result<Option<Box<dyn TelemetryReader>>, StoreError>;
+    fn telemetry_reader(&self) -> Result<Option<Box<dyn TelemetryReader>>, StoreError> {
+        self.reader().telemetry()
+    }
 
     /// All persons of the store.
     ///

@@ -12,6 +12,8 @@ use crate::entries::{
 use crate::error::StoreError;
 use crate::store_terms::EvidenceKind;
 use crate::telemetry_batch::StoredBatch;
+use crate::verify_error::VerifyError;
+use crate::verify_report::VerifyReport;
 use holdpoint_approvals::PersonDirectory;
 use holdpoint_audit::chain::Head;
 use holdpoint_audit::profile_history::ProfileHistory;
@@ -193,4 +195,25 @@ pub trait TelemetryReader: Debug + Send {
     /// # Errors
     /// If the telemetry cannot be read.
     fn numbers(&self) -> Result<BTreeSet<u64>, StoreError>;
+}
+
+/// Read access to a store beside its writer, also from other threads. Each call opens what it returns.
+pub trait ReadableStore: Debug + Send + Sync {
+    /// The record.
+    ///
+    /// # Errors
+    /// If the store cannot be read.
+    fn views(&self) -> Result<Box<dyn RecordViews>, StoreError>;
+
+    /// The telemetry; `None` if there is none.
+    ///
+    /// # Errors
+    /// If it cannot be read.
+    fn telemetry(&self) -> Result<Option<Box<dyn TelemetryReader>>, StoreError>;
+
+    /// Verifies the whole history, what the store has against it, and the sealed telemetry.
+    ///
+    /// # Errors
+    /// The first problem.
+    fn verify(&self) -> Result<VerifyReport, VerifyError>;
 }

@@ -151,9 +151,10 @@ fn the_rooms_of_the_registry_use_each_other_as_documented() {
 }
 
 #[test]
-fn a_history_is_verified_and_a_version_measured_without_a_database() {
-    for program in ["holdpoint-audit", "holdpoint-store", "holdpoint-trials", "holdpoint-record"] {
-        let text = crates_of(program, "{p}");
+fn history_versions_and_answers_need_no_database() {
+    let programs = ["audit", "store", "trials", "record", "explain"];
+    for program in programs.map(|name| format!("holdpoint-{name}")) {
+        let text = crates_of(&program, "{p}");
         let names: BTreeSet<&str> = text.lines().filter_map(|line| line.split_whitespace().next()).collect();
         assert!(names.contains("holdpoint-approvals"), "{program}: {names:?}");
         assert!(!names.iter().any(|name| name.contains("sqlite")), "{program}: {names:?}");

@@ -13,7 +13,7 @@ use std::time::Duration;
 use holdpoint_explain::health_series::HealthReader;
 use holdpoint_protocol::health::{HealthQuery, HealthSeries};
 use holdpoint_registry::{Store, TelemetryLimits};
-use holdpoint_store::{Batch, Transaction};
+use holdpoint_store::{Batch, OpenStore, Transaction};
 use rustix::time::{ClockId, clock_gettime};
 
 const DAY_MS: u64 = 86_400_000;
@@ -78,14 +78,14 @@ fn main() {
         let mut times: Vec<Duration> = (0..5)
             .map(|_| {
                 let before = cpu();
-                let reader = HealthReader::open(store.layout()).unwrap();
+                let reader = HealthReader::open(&*store.reader()).unwrap();
                 let series = read(&reader);
                 std::hint::black_box(&series);
                 cpu().saturating_sub(before)
             })
             .collect();
         times.sort();
-        let reader = HealthReader::open(store.layout()).unwrap();
+        let reader = HealthReader::open(&*store.reader()).unwrap();
         let coverage = read(&reader).coverage;
         println!(
             "{what}: median {:.0} ms, most {:.0} ms of processor time; {} tasks of {} of {} blocks",

@@ -10,9 +10,9 @@ use holdpoint_governance::notice::NoticeOrText;
 use holdpoint_governance::record::RecordKind;
 use holdpoint_protocol::health::{HealthClock, MarkContent, MarkKind, Trend};
 use holdpoint_record::live_task_record::{LIVE, LiveTaskMarks, LiveTaskRecord};
-use holdpoint_registry::Store;
+use holdpoint_registry::{SqliteReader, Store};
 use holdpoint_runtime::task::TaskRecord;
-use holdpoint_store::{AuditBody, Batch, Change, Transaction};
+use holdpoint_store::{AuditBody, Batch, Change, OpenStore, Transaction};
 use holdpoint_wording::health::mark;
 
 #[path = "../../registry/tests/store/support.rs"]
@@ -104,7 +104,7 @@ impl Shift {
     }
 
     fn read(&self, query: &HealthQuery) -> HealthSeries {
-        HealthReader::open(self.store.layout()).unwrap().read(query, None).unwrap()
+        HealthReader::open(&*self.store.reader()).unwrap().read(query, None).unwrap()
     }
 }
 
@@ -219,7 +219,7 @@ fn altered_telemetry_counts_nowhere_and_is_reported() {
     telemetry.execute("DELETE FROM batch WHERE id <= 20", []).unwrap();
     drop(telemetry);
     let query = HealthQuery { bucket_ms: 10 * MINUTE_MS, buckets: 24, ..HealthQuery::default() };
-    let series = HealthReader::open(&layout).unwrap().read(&query, None).unwrap();
+    let series = HealthReader::open(&SqliteReader::new(layout)).unwrap().read(&query, None).unwrap();
     let coverage = series.coverage;
     assert_eq!((coverage.damaged, coverage.removed, coverage.not_judged), (80, 20, 1), "{coverage:?}");
     assert_eq!(coverage.tasks, 480 - 80 - 20);
@@ -231,7 +231,7 @@ fn a_long_span_is_sampled_and_a_short_one_is_whole() {
     let folder = tempfile::tempdir().unwrap();
     let mut shift = shift(folder.path());
     shift.work("grasp@1.1.0", 2_000, 10);
-    let reader = HealthReader::open(shift.store.layout()).unwrap();
+    let reader = HealthReader::open(&*shift.store.reader()).unwrap();
     let query = HealthQuery { bucket_ms: 60 * MINUTE_MS, buckets: 12, ..HealthQuery::default() };
     let whole = reader.read(&query, None).unwrap();
     assert_eq!((whole.coverage.tasks, whole.coverage.is_sample()), (2_480, false));
@@ -316,7 +316,7 @@ fn an_empty_record_and_a_bad_question_are_answered_plainly() {
     assert!(series.points.is_empty() && series.families().is_empty());
     assert_eq!(series.verdict(&grasp(), 0).trend(), Trend::NoData);
     assert!(svg(&series, &grasp(), &[]).contains("no task on record"));
-    let reader = HealthReader::open(shift.store.layout()).unwrap();
+    let reader = HealthReader::open(&*shift.store.reader()).unwrap();
     for (bucket_ms, buckets) in
         [(0, 1), (MINUTE_MS - 1, 1), (86_400_001, 1), (MINUTE_MS, 0), (MINUTE_MS, 481)]
     {

@@ -6,7 +6,6 @@ use std::collections::BTreeSet;
 
 use crate::fault::ExplainFault;
 use crate::why;
-use holdpoint_approvals::keyfile;
 use holdpoint_governance::decision::Reason;
 use holdpoint_governance::explanation::{LookupRefusal, SearchField, VerifiedChain};
 use holdpoint_governance::ids::CapabilityId;
@@ -20,9 +19,8 @@ use holdpoint_record::evidence_file::{EvidenceFile, EvidenceFiles};
 use holdpoint_record::evidence_view::{behavior, drills, modes};
 use holdpoint_record::rationale::check_explanation;
 use holdpoint_record::version_table::VersionTable;
-use holdpoint_registry::Views;
 use holdpoint_runtime::capability::Capability;
-use holdpoint_store::{AuditFilter, EvidenceEntry, EvidenceKind, Layout, StoreError, VersionFilter};
+use holdpoint_store::{AuditFilter, EvidenceEntry, EvidenceKind, ReadableStore, StoreError, VersionFilter};
 use holdpoint_text::Hint;
 use holdpoint_wording::lookup::{lookup_hint, lookup_refusal, verified_chain};
 
@@ -96,10 +94,9 @@ pub fn audit_page(
 }
 
 /// Checks the whole chain, the registry against it, and what is sealed into it.
-pub(crate) fn verify_audit(layout: &Layout) -> Result<Reply, StoreError> {
-    let key = keyfile::read_public(&layout.store_public_key()).ok().map(|(key, _)| key);
-    let head = Views::open(&layout.database())?.head()?.seq;
-    let verified = match holdpoint_registry::verify(&layout.database(), key.as_ref()) {
+pub(crate) fn verify_audit(reader: &dyn ReadableStore) -> Result<Reply, StoreError> {
+    let head = reader.views()?.head()?.seq;
+    let verified = match reader.verify() {
         Ok(report) => AuditVerification {
             holds: true,
             records: report.records,

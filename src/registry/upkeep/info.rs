@@ -18,12 +18,11 @@ use crate::terms::sqlite_error::sqlite_error;
 use crate::upkeep::backup::count;
 use crate::upkeep::key_files::check_key_files;
 use crate::verification::verify::verify;
-use crate::verification::verify_error::VerifyError;
 use holdpoint_approvals::keyfile;
 use holdpoint_audit::chain::Head;
 use holdpoint_audit::checkpoint::{Checkpoint, names, read_all};
 use holdpoint_audit::witness::witness_heads;
-use holdpoint_store::{Layout, StoreError, lock_owner, size};
+use holdpoint_store::{Layout, StoreError, VerifyError, lock_owner, size};
 
 /// Less free space than this gives a warning, bytes.
 const FREE_BYTES_MIN: u64 = 64 << 20;

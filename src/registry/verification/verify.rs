@@ -8,7 +8,6 @@ use std::path::{Path, PathBuf};
 
 use ed25519_dalek::VerifyingKey;
 use rusqlite::Connection;
-use serde::Serialize;
 
 use crate::chain::audit::{self, head};
 use crate::chain::chain_signature::{self, SigningFault};
@@ -27,12 +26,12 @@ use crate::telemetry::telemetry_quarantine::wrong_shape;
 use crate::terms::row_limit;
 use crate::terms::sqlite_error::sqlite_error;
 use crate::verification::authorizations::check_authorizations;
-use crate::verification::verify_error::VerifyError;
 use holdpoint_audit::checkpoint::{BadCheckpointFile, Checkpoint, StoredCheckpoint, read_all};
 use holdpoint_audit::head_copies::{ChainPoint, HeadCopy, HeadFault, check_copy, read_copies, read_witness};
 use holdpoint_audit::history_error::HistoryError;
 use holdpoint_audit::witness::folder_of;
 use holdpoint_governance::ids::Digest;
+use holdpoint_store::{MissingBatches, VerifyError, VerifyReport};
 
 /// The location of a database.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -54,67 +53,6 @@ pub struct VerifyOptions<'a> {
     pub place: DatabaseLocation,
     /// Gets the progress: the step, the finished part, and the total.
     pub tell: &'a dyn Fn(&'static str, u64, u64),
-}
-
-/// The sound content of a store.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
-pub struct VerifyReport {
-    pub store_id: String,
-    /// Records in the chain.
-    pub records: u64,
-    /// Hash of the last one.
-    pub head: Digest,
-    /// Root of the tree over all records (RFC 9162).
-    pub root: Digest,
-    /// Checkpoints whose signature and record match.
-    pub checkpoints: u64,
-    /// Heads kept elsewhere that are of this chain: named ones, and those of its witnesses.
-    pub copies: u64,
-    /// Unreadable witnesses, and files of theirs that are not heads, each with the reason.
-    pub witnesses_silent: Vec<String>,
-    /// Whether a public key was given; without one, signatures of checkpoints were not checked.
-    pub key_given: bool,
-    /// Approvals whose signature matches.
-    pub approvals: u64,
-    /// Persons, enrolled and revoked, whose acts are signed by an administrator of their time.
-    pub persons: u64,
-    /// First and last of the unsigned records that a rebuild took: no signature covers those.
-    #[serde(skip_serializing_if = "Vec::is_empty")]
-    pub taken_unsigned: Vec<(u64, u64)>,
-    /// Those of them whom a verified administrator verified with a passphrase-protected key, the first administrator
-    /// included.
-    pub confirmed: u64,
-    /// Sealed batches of telemetry that match.
-    pub batches: u64,
-    /// Sealed batches that were removed for age.
-    pub batches_pruned: u64,
-    /// Sealed batches that are missing, which is on record.
-    pub batches_missed: u64,
-    /// Sealed batches that could not be checked: the database was copied without its telemetry file.
-    pub batches_unseen: u64,
-    /// The missing ones among all these.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub batches_missing: Option<MissingBatches>,
-}
-
-/// Missing sealed batches of telemetry: without a gap the oldest ones, or all.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
-pub struct MissingBatches {
-    pub first: u64,
-    pub last: u64,
-    /// The record that sealed the first one.
-    pub first_sealed_by: u64,
-    /// The record that sealed the last one.
-    pub last_sealed_by: u64,
-}
-
-impl MissingBatches {
-    /// With one more, which was sealed later.
-    fn with(before: Option<Self>, (batch, seq): (u64, u64)) -> Self {
-        let before =
-            before.unwrap_or(Self { first: batch, last: batch, first_sealed_by: seq, last_sealed_by: seq });
-        Self { last: batch, last_sealed_by: seq, ..before }
-    }
 }
 
 /// Files of a witness that are no heads and are named.

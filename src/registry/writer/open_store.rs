@@ -1,12 +1,14 @@
 //! The open store of the crate `store`, written with SQLite.
 
+use std::sync::Arc;
+
 use ed25519_dalek::VerifyingKey;
 
-use crate::telemetry::telemetry_views::TelemetryViews;
+use crate::reading::sqlite_reader::SqliteReader;
 use crate::writer::store::Store;
 use holdpoint_store::{
-    Batch, BatchReceipt, Layout, OpenReport, OpenStore, Receipt, RecordViews, ResultCache, StoreError,
-    TelemetryReader, Transaction,
+    Batch, BatchReceipt, Layout, OpenReport, OpenStore, ReadableStore, Receipt, ResultCache, StoreError,
+    Transaction,
 };
 
 impl OpenStore for Store {
@@ -30,16 +32,8 @@ impl OpenStore for Store {
         Self::result_cache(self)
     }
 
-    fn views(&self) -> Result<Box<dyn RecordViews>, StoreError> {
-        Ok(Box::new(Self::views(self)?))
-    }
-
-    fn telemetry_reader(&self) -> Result<Option<Box<dyn TelemetryReader>>, StoreError> {
-        let file = Self::layout(self).telemetry();
-        if !file.is_file() {
-            return Ok(None);
-        }
-        Ok(Some(Box::new(TelemetryViews::open(&file)?)))
+    fn reader(&self) -> Arc<dyn ReadableStore> {
+        Arc::new(SqliteReader::new(Self::layout(self).clone()))
     }
 
     fn first_administrator(&self, wall_ms: i64) -> Result<Option<String>, StoreError> {

@@ -7,9 +7,10 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use holdpoint_governance::ids::Digest;
 use holdpoint_registry::{
-    BackupError, BackupParts, OmittedFile, RetainedRecording, Store, VerifyError, Views, backup, check_store,
-    store_info, verify, verify_copy,
+    BackupError, BackupParts, OmittedFile, RetainedRecording, Store, Views, backup, check_store, store_info,
+    verify, verify_copy,
 };
+use holdpoint_store::VerifyError;
 
 use crate::edits::{make_full_store, quick_folder};
 use crate::proofs::public_key;

@@ -7,8 +7,8 @@ use std::path::Path;
 use holdpoint_audit::history_error::HistoryError;
 use holdpoint_governance::alarms::{AlarmState, Priority};
 use holdpoint_governance::record::AuditRecord;
-use holdpoint_registry::{Store, UnsignedRecords, VerifyError, Views, rebuild, verify};
-use holdpoint_store::{AuditFilter, Change, EvidenceKind, RefusalCause, VersionFilter};
+use holdpoint_registry::{Store, UnsignedRecords, Views, rebuild, verify};
+use holdpoint_store::{AuditFilter, Change, EvidenceKind, RefusalCause, VerifyError, VersionFilter};
 use rusqlite::{Connection, params};
 
 use crate::proofs::heads;

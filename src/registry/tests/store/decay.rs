@@ -9,8 +9,8 @@ use std::time::{Duration, Instant};
 
 use ed25519_dalek::VerifyingKey;
 use holdpoint_approvals::{Identity, keyfile};
-use holdpoint_registry::{Store, TelemetryViews, VerifyReport, Views, verify};
-use holdpoint_store::{AuditFilter, Batch, CacheLookup, StoredBatch};
+use holdpoint_registry::{Store, TelemetryViews, Views, verify};
+use holdpoint_store::{AuditFilter, Batch, CacheLookup, StoredBatch, VerifyReport};
 use holdpoint_text::{Hint, WIDTH_MAX, sanitize};
 use tempfile::TempDir;
 

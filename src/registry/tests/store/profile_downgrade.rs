@@ -4,8 +4,8 @@
 use holdpoint_audit::chain::Head;
 use holdpoint_governance::approval::Role;
 use holdpoint_governance::profile::ProfileName;
-use holdpoint_registry::{Store, UnsignedRecords, VerifyError, allow_profile, rebuild, verify};
-use holdpoint_store::{Change, RefusalCause, StoreError};
+use holdpoint_registry::{Store, UnsignedRecords, allow_profile, rebuild, verify};
+use holdpoint_store::{Change, RefusalCause, StoreError, VerifyError};
 
 use crate::damage::rewrite;
 use crate::edits::{make_full_store, quick_folder};

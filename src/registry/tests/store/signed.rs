@@ -7,8 +7,8 @@ use holdpoint_approvals::keyfile;
 use holdpoint_audit::checkpoint::Checkpoint;
 use holdpoint_audit::history_error::HistoryError;
 use holdpoint_governance::record::RecordKind;
-use holdpoint_registry::{Store, UnsignedRecords, VerifyError, Views, rebuild, verify};
-use holdpoint_store::{AuditBody, AuditFilter, RefusalCause, StoreError, Transaction};
+use holdpoint_registry::{Store, UnsignedRecords, Views, rebuild, verify};
+use holdpoint_store::{AuditBody, AuditFilter, RefusalCause, StoreError, Transaction, VerifyError};
 use holdpoint_text::Hint as _;
 use rusqlite::Connection;
 

@@ -1,8 +1,8 @@
 //! Telemetry batches, their seals, retention, and cached results.
 
 use holdpoint_approvals::keyfile;
-use holdpoint_registry::{Store, TelemetryLimits, VerifyError, verify};
-use holdpoint_store::{Batch, CacheLookup, CacheSecret, Change, EpisodeKey, StoreError};
+use holdpoint_registry::{Store, TelemetryLimits, verify};
+use holdpoint_store::{Batch, CacheLookup, CacheSecret, Change, EpisodeKey, StoreError, VerifyError};
 use rusqlite::Connection;
 
 use crate::support::*;

@@ -76,6 +76,8 @@ fn telemetry_is_written_sealed_and_read_through_the_traits() {
     store.commit_sealing(transaction("seal", 2, Vec::new())).unwrap();
     assert_eq!(store.telemetry_waits(), None);
     assert_eq!(store.views().unwrap().head().unwrap().seq, before + 2, "the seal and the note");
+    let report = store.reader().verify().unwrap();
+    assert_eq!((report.records, report.batches, report.key_given), (before + 2, 1, true));
     store.check_unaltered().unwrap();
     store.check_undisturbed().unwrap();
     assert_eq!(store.checkpoint_problem(), None);

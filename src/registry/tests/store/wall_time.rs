@@ -5,8 +5,8 @@ use std::fs;
 use holdpoint_audit::history_error::HistoryError;
 use holdpoint_governance::record::RecordKind;
 use holdpoint_governance::wall_time::WallTime;
-use holdpoint_registry::{Store, VerifyError, verify};
-use holdpoint_store::{AuditBody, RefusalCause, Transaction};
+use holdpoint_registry::{Store, verify};
+use holdpoint_store::{AuditBody, RefusalCause, Transaction, VerifyError};
 use rusqlite::Connection;
 
 use crate::edits::make_full_store;

@@ -11,10 +11,10 @@ use holdpoint_audit::head_copies::HeadFault;
 use holdpoint_audit::history_error::HistoryError;
 use holdpoint_audit::witness::{WITNESSES_MAX, check_witness};
 use holdpoint_registry::{
-    BackupParts, DatabaseLocation, ExportScope, Store, UnsignedRecords, VerifyError, VerifyOptions,
-    add_witness, backup, export_store, prove_record, remove_witness, verify, verify_against, witnesses,
+    BackupParts, DatabaseLocation, ExportScope, Store, UnsignedRecords, VerifyOptions, add_witness, backup,
+    export_store, prove_record, remove_witness, verify, verify_against, witnesses,
 };
-use holdpoint_store::{RefusalCause, StoreError};
+use holdpoint_store::{RefusalCause, StoreError, VerifyError};
 
 use crate::edits::{make_full_store, quick_folder};
 use crate::proofs::{heads, public_key};

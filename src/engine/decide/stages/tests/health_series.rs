@@ -22,10 +22,10 @@ fn first_versions_and_notes_are_on_record() {
     crate::tests::assert_accepted(&engine.command(note("the tray is new")));
     let is_note = |event: &EventKind| matches!(event, EventKind::ShiftNote { by, text } if by == "ana" && text == "the tray is new");
     assert!(engine.drain_events().iter().any(is_note));
-    let layout = engine.record().version_table().store().layout();
+    let reader = engine.record().version_table().store().reader();
     let (clock, bucket_ms) = (Some(HealthClock::Virtual), 60_000);
     let query = HealthQuery { clock, bucket_ms, buckets: 10, ..HealthQuery::default() };
-    let series = HealthReader::open(layout).unwrap().read(&query, None).unwrap();
+    let series = HealthReader::open(&*reader).unwrap().read(&query, None).unwrap();
     let tasks: u64 = series.points.iter().map(|point| point.tasks).sum();
     assert_eq!(tasks, report.tasks.len() as u64, "sealed with the note: {:?}", series.coverage);
     let notes: Vec<&str> = series

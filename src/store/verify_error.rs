@@ -2,8 +2,8 @@
 
 use std::borrow::Cow;
 
+use crate::error::StoreError;
 use holdpoint_audit::history_error::HistoryError;
-use holdpoint_store::StoreError;
 use holdpoint_text::{ErrorDetails, ErrorReason, Hint};
 
 /// The first problem.
