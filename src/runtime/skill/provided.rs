@@ -45,7 +45,7 @@ pub fn provide(name: &str, load: LoadController) -> Result<(), ProvideError> {
     let mut provided = PROVIDED.write().unwrap_or_else(PoisonError::into_inner);
     let taken = match provided.get(name) {
         Some(known) => !std::ptr::fn_addr_eq(*known, load),
-        None => Controller::NAMES.contains(&name),
+        None => Controller::names().contains(&name),
     };
     if taken {
         return Err(ProvideError::Taken(name.to_owned()));
@@ -65,7 +65,7 @@ pub(crate) fn provided(name: &str) -> Option<LoadController> {
 /// Every name a manifest may use after `native:`.
 pub(crate) fn names() -> Vec<String> {
     let provided = PROVIDED.read().unwrap_or_else(PoisonError::into_inner);
-    Controller::NAMES.into_iter().map(str::to_owned).chain(provided.keys().cloned()).collect()
+    Controller::names().into_iter().map(str::to_owned).chain(provided.keys().cloned()).collect()
 }
 
 #[cfg(test)]
