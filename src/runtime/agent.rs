@@ -60,16 +60,14 @@ impl Goal {
         }
     }
 
-    /// The planner: primitives in the order they are worked. A primitive needs those before it.
+    /// The planner: primitives of the cell's sequence, in its order. A primitive needs those before it.
     #[must_use]
-    pub fn plan(self) -> Vec<TaskKind> {
-        match self {
-            Self::PickAlignPlace => TaskKind::SEQUENCE.to_vec(),
-            Self::Single(task) => {
-                let last = TaskKind::SEQUENCE.iter().position(|known| *known == task);
-                TaskKind::SEQUENCE.iter().copied().take(last.map_or(0, |last| last + 1)).collect()
-            }
-        }
+    pub fn plan(self, sequence: &[TaskKind]) -> Vec<TaskKind> {
+        let count = match self {
+            Self::PickAlignPlace => sequence.len(),
+            Self::Single(task) => sequence.iter().position(|known| *known == task).map_or(0, |last| last + 1),
+        };
+        sequence.iter().copied().take(count).collect()
     }
 }
 
@@ -104,6 +102,8 @@ pub struct AgentIdentity {
 #[derive(Clone, Debug)]
 pub struct Agent {
     identity: AgentIdentity,
+    /// The tasks of the cell, in their order.
+    sequence: Vec<TaskKind>,
     episodes: u64,
     dispatch: DispatchState,
 }
@@ -125,28 +125,35 @@ pub struct AbandonedGoal {
     pub planned: usize,
 }
 
-impl Default for Agent {
-    fn default() -> Self {
+impl Agent {
+    /// The agent of a cell with these tasks, in their order.
+    #[must_use]
+    pub fn new(sequence: Vec<TaskKind>) -> Self {
         Self {
             identity: AgentIdentity {
                 name: "cell-agent".to_owned(),
                 purpose: "pick, align and place objects in the cell".to_owned(),
                 decision_policy: 1,
             },
+            sequence,
             episodes: 0,
             dispatch: DispatchState::default(),
         }
     }
-}
 
-impl Agent {
+    /// The tasks of its cell, in their order.
+    #[must_use]
+    pub fn sequence(&self) -> &[TaskKind] {
+        &self.sequence
+    }
+
     /// SHA-256 over identity and decision policy: what it calls itself, and what it decides for every goal. Upgrades
     /// never change it (paper section 3.1); another interpreter, planner or selector does.
     #[must_use]
     pub fn identity_hash(&self) -> Digest {
         let version = self.identity.decision_policy.to_le_bytes();
         let decides = GOALS.map(|text| {
-            let plan = Goal::interpret(text).map(Goal::plan).unwrap_or_default();
+            let plan = Goal::interpret(text).map(|goal| goal.plan(&self.sequence)).unwrap_or_default();
             let steps: Vec<String> = plan.into_iter().map(|task| Self::select(task).to_string()).collect();
             format!("{text}: {}", steps.join(", "))
         });
@@ -155,11 +162,11 @@ impl Agent {
         Digest::of_parts("holdpoint.agent.v2", &parts)
     }
 
-    /// Another agent, to try what a changed one does.
+    /// Another agent of the built-in cell, to try what a changed one does.
     #[must_use]
     #[doc(hidden)]
     pub fn called(name: &str) -> Self {
-        let mut other = Self::default();
+        let mut other = Self::new(TaskKind::SEQUENCE.to_vec());
         name.clone_into(&mut other.identity.name);
         other
     }
@@ -178,7 +185,7 @@ impl Agent {
 
     /// Takes up a goal: its primitives are planned, whatever was before.
     pub fn take_up(&mut self, goal: Goal) {
-        self.dispatch = DispatchState { goal, planned: goal.plan().into(), in_flight: None };
+        self.dispatch = DispatchState { goal, planned: goal.plan(&self.sequence).into(), in_flight: None };
     }
 
     /// The next invocation, which is in flight from now on; `None` if none is planned.
@@ -220,17 +227,24 @@ mod tests {
 
     #[test]
     fn goal_texts_are_interpreted_and_planned() {
-        assert_eq!(Goal::interpret("pick-align-place").unwrap().plan(), TaskKind::SEQUENCE);
-        assert_eq!(Goal::interpret("grasp").unwrap().plan(), [TaskKind::Grasp]);
-        assert_eq!(Goal::interpret("align").unwrap().plan(), [TaskKind::Grasp, TaskKind::Align]);
-        assert_eq!(Goal::interpret("place").unwrap().plan(), TaskKind::SEQUENCE);
+        let plan = |text, sequence: &[TaskKind]| Goal::interpret(text).unwrap().plan(sequence);
+        let shipped = TaskKind::SEQUENCE;
+        assert_eq!(plan("pick-align-place", &shipped), shipped);
+        assert_eq!(plan("grasp", &shipped), [TaskKind::Grasp]);
+        assert_eq!(plan("align", &shipped), [TaskKind::Grasp, TaskKind::Align]);
+        assert_eq!(plan("place", &shipped), shipped);
+        // Of a cell without an alignment.
+        let shorter = [TaskKind::Grasp, TaskKind::Place];
+        assert_eq!(plan("pick-align-place", &shorter), shorter);
+        assert_eq!(plan("place", &shorter), shorter);
+        assert!(plan("align", &shorter).is_empty());
         assert!(Goal::interpret("pick align place").is_err());
         assert!(GOALS.into_iter().all(|text| Goal::interpret(text).is_ok()));
     }
 
     #[test]
     fn abandoned_goal_leaves_no_task_until_a_new_goal() {
-        let mut agent = Agent::default();
+        let mut agent = Agent::new(TaskKind::SEQUENCE.to_vec());
         agent.take_up(Goal::PickAlignPlace);
         assert_eq!(agent.next_task(), Some(TaskKind::Grasp));
         agent.finished();
@@ -244,11 +258,13 @@ mod tests {
 
     #[test]
     fn agent_identity_is_unchanged_by_its_tasks() {
-        let mut agent = Agent::default();
+        let mut agent = Agent::new(TaskKind::SEQUENCE.to_vec());
         let before = agent.identity_hash();
         agent.note_episode();
         assert_eq!(agent.identity_hash(), before);
         assert_eq!(agent.episodes(), 1);
         assert_ne!(Agent::called("another").identity_hash(), before);
+        let of_another_cell = Agent::new(vec![TaskKind::Grasp, TaskKind::Place]);
+        assert_ne!(of_another_cell.identity_hash(), before, "it decides another plan");
     }
 }

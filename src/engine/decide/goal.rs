@@ -49,7 +49,7 @@ pub(crate) fn set(
     world.cell.set_goal(goal);
     let GoalRecord { goal: name, by, reason } = goal_record;
     record.tell(EventKind::GoalSet { goal: name, by, reason });
-    let text = engine_effect(&EngineEffect::Goal(&goal.plan()));
+    let text = engine_effect(&EngineEffect::Goal(&goal.plan(world.cell.tasks())));
     Ok(Reply::Accepted { text, version: None })
 }
 

@@ -169,7 +169,7 @@ impl StartedSequence {
                 self.terms.iter().find(|(known, _)| *known == id).map_or(&self.spare, |(_, terms)| terms);
             Some((task, id, cell_frame::envelope(terms.envelope())))
         };
-        TaskKind::SEQUENCE.into_iter().filter_map(worker).collect()
+        self.running.tasks().iter().copied().filter_map(worker).collect()
     }
 
     /// Reports questions of its monitors while it runs.
@@ -206,9 +206,8 @@ pub(crate) fn begin(
     terms_of: &dyn Fn(&Capability) -> SkillTerms,
 ) -> Result<StartedSequence, EngineFault> {
     let actives = VersionsAtStart::new(context, version_table, evidence_files);
-    let is_in_sequence = |version: &&Capability| {
-        TaskKind::SEQUENCE.into_iter().any(|task| Family::from(task) == version.id().family)
-    };
+    let is_in_sequence =
+        |version: &&Capability| cell.tasks().iter().any(|task| Family::from(*task) == version.id().family);
     let terms = actives
         .all()
         .filter(is_in_sequence)

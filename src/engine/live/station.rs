@@ -165,7 +165,7 @@ impl LiveStation {
     pub(crate) fn with(cell: Cell, switch: Arc<StopSwitch>) -> Result<Self, CellError> {
         let arm = Arm::new(InstrumentedWorld::new(cell.live_cell()?, Arc::clone(&switch)));
         let distribution = Arc::clone(&cell.live);
-        let rig = Rig { arm, agent: Agent::default(), verdicts: Vec::new() };
+        let rig = Rig { arm, agent: Agent::new(cell.spec.tasks.clone()), verdicts: Vec::new() };
         Ok(Self {
             cell,
             agent: rig.agent.identity_hash(),
@@ -267,6 +267,12 @@ impl LiveStation {
         }
     }
 
+    /// The tasks of the cell, in their order.
+    #[must_use]
+    pub fn tasks(&self) -> &[TaskKind] {
+        &self.cell.spec.tasks
+    }
+
     /// Sequences begun so far.
     #[must_use]
     pub const fn sequences(&self) -> u64 {
@@ -337,7 +343,7 @@ impl RunningSequence {
             if let CellError::Body(BodyError::Lost(reason)) = error {
                 report.lost = Some(reason);
             }
-            let first = self.goal.plan().first().copied();
+            let first = self.goal.plan(agent.sequence()).first().copied();
             let called = first.and_then(|task| Some((task, view.active(&Agent::select(task))?)));
             report.tasks.extend(called.map(|(task, active)| DispatchedTask {
                 id: active.id(),
@@ -347,7 +353,7 @@ impl RunningSequence {
         }
         arm.body_mut().verdict();
         agent.take_up(self.goal);
-        report.planned = self.goal.plan().len();
+        report.planned = self.goal.plan(agent.sequence()).len();
         while let Some(task) = agent.next_task() {
             arm.body_mut().world_mut().begin_task(task);
             let world = arm.body().world();
@@ -462,6 +468,11 @@ impl RunningSequence {
 
     pub(crate) const fn sequence(&self) -> u64 {
         self.sequence
+    }
+
+    /// The tasks of the cell, in their order.
+    pub(crate) fn tasks(&self) -> &[TaskKind] {
+        self.rig.agent.sequence()
     }
 
     /// Where the watched versions began their tasks, in order.

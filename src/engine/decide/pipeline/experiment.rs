@@ -4,7 +4,6 @@
 //! An experiment uses its pipeline up, so a running engine has none of this but a look at ground truth. The work itself is
 //! the pipeline's own; nothing here decides or shortens anything.
 
-use holdpoint_body::TaskKind;
 use holdpoint_body::disturbance::Drift;
 use holdpoint_cell::CellError;
 use holdpoint_cell::RefereeLimits;
@@ -79,9 +78,11 @@ impl ExperimentPipeline {
         let Pipeline { context, record, evidence_files, monitors, world, .. } = &mut self.0;
         let run_seed = record.seeds().of_run().unwrap_or_default();
         let seed = episode_seed(run_seed, SeedPurpose::Live, world.cell.sequences());
-        let terms: Vec<(CapabilityId, SkillTerms)> = TaskKind::SEQUENCE
-            .into_iter()
-            .filter_map(|task| record.active_of(&Family::from(task)))
+        let terms: Vec<(CapabilityId, SkillTerms)> = world
+            .cell
+            .tasks()
+            .iter()
+            .filter_map(|task| record.active_of(&Family::from(*task)))
             .map(|active| {
                 (active.id(), terms_of(context, record.version_table(), evidence_files, monitors, &active))
             })
