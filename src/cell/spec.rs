@@ -84,7 +84,8 @@ pub struct CellSpec {
     pub zones: Arc<[Zone]>,
     /// What is handled.
     pub workpieces: Vec<Workpiece>,
-    /// The tasks that the cell presents, in their order; those of [`TaskKind::SEQUENCE`].
+    /// The tasks that the cell presents, in their order: the sequence that live cell, agent and trials run. At present
+    /// always [`TaskKind::SEQUENCE`].
     pub tasks: Vec<TaskKind>,
     /// Ticks per second.
     pub rate_hz: u32,
@@ -150,7 +151,7 @@ impl CellSpec {
         if self.camera_hz == 0 || self.camera_hz > self.rate_hz {
             return refuse("camera_hz", format!("\"{}\" must be 1 to {}", self.camera_hz, self.rate_hz));
         }
-        // The live world works whole sequences, and every family has its task in them.
+        // The rule on whole sequences and the check of site files know this sequence only.
         if self.tasks != TaskKind::SEQUENCE {
             return refuse(
                 "tasks",

@@ -189,7 +189,7 @@ impl DistinguisherBench {
             for version in recorded.versions.values() {
                 let subject = self.subject(version);
                 let others = self.active.values().map(|version| self.subject(version));
-                let team = TrialTeam::excluding(version.bundle.task(), others);
+                let team = TrialTeam::excluding(&self.cell.spec.tasks, version.bundle.task(), others);
                 for (origin, live_like) in [(TaskOrigin::LiveStart, true), (TaskOrigin::Sandbox, false)] {
                     let spot = PairSpot { seed: seed(origin, index), live_like };
                     // The observations are what counts, whatever comes of the task.

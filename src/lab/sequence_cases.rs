@@ -113,13 +113,14 @@ impl SequenceBench {
             .baselines
             .values()
             .filter(|other| !beside.iter().any(|known| known.bundle.task() == other.bundle.task()));
-        let team = TrialTeam::excluding(task, others.chain(beside).map(|other| self.trial_subject(other)));
+        let beside = others.chain(beside).map(|other| self.trial_subject(other));
+        let team = TrialTeam::excluding(&self.cell.spec.tasks, task, beside);
         let shared = Arc::new((self.cell.clone(), team, self.trial_subject(version)));
         let job = |index| {
             let (seed, shared) = (episode_seed(run, SeedPurpose::Sequence, index), Arc::clone(&shared));
             let work = move |worker: &mut Worker| {
                 let (cell, team, own) = &*shared;
-                run_sequence(worker, cell, team.lineup_with(own).unwrap(), seed)
+                run_sequence(worker, cell, &team.lineup_with(&cell.spec.tasks, own).unwrap(), seed)
             };
             PoolJob { key: Digest::of_parts("case", &[&seed.to_le_bytes()]), work: Box::new(work) }
         };

@@ -142,9 +142,10 @@ pub fn trial_team(
     evidence_files: &EvidenceFiles,
     candidate: &Capability,
 ) -> TrialTeam {
-    let subjects = teammates_of(version_table, candidate)
+    let sequence = &context.cell.spec.tasks;
+    let subjects = teammates_of(sequence, version_table, candidate)
         .map(|version| trial_subject(context, version_table, evidence_files, version));
-    TrialTeam::excluding(candidate.bundle.task(), subjects)
+    TrialTeam::excluding(sequence, candidate.bundle.task(), subjects)
 }
 
 /// The present binding for a candidate's evidence.
@@ -157,14 +158,18 @@ pub fn binding(context: &Context, version_table: &VersionTable, capability: &Cap
         profile: context.profile_digest,
         policy: context.table.digest,
         environment: context.cell.digest(),
-        neighbours: neighbours(version_table, capability),
+        neighbours: neighbours(&context.cell.spec.tasks, version_table, capability),
         anchor: version_table.anchor_beside_active(&capability.id().family).map(Capability::digest),
     }
 }
 
 /// Digest of the versions that run beside a version: the active ones of the sequence's other families, and its fallback.
-fn neighbours(version_table: &VersionTable, capability: &Capability) -> Option<Digest> {
-    let teammates = teammates_of(version_table, capability).map(Capability::digest);
+fn neighbours(
+    sequence: &[TaskKind],
+    version_table: &VersionTable,
+    capability: &Capability,
+) -> Option<Digest> {
+    let teammates = teammates_of(sequence, version_table, capability).map(Capability::digest);
     let digests: Vec<Digest> =
         teammates.chain(fallback(version_table, capability).map(Capability::digest)).collect();
     let parts: Vec<&[u8]> = digests.iter().map(|digest| digest.bytes().as_slice()).collect();
@@ -173,12 +178,12 @@ fn neighbours(version_table: &VersionTable, capability: &Capability) -> Option<D
 
 /// The active versions of the other families of a sequence, if the version is part of one.
 fn teammates_of<'a>(
+    sequence: &'a [TaskKind],
     version_table: &'a VersionTable,
     capability: &Capability,
 ) -> impl Iterator<Item = &'a Capability> {
     // A fallback is not part of a sequence, whatever task its code is for.
-    let is_in_sequence =
-        |family: &Family| TaskKind::SEQUENCE.into_iter().any(|task| Family::from(task) == *family);
+    let is_in_sequence = move |family: &Family| sequence.iter().any(|task| Family::from(*task) == *family);
     let own = capability.id().family;
     let own_is_in_sequence = is_in_sequence(&own);
     let active = version_table.families().filter_map(|(_, entry)| Some(&entry.active()?.capability));

@@ -354,7 +354,7 @@ impl Evaluation {
             self.part.sequences.clear();
             self.sequences_tried = 0;
         }
-        if lab.team.lineup_with(active).is_none() {
+        if lab.team.lineup_with(&lab.cell.spec.tasks, active).is_none() {
             self.ended = Some(EarlyStopReason::Full);
             return Ok(true);
         }

@@ -66,7 +66,7 @@ pub fn pair_from_live_start(
 /// Everything that is drawn for a task from the live start of a seed that comes to it.
 #[must_use]
 pub fn setup_of(cell: &Cell, team: &TrialTeam, task: TaskKind, seed: u64) -> EpisodeSetup {
-    if team.before(task).is_some() {
+    if team.before(&cell.spec.tasks, task).is_some() {
         setup(cell, CONDITIONS, seed)
     } else {
         // No live sequence comes to a task behind an empty place, so it begins by itself.
@@ -76,7 +76,7 @@ pub fn setup_of(cell: &Cell, team: &TrialTeam, task: TaskKind, seed: u64) -> Epi
 
 /// What determines the episode of a version from the live start of a seed: the versions before it, too.
 pub(super) fn key(cell: &Cell, team: &TrialTeam, subject: &TrialSubject, seed: u64) -> Digest {
-    let before = team.before(subject.version.bundle.task()).unwrap_or_default();
+    let before = team.before(&cell.spec.tasks, subject.version.bundle.task()).unwrap_or_default();
     let under = |one: &TrialSubject| one.key(cell, CONDITIONS, seed);
     let digests: Vec<Digest> = std::iter::once(subject).chain(before).map(under).collect();
     let parts: Vec<&[u8]> = digests.iter().map(|digest| digest.bytes().as_slice()).collect();
@@ -91,7 +91,7 @@ fn reach(
     task: TaskKind,
     seed: u64,
 ) -> Result<Option<u64>, CellError> {
-    let before = team.before(task);
+    let before = team.before(&cell.spec.tasks, task);
     for seed in seeds_tried(seed) {
         worker.arm(cell, &setup_of(cell, team, task, seed))?;
         let Some(before) = &before else { return Ok(Some(seed)) };
@@ -156,7 +156,8 @@ mod tests {
         }
 
         fn team(&self, task: TaskKind) -> TrialTeam {
-            TrialTeam::excluding(task, TaskKind::SEQUENCE.map(|task| self.subject(task)))
+            let sequence = &self.cell.spec.tasks;
+            TrialTeam::excluding(sequence, task, sequence.iter().map(|task| self.subject(*task)))
         }
     }
 
@@ -181,7 +182,8 @@ mod tests {
         }
         // At a twentieth of its speed and force no grasp is done in time.
         let slow = |subject: TrialSubject| TrialSubject { terms: subject.terms.tightened(0.05), ..subject };
-        team = TrialTeam::excluding(task, team.members().iter().cloned().map(slow));
+        let slow_members = team.members().iter().cloned().map(slow);
+        team = TrialTeam::excluding(&bench.cell.spec.tasks, task, slow_members);
         assert!(run(&team, seed(0)).invalid);
     }
 

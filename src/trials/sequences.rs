@@ -23,12 +23,19 @@ pub type SequenceRecords = (Vec<TaskRecord>, Vec<TaskRecord>);
 pub struct TrialTeam(Vec<TrialSubject>);
 
 impl TrialTeam {
-    /// Those of `subjects` that run another task of a sequence than `candidate_task`, in the order of execution.
+    /// Those of `subjects` that run another task of the cell's `sequence` than `candidate_task`, in the order of execution.
     #[must_use]
-    pub fn excluding(candidate_task: TaskKind, subjects: impl IntoIterator<Item = TrialSubject>) -> Self {
-        let mut members: Vec<TrialSubject> =
-            subjects.into_iter().filter(|subject| subject.version.bundle.task() != candidate_task).collect();
-        members.sort_by_key(|member| member.version.bundle.task());
+    pub fn excluding(
+        sequence: &[TaskKind],
+        candidate_task: TaskKind,
+        subjects: impl IntoIterator<Item = TrialSubject>,
+    ) -> Self {
+        let task = |member: &TrialSubject| member.version.bundle.task();
+        let mut members: Vec<TrialSubject> = subjects
+            .into_iter()
+            .filter(|subject| task(subject) != candidate_task && sequence.contains(&task(subject)))
+            .collect();
+        members.sort_by_key(|member| sequence.iter().position(|known| *known == task(member)));
         members.dedup_by_key(|member| member.version.bundle.task());
         Self(members)
     }
@@ -39,22 +46,25 @@ impl TrialTeam {
         &self.0
     }
 
-    /// The version for each task of a sequence if `subject` runs its own task; `None` if a task has no version.
+    /// The version for each task of the cell's `sequence` if `subject` runs its own task; `None` if a task has no version.
     #[must_use]
-    pub fn lineup_with<'a>(&'a self, subject: &'a TrialSubject) -> Option<[&'a TrialSubject; 3]> {
-        let version_for = |task| {
+    pub fn lineup_with<'a>(
+        &'a self,
+        sequence: &[TaskKind],
+        subject: &'a TrialSubject,
+    ) -> Option<Vec<&'a TrialSubject>> {
+        let version_for = |task: TaskKind| {
             let mut all = std::iter::once(subject).chain(&self.0);
             all.find(|member| member.version.bundle.task() == task)
         };
-        let [first, second, third] = TaskKind::SEQUENCE;
-        Some([version_for(first)?, version_for(second)?, version_for(third)?])
+        sequence.iter().copied().map(version_for).collect()
     }
 
-    /// The versions for the tasks before `task`, in order; `None` if one of them has no version.
+    /// The versions for the tasks of the cell's `sequence` before `task`, in order; `None` if one of them has no version.
     #[must_use]
-    pub fn before(&self, task: TaskKind) -> Option<Vec<&TrialSubject>> {
-        let version_for = |task| self.0.iter().find(|member| member.version.bundle.task() == task);
-        TaskKind::SEQUENCE.into_iter().take_while(|earlier| *earlier < task).map(version_for).collect()
+    pub fn before(&self, sequence: &[TaskKind], task: TaskKind) -> Option<Vec<&TrialSubject>> {
+        let version_for = |task: TaskKind| self.0.iter().find(|member| member.version.bundle.task() == task);
+        sequence.iter().copied().take_while(|earlier| *earlier != task).map(version_for).collect()
     }
 }
 
@@ -63,13 +73,13 @@ impl TrialTeam {
 pub fn run_sequence(
     worker: &mut Worker,
     cell: &Cell,
-    lineup: [&TrialSubject; 3],
+    lineup: &[&TrialSubject],
     seed: u64,
 ) -> Vec<TaskRecord> {
     let mut records = Vec::with_capacity(lineup.len());
     let set_up = worker.arm(cell, &setup(cell, CONDITIONS, seed)).map(|_| ());
-    let outcome = set_up.and_then(|()| run_tasks(worker, cell, &lineup, (CONDITIONS, seed), &mut records));
-    records_with_failure(worker, outcome.map(|_| ()), &lineup, seed, records)
+    let outcome = set_up.and_then(|()| run_tasks(worker, cell, lineup, (CONDITIONS, seed), &mut records));
+    records_with_failure(worker, outcome.map(|_| ()), lineup, seed, records)
 }
 
 /// Runs a sequence with either of two versions for `candidate_task`; both share one run of the tasks before it, in a cell
@@ -78,25 +88,26 @@ pub fn run_sequence(
 pub fn run_sequence_pair(
     worker: &mut Worker,
     cell: &Cell,
-    lineups: [[&TrialSubject; 3]; 2],
+    lineups: [&[&TrialSubject]; 2],
     candidate_task: TaskKind,
     seed: u64,
 ) -> [Vec<TaskRecord>; 2] {
     if !cell.spec.abilities.export_state {
         return lineups.map(|lineup| run_sequence(worker, cell, lineup, seed));
     }
-    let shared_tasks = TaskKind::SEQUENCE.iter().take_while(|task| **task < candidate_task).count();
-    let [shared_lineup, _] = lineups.map(|lineup| lineup.into_iter().take(shared_tasks).collect::<Vec<_>>());
-    let mut shared_records = Vec::with_capacity(TaskKind::SEQUENCE.len());
+    let sequence = &cell.spec.tasks;
+    let shared_tasks = sequence.iter().take_while(|task| **task != candidate_task).count();
+    let [shared_lineup, _] = lineups.map(|lineup| lineup.get(..shared_tasks).unwrap_or_default());
+    let mut shared_records = Vec::with_capacity(sequence.len());
     let set_up = worker.arm(cell, &setup(cell, CONDITIONS, seed)).map(|_| ());
     let world_after = set_up
-        .and_then(|()| run_tasks(worker, cell, &shared_lineup, (CONDITIONS, seed), &mut shared_records))
+        .and_then(|()| run_tasks(worker, cell, shared_lineup, (CONDITIONS, seed), &mut shared_records))
         .and_then(|is_done| Ok(if is_done { Some(worker.built_arm()?.body().copy()?) } else { None }));
     let world = match world_after {
         Ok(Some(world)) => world,
         Ok(None) => return [shared_records.clone(), shared_records],
         Err(error) => {
-            let records = records_with_failure(worker, Err(error), &shared_lineup, seed, shared_records);
+            let records = records_with_failure(worker, Err(error), shared_lineup, seed, shared_records);
             return [records.clone(), records];
         }
     };
@@ -104,7 +115,7 @@ pub fn run_sequence_pair(
         let (mut records, rest) = (shared_records.clone(), lineup.get(shared_tasks..).unwrap_or_default());
         let set_up = worker.arm_from(cell, &world).map(|_| ());
         let outcome = set_up.and_then(|()| run_tasks(worker, cell, rest, (CONDITIONS, seed), &mut records));
-        records_with_failure(worker, outcome.map(|_| ()), &lineup, seed, records)
+        records_with_failure(worker, outcome.map(|_| ()), lineup, seed, records)
     })
 }
 
@@ -165,6 +176,37 @@ mod tests {
     use holdpoint_sim::SimCells;
     use std::sync::Arc;
 
+    /// Team and lineup have the tasks of the cell's sequence, in its order, whatever other versions there are.
+    #[test]
+    fn a_lineup_follows_the_sequence_of_the_cell() {
+        let (cell, profile) =
+            (Cell::of(&SimCells, None).unwrap(), Profile::builtin(ProfileName::Sim).unwrap());
+        let table = Arc::new(PolicyTable::builtin(&profile).unwrap());
+        let terms = SkillTerms::new(&profile, table, cell.geometry.clone(), cell.zones.clone());
+        let baselines = embedded::baselines().unwrap().into_iter();
+        let in_sequence = baselines.filter(|version| version.id().family.as_str() != "park");
+        let all: Vec<TrialSubject> = in_sequence
+            .map(|version| TrialSubject { version, terms: terms.clone(), fallback: None })
+            .collect();
+        let tasks = |subjects: &[&TrialSubject]| -> Vec<TaskKind> {
+            subjects.iter().map(|subject| subject.version.bundle.task()).collect()
+        };
+        let [grasp, align, place] = TaskKind::SEQUENCE;
+        let own = all.iter().find(|subject| subject.version.bundle.task() == place).unwrap();
+        for (sequence, before) in
+            [(vec![grasp, align, place], vec![grasp, align]), (vec![grasp, place], vec![grasp])]
+        {
+            let team = TrialTeam::excluding(&sequence, place, all.iter().rev().cloned());
+            assert_eq!(tasks(&team.members().iter().collect::<Vec<_>>()), before);
+            assert_eq!(tasks(&team.before(&sequence, place).unwrap()), before);
+            assert_eq!(tasks(&team.lineup_with(&sequence, own).unwrap()), sequence);
+        }
+        let backwards = [place, align, grasp];
+        let team = TrialTeam::excluding(&backwards, place, all.iter().cloned());
+        assert_eq!(tasks(&team.members().iter().collect::<Vec<_>>()), [align, grasp]);
+        assert!(team.before(&backwards, place).unwrap().is_empty());
+    }
+
     /// The pair shares the tasks before the candidate's, whichever task that is.
     #[test]
     fn a_sequence_pair_has_the_records_of_two_separate_sequences() {
@@ -184,8 +226,10 @@ mod tests {
             let mut slower = active.clone();
             slower.terms = slower.terms.tightened(0.6);
             let beside = all.iter().filter(|subject| subject.version.id().family.to_string() != "park");
-            let team = TrialTeam::excluding(task, beside.cloned());
-            let lineups = [team.lineup_with(&slower).unwrap(), team.lineup_with(active).unwrap()];
+            let sequence = &cell.spec.tasks;
+            let team = TrialTeam::excluding(sequence, task, beside.cloned());
+            let both = [&slower, active].map(|subject| team.lineup_with(sequence, subject).unwrap());
+            let lineups = both.each_ref().map(Vec::as_slice);
             for index in 0..4 {
                 let seed = episode_seed(CALIBRATION_FROM_RUN + 9, SeedPurpose::Sequence, index);
                 let pair = run_sequence_pair(&mut worker, &cell, lineups, task, seed);

@@ -43,7 +43,7 @@ impl Evaluation {
                 wanted: self.plan.sequences,
                 pairs: Vec::new(),
             });
-            if lab.team.lineup_with(active).is_none() {
+            if lab.team.lineup_with(&lab.cell.spec.tasks, active).is_none() {
                 self.ended = Some(EarlyStopReason::Full);
             }
         }

@@ -117,7 +117,7 @@ fn evaluate_against(
         cancel: &cancel,
         cell: &cell,
         cache: store.result_cache(),
-        team: TrialTeam::excluding(active.bundle.task(), beside.iter().map(party)),
+        team: TrialTeam::excluding(&cell.spec.tasks, active.bundle.task(), beside.iter().map(party)),
         anchor: anchor.map(party),
     };
     let (candidate, active) = (party(candidate), party(active));
@@ -240,7 +240,7 @@ fn live_like_pairs_begin_where_the_team_leaves_the_task() {
         terms: terms.clone(),
         fallback: None,
     };
-    let team = TrialTeam::excluding(align.bundle.task(), beside.iter().map(subject));
+    let team = TrialTeam::excluding(&cell.spec.tasks, align.bundle.task(), beside.iter().map(subject));
     let align = subject(&align);
     let mut worker = Worker::new();
     for pair in &pairs {

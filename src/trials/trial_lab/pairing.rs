@@ -103,13 +103,14 @@ impl TrialPairing {
                 let task = candidate.version.bundle.task();
                 let without_paths =
                     |records: Vec<TaskRecord>| records.iter().map(without_path).collect::<Vec<_>>();
-                match (team.lineup_with(candidate), team.lineup_with(active)) {
+                let lineup_with = |subject| team.lineup_with(&cell.spec.tasks, subject);
+                match (lineup_with(candidate), lineup_with(active)) {
                     (Some(new), Some(old)) if !known => {
-                        let [new, old] = run_sequence_pair(worker, cell, [new, old], task, seed);
+                        let [new, old] = run_sequence_pair(worker, cell, [&new, &old], task, seed);
                         JobOutcome::Sequences(without_paths(new), Some(without_paths(old)))
                     }
                     (Some(new), _) => {
-                        JobOutcome::Sequences(without_paths(run_sequence(worker, cell, new, seed)), None)
+                        JobOutcome::Sequences(without_paths(run_sequence(worker, cell, &new, seed)), None)
                     }
                     (None, _) => JobOutcome::Sequences(Vec::new(), None),
                 }

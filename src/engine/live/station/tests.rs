@@ -52,7 +52,7 @@ impl StationBench {
     }
 
     fn team(&self, task: TaskKind) -> TrialTeam {
-        TrialTeam::excluding(task, TaskKind::SEQUENCE.map(|task| self.subject(task)))
+        TrialTeam::excluding(&self.cell.spec.tasks, task, TaskKind::SEQUENCE.map(|task| self.subject(task)))
     }
 }
 
