@@ -151,7 +151,7 @@ impl CellSpec {
         if self.camera_hz == 0 || self.camera_hz > self.rate_hz {
             return refuse("camera_hz", format!("\"{}\" must be 1 to {}", self.camera_hz, self.rate_hz));
         }
-        // The rule on whole sequences and the check of site files know this sequence only.
+        // The check of site files, and what a trial draws for each task, know this sequence only.
         if self.tasks != TaskKind::SEQUENCE {
             return refuse(
                 "tasks",

@@ -163,6 +163,7 @@ impl SequenceBench {
         let others = self.baselines.iter().filter(|(other, _)| **other != task);
         SequenceEvidence {
             task,
+            sequence: self.cell.spec.tasks.clone(),
             beside: others.map(|(_, version)| version.id()).collect(),
             wanted: u32::try_from(pairs.len()).unwrap(),
             pairs,

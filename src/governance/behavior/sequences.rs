@@ -53,12 +53,23 @@ pub struct SequencePair {
 pub struct SequenceEvidence {
     /// The place of the candidate.
     pub task: TaskKind,
+    /// The tasks of the cell, in their order; not written for the shipped sequence.
+    #[serde(default = "shipped_sequence", skip_serializing_if = "is_shipped_sequence")]
+    pub sequence: Vec<TaskKind>,
     /// The active versions in the other tasks, in order; one is missing if a family has none.
     pub beside: Vec<CapabilityId>,
     /// The number that the profile requires.
     pub wanted: u32,
     /// In ascending order of seed; empty if they could not be run.
     pub pairs: Vec<SequencePair>,
+}
+
+fn shipped_sequence() -> Vec<TaskKind> {
+    TaskKind::SEQUENCE.to_vec()
+}
+
+fn is_shipped_sequence(sequence: &[TaskKind]) -> bool {
+    *sequence == TaskKind::SEQUENCE
 }
 
 /// A measure of sequences; in records a word, or the name of a measure of harm.
@@ -110,37 +121,46 @@ const OTHER_PART: f64 = (1.0 - NOT_DONE_PART) / 3.0;
 /// Comparisons that share the last part: bad episodes, time, and each measure of harm.
 const SHARING: f64 = (2 + HarmKind::ALL.len()) as f64;
 
-impl SequencePair {
-    fn is_done(side: &[SequenceStep]) -> bool {
-        side.len() == TaskKind::SEQUENCE.len() && side.iter().all(|step| step.values.success)
-    }
-
-    /// Whether both reached the judged part: the skill after `task`, or `task` itself if it is the last.
-    fn is_reached(&self, task: TaskKind) -> bool {
-        let judged = TaskKind::SEQUENCE.into_iter().find(|next| *next > task).unwrap_or(task);
-        let comes_to = |side: &[SequenceStep]| side.iter().any(|step| step.task == judged);
-        comes_to(&self.candidate) && comes_to(&self.active)
-    }
-}
-
-/// The values of the skills after `task`, in order.
-fn following(side: &[SequenceStep], task: TaskKind) -> impl Iterator<Item = &EpisodeValues> {
-    side.iter().filter(move |step| step.task > task).map(|step| &step.values)
-}
-
-/// A measure at its worst over the skills that follow; `None` where nothing follows or nothing was measured.
-fn worst(side: &[SequenceStep], task: TaskKind, kind: HarmKind) -> Option<f64> {
-    let values = following(side, task).map(|values| values.harm.map(|harm: HarmMeasures| harm.of(kind)));
-    values.reduce(|worst, next| {
-        let (worst, next) = (worst?, next?);
-        Some(if kind.worsening(next, worst) > 0.0 { next } else { worst })
-    })?
-}
-
 impl SequenceEvidence {
+    fn is_done(&self, side: &[SequenceStep]) -> bool {
+        side.len() == self.sequence.len() && side.iter().all(|step| step.values.success)
+    }
+
+    /// Whether the task follows the candidate's.
+    fn is_after(&self, task: TaskKind) -> bool {
+        let place = |of: TaskKind| self.sequence.iter().position(|known| *known == of);
+        place(task) > place(self.task)
+    }
+
+    /// The task after the candidate's; `None` if that is the last.
+    fn next_task(&self) -> Option<TaskKind> {
+        self.sequence.iter().copied().find(|task| self.is_after(*task))
+    }
+
+    /// Whether both reached the judged part: the skill after the candidate's, or that one itself if it is the last.
+    fn is_reached(&self, pair: &SequencePair) -> bool {
+        let judged = self.next_task().unwrap_or(self.task);
+        let comes_to = |side: &[SequenceStep]| side.iter().any(|step| step.task == judged);
+        comes_to(&pair.candidate) && comes_to(&pair.active)
+    }
+
+    /// The values of the skills after the candidate's, in order.
+    fn following<'a>(&self, side: &'a [SequenceStep]) -> impl Iterator<Item = &'a EpisodeValues> {
+        side.iter().filter(move |step| self.is_after(step.task)).map(|step| &step.values)
+    }
+
+    /// A measure at its worst over the skills that follow; `None` where nothing follows or nothing was measured.
+    fn worst(&self, side: &[SequenceStep], kind: HarmKind) -> Option<f64> {
+        let values = self.following(side).map(|values| values.harm.map(|harm: HarmMeasures| harm.of(kind)));
+        values.reduce(|worst, next| {
+            let (worst, next) = (worst?, next?);
+            Some(if kind.worsening(next, worst) > 0.0 { next } else { worst })
+        })?
+    }
+
     /// The pairs in which both reached the judged part.
     fn reached(&self) -> impl Iterator<Item = &SequencePair> + Clone {
-        self.pairs.iter().filter(|pair| pair.is_reached(self.task))
+        self.pairs.iter().filter(move |pair| self.is_reached(pair))
     }
 
     fn rate(
@@ -175,9 +195,7 @@ impl SequenceEvidence {
         of: &dyn Fn(&[SequenceStep]) -> Option<f64>,
         worsening: &dyn Fn(f64, f64) -> f64,
     ) -> Option<SequenceComparison> {
-        let done = |pair: &&SequencePair| {
-            SequencePair::is_done(&pair.candidate) && SequencePair::is_done(&pair.active)
-        };
+        let done = |pair: &&SequencePair| self.is_done(&pair.candidate) && self.is_done(&pair.active);
         let both: Option<Vec<(f64, f64)>> = self
             .pairs
             .iter()
@@ -204,21 +222,20 @@ impl SequenceEvidence {
     #[must_use]
     pub fn compare(&self, profile: &Profile) -> Vec<SequenceComparison> {
         use SequenceMeasure::{Anomaly, Harm, NotDone, PastLimit, Time, Violation};
-        let task = self.task;
         let alpha = profile.evaluation.sequence_alpha;
         let part = OTHER_PART * alpha;
         let shared = part / SHARING;
         let allowed = profile.evaluation.sequence_tolerance;
         let any =
-            |side: &[SequenceStep], flag: &dyn Fn(&EpisodeValues) -> bool| following(side, task).any(flag);
+            |side: &[SequenceStep], flag: &dyn Fn(&EpisodeValues) -> bool| self.following(side).any(flag);
         let is_past = |values: &EpisodeValues| values.harm.is_some_and(|harm| profile.harm.is_past(&harm));
         let time_allowed = (1.0 - profile.thresholds.behavior()) / profile.behavior.cost_time;
         let time = |side: &[SequenceStep]| {
-            let took: f64 = following(side, task).map(|values| values.time_s).sum();
+            let took: f64 = self.following(side).map(|values| values.time_s).sum();
             (took > 0.0).then_some(took)
         };
         let mut all = vec![
-            self.rate(NotDone, NOT_DONE_PART * alpha, allowed, &|side| !SequencePair::is_done(side)),
+            self.rate(NotDone, NOT_DONE_PART * alpha, allowed, &|side| !self.is_done(side)),
             self.rate(Violation, part, allowed, &|side| any(side, &|values| values.violation)),
             self.rate(Anomaly, part, allowed, &|side| any(side, &|values| values.anomaly)),
             self.rate(PastLimit, shared, allowed, &|side| any(side, &is_past)),
@@ -226,7 +243,7 @@ impl SequenceEvidence {
         ];
         all.extend(HarmKind::ALL.into_iter().map(|kind| {
             let allowed = profile.harm.of(kind).mean;
-            let of = |side: &[SequenceStep]| worst(side, task, kind);
+            let of = |side: &[SequenceStep]| self.worst(side, kind);
             self.quantity(Harm(kind), shared, allowed, &of, &|new, old| kind.worsening(new, old))
         }));
         all.into_iter().flatten().collect()
@@ -235,36 +252,36 @@ impl SequenceEvidence {
     /// The task at which sequences end more often than with the active version, and how often; `None` where it is no later skill.
     fn ends(&self) -> Option<SequenceEnds> {
         let ends_at = |side: &[SequenceStep], task| {
-            !SequencePair::is_done(side) && side.last().is_some_and(|step| step.task == task)
+            !self.is_done(side) && side.last().is_some_and(|step| step.task == task)
         };
-        let counted = TaskKind::SEQUENCE.into_iter().map(|task| {
+        let counted = self.sequence.iter().map(|&task| {
             let new = self.reached().filter(|pair| ends_at(&pair.candidate, task)).count() as u64;
             let old = self.reached().filter(|pair| ends_at(&pair.active, task)).count() as u64;
             (task, new, old)
         });
         let (task, candidate, active) = counted.max_by_key(|(_, new, old)| new.saturating_sub(*old))?;
-        let next = TaskKind::SEQUENCE.into_iter().find(|other| *other > self.task);
-        (task > self.task).then_some(SequenceEnds { task, is_next: next == Some(task), candidate, active })
+        let is_next = self.next_task() == Some(task);
+        self.is_after(task).then_some(SequenceEnds { task, is_next, candidate, active })
     }
 
     /// A seed under which a comparison came out worst, to be re-run.
     fn example(&self, measure: SequenceMeasure, profile: &Profile) -> Option<u64> {
         let bad = |side: &[SequenceStep]| match measure {
-            SequenceMeasure::NotDone => f64::from(u8::from(!SequencePair::is_done(side))),
+            SequenceMeasure::NotDone => f64::from(u8::from(!self.is_done(side))),
             SequenceMeasure::Violation => {
-                f64::from(u8::from(following(side, self.task).any(|values| values.violation)))
+                f64::from(u8::from(self.following(side).any(|values| values.violation)))
             }
             SequenceMeasure::Anomaly => {
-                f64::from(u8::from(following(side, self.task).any(|values| values.anomaly)))
+                f64::from(u8::from(self.following(side).any(|values| values.anomaly)))
             }
             SequenceMeasure::PastLimit => {
                 let past =
                     |values: &EpisodeValues| values.harm.is_some_and(|harm| profile.harm.is_past(&harm));
-                f64::from(u8::from(following(side, self.task).any(past)))
+                f64::from(u8::from(self.following(side).any(past)))
             }
-            SequenceMeasure::Time => following(side, self.task).map(|values| values.time_s).sum(),
+            SequenceMeasure::Time => self.following(side).map(|values| values.time_s).sum(),
             SequenceMeasure::Harm(kind) => {
-                worst(side, self.task, kind).map_or(0.0, |value| kind.worsening(value, 0.0))
+                self.worst(side, kind).map_or(0.0, |value| kind.worsening(value, 0.0))
             }
         };
         let gap = |pair: &SequencePair| bad(&pair.candidate) - bad(&pair.active);
@@ -292,7 +309,7 @@ impl SequenceEvidence {
         };
         let (ran, budget, reached) =
             (self.pairs.len() as u64, u64::from(self.wanted), self.reached().count() as u64);
-        if self.beside.len() + 1 < TaskKind::SEQUENCE.len() {
+        if self.beside.len() + 1 < self.sequence.len() {
             Some(Finding::SequencesNotRun)
         } else if ran < budget {
             Some(Finding::TooFewSequences { ran, asked: budget })
@@ -366,4 +383,50 @@ pub fn apply_sequences(
         assessment.conditions.clear();
     }
     assessment.reasons.splice(0..0, worse.into_iter().chain(doubts));
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::profile::ProfileName;
+
+    fn evidence(task: TaskKind, sequence: &[TaskKind]) -> SequenceEvidence {
+        let sequence = sequence.to_vec();
+        SequenceEvidence { task, sequence, beside: Vec::new(), wanted: 4, pairs: Vec::new() }
+    }
+
+    #[test]
+    fn the_next_task_is_that_of_the_cell() {
+        let [grasp, align, place] = TaskKind::SEQUENCE;
+        for (task, sequence, next) in [
+            (grasp, vec![grasp, align, place], Some(align)),
+            (place, vec![grasp, align, place], None),
+            (grasp, vec![grasp, place], Some(place)),
+            (align, vec![align, grasp], Some(grasp)),
+            (grasp, vec![align, grasp], None),
+        ] {
+            assert_eq!(evidence(task, &sequence).next_task(), next, "{task} in {sequence:?}");
+        }
+    }
+
+    #[test]
+    fn as_many_versions_are_needed_as_the_cell_has_tasks() {
+        let profile = Profile::builtin(ProfileName::Sim).unwrap();
+        let [grasp, ..] = TaskKind::SEQUENCE;
+        let unusable = |sequence: &[TaskKind]| evidence(grasp, sequence).unusable(&profile);
+        assert_eq!(unusable(&TaskKind::SEQUENCE), Some(Finding::SequencesNotRun));
+        assert_eq!(unusable(&[grasp]), Some(Finding::TooFewSequences { ran: 0, asked: 4 }));
+    }
+
+    #[test]
+    fn evidence_without_a_sequence_has_the_shipped_one() {
+        let [grasp, _, place] = TaskKind::SEQUENCE;
+        let shipped = evidence(grasp, &TaskKind::SEQUENCE);
+        let text = serde_json::to_string(&shipped).unwrap();
+        assert_eq!(text, r#"{"task":"grasp","beside":[],"wanted":4,"pairs":[]}"#);
+        assert_eq!(serde_json::from_str::<SequenceEvidence>(&text).unwrap(), shipped);
+        let other = evidence(grasp, &[grasp, place]);
+        let text = serde_json::to_string(&other).unwrap();
+        assert_eq!(serde_json::from_str::<SequenceEvidence>(&text).unwrap(), other);
+    }
 }

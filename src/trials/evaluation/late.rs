@@ -39,6 +39,7 @@ impl Evaluation {
         if next == NextSlice::Sequences {
             self.sequences = Some(SequenceEvidence {
                 task: candidate.version.bundle.task(),
+                sequence: lab.cell.spec.tasks.clone(),
                 beside: lab.team.members().iter().map(|party| party.version.id()).collect(),
                 wanted: self.plan.sequences,
                 pairs: Vec::new(),
