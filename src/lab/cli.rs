@@ -3,6 +3,7 @@
 //! Parses arguments and prints reports. Answers, errors and exit codes are those of `holdpoint`.
 
 mod bench;
+mod danger;
 mod distinguisher;
 mod experiment;
 mod paper;

@@ -4,7 +4,6 @@
 //! are no part of it. [`sensors`] compares the measures of harm with the truth. No decision sees any of it.
 
 mod classify;
-mod danger;
 mod referee_runs;
 mod roc;
 mod scale;
@@ -22,7 +21,6 @@ use serde::{Deserialize, Serialize};
 pub use self::classify::{
     ALPHA, ALPHA_EACH, ChannelTruth, ClassTruth, LOOKS, Settled, VersionHarm, WorseTruth,
 };
-pub use self::danger::DangerAgreement;
 pub use self::referee_runs::Channel;
 pub(crate) use self::referee_runs::{ActiveTeam, JudgedVersion, observe_sequence};
 pub use self::roc::{Roc, RocBy, RocPoint};

@@ -16,6 +16,7 @@ use std::time::Instant;
 use holdpoint_engine::build_digest::decided_by;
 use holdpoint_governance::ids::Digest;
 use holdpoint_governance::profile::{Profile, ProfileName};
+use holdpoint_governance::submission::Package;
 use holdpoint_sim::SimCells;
 use holdpoint_store::ResultCache;
 use holdpoint_text::Hint;
@@ -30,7 +31,7 @@ pub use self::package::ThrowerKind;
 use self::summary::summarize;
 pub use self::summary::{TaskQuantile, ThrowerSummary};
 use crate::ground_truth::side_by_side;
-use crate::pipeline_experiments::{ExperimentError, ProgressFn, cached_result, write_atomically};
+use crate::pipeline_experiments::{ExperimentError, ProgressFn, cached_result, scratch, write_atomically};
 
 /// The plan of a run.
 #[derive(Clone, Debug)]
@@ -100,6 +101,23 @@ pub fn run(plan: &ThrowersPlan, tell: &ProgressFn<'_>) -> Result<ThrowersReport,
     let report = ThrowersReport { tasks: plan.tasks, seed: plan.seed, summary: summarize(&runs)?, runs };
     write_atomically(&plan.out.join("throwers.json"), &serde_json::to_vec_pretty(&report)?)?;
     Ok(report)
+}
+
+/// The versions that harm in single tasks as well, with their names: by each act, in every task and in one of forty.
+///
+/// # Errors
+/// If a folder for a version cannot be used.
+pub(crate) fn single_task_throwers() -> Result<Vec<(String, Package)>, ExperimentError> {
+    controller::provide_controllers().map_err(|error| ExperimentError::Unexpected(error.to_string()))?;
+    let mut found = Vec::new();
+    for kind in [ThrowerKind::Always, ThrowerKind::StartHash] {
+        for act in HarmAct::ALL {
+            let folder = scratch()?;
+            // No trigger of these asks whether the version with this number is active.
+            found.push((format!("{kind}-{act}"), kind.package(act, 0, folder.path())?));
+        }
+    }
+    Ok(found)
 }
 
 fn missing() -> ExperimentError {

@@ -7,6 +7,7 @@ use std::path::PathBuf;
 
 use clap::{Args, Subcommand};
 
+use super::danger::{self, DangerArgs};
 use super::distinguisher::{self, DistinguisherArgs};
 use super::paper::{self, PaperArgs, ReportArgs};
 use super::per_candidate::{self, PerCandidateArgs};
@@ -33,6 +34,7 @@ Examples:
   holdpoint-lab experiment series --out series
   holdpoint-lab experiment truth --pool mutants --out truth
   holdpoint-lab experiment sensors --out sensors
+  holdpoint-lab experiment danger --pool pool-7 --out danger
   holdpoint-lab experiment distinguisher --out rows
   holdpoint-lab experiment throwers --out throwers
   holdpoint-lab experiment all --preset paper-e2 --out paper")]
@@ -77,6 +79,8 @@ pub enum ExperimentVerb {
     Truth(TruthArgs),
     /// Compares each measure of harm with the referee: misses and false alarms at its limit, by family.
     Sensors(SensorsArgs),
+    /// Chooses the thresholds of a danger in live tasks by the referee, and counts their errors on other seeds.
+    Danger(DangerArgs),
     /// Records what a version sees of its task in the live cell and in the sandbox, for a classifier.
     Distinguisher(DistinguisherArgs),
     /// Takes versions that throw, press or speed under a trigger through the stages and into live work.
@@ -135,6 +139,7 @@ pub fn run(args: &ExperimentArgs, out: &mut CommandOutput<'_>) -> Result<Exit, C
         ExperimentVerb::Report(args) => paper::regenerate_report(args, out),
         ExperimentVerb::Truth(args) => truth::run(args, out),
         ExperimentVerb::Sensors(args) => sensors::run(args, out),
+        ExperimentVerb::Danger(args) => danger::run(args, out),
         ExperimentVerb::Distinguisher(args) => distinguisher::run(args, out),
         ExperimentVerb::Throwers(args) => throwers::run(args, out),
     }

@@ -8,7 +8,6 @@ use std::path::PathBuf;
 
 use clap::Args;
 
-use crate::ground_truth::DangerAgreement;
 use crate::ground_truth::sensors::{
     self, FRESH_FROM, FamilyAgreement, MeasureAgreement, SensorsPlan, SensorsReport,
 };
@@ -96,19 +95,6 @@ fn show(report: &SensorsReport, plan: &SensorsPlan, out: &mut CommandOutput<'_>)
     }
     let names: Vec<&str> = report.not_compared.iter().map(|kind| kind.name()).collect();
     out.line(&format!("not compared: {}", names.join(", ")))?;
-    let mut table = TextTable::new(&[
-        "danger",
-        "threshold",
-        "episodes",
-        "referee",
-        "misses in 10,000",
-        "false alarms in 10,000",
-        "proposed",
-    ]);
-    for danger in &report.danger {
-        table.row(danger_row(danger));
-    }
-    out.table(&table)?;
     if report.invalid > 0 {
         out.line(&format!("{} episodes could not run and are not counted", report.invalid))?;
     }
@@ -130,23 +116,6 @@ fn row(family: &FamilyAgreement, measure: &MeasureAgreement) -> Vec<String> {
         error(errors.map(|errors| errors.p5)),
         error(errors.map(|errors| errors.median)),
         error(errors.map(|errors| errors.p95)),
-    ]
-}
-
-fn danger_row(danger: &DangerAgreement) -> Vec<String> {
-    let DangerAgreement { kind, threshold, episodes, dangers, misses, false_alarms, proposed } = danger;
-    let rate = |count: u64| {
-        let rate = danger.per_10_000(count);
-        rate.map_or_else(|| "-".to_owned(), |[rate, upper]| format!("{rate:.1} (up to {upper:.1})"))
-    };
-    vec![
-        kind.name().to_owned(),
-        kind.format(*threshold),
-        episodes.to_string(),
-        dangers.to_string(),
-        rate(*misses),
-        rate(*false_alarms),
-        proposed.map_or_else(|| "-".to_owned(), |proposed| kind.format(proposed)),
     ]
 }
 
@@ -174,15 +143,6 @@ mod tests {
             episodes: 3,
             invalid: 2,
             families: vec![family],
-            danger: vec![DangerAgreement {
-                kind: HarmKind::LandingSpeed,
-                threshold: 1.7,
-                episodes: 200,
-                dangers: 2,
-                misses: 1,
-                false_alarms: 0,
-                proposed: Some(0.44),
-            }],
             not_compared: vec![HarmKind::Jerk],
         };
         let plan =
@@ -197,8 +157,6 @@ mod tests {
                 "grasp: 1 versions, 3 episodes; a pad is past the limit in 2 and the sensors miss 1: 1 with the mean of \
                  both pads within it, 0 within 50 ms of a push on the object",
                 "not compared: jerk",
-                "DANGER THRESHOLD EPISODES REFEREE MISSES IN 10,000 FALSE ALARMS IN 10,000 PROPOSED",
-                "landing-speed 1.700 m/s 200 2 50.0 (up to 235.0) 0.0 (up to 148.7) 0.440 m/s",
                 "2 episodes could not run and are not counted",
                 "sensors.csv and sensors.json are in here",
             ]

@@ -5,7 +5,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::ops::Range;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::time::Instant;
 
 use holdpoint_body::TaskKind;
@@ -14,6 +14,7 @@ use holdpoint_cell::EpisodeSetup;
 use holdpoint_governance::harm::{HarmKind, HarmMeasures};
 use holdpoint_governance::ids::Family;
 use holdpoint_governance::profile::{HarmSettings, Profile, ProfileName};
+use holdpoint_governance::submission::Package;
 use holdpoint_record::context::Context;
 use holdpoint_runtime::agent::dispatcher::admit;
 use holdpoint_runtime::capability::Capability;
@@ -24,9 +25,8 @@ use holdpoint_trials::cell::{Cell, Conditions};
 use holdpoint_trials::worker::Worker;
 use serde::{Deserialize, Serialize};
 
-use super::danger::{self, DangerAgreement};
 use super::referee_runs::{self, Channel, JudgedVersion, RefereeWitness, begin};
-use super::scale::{HarmScale, RefereeObservation};
+use super::scale::RefereeObservation;
 use super::true_harm::{SqueezePeak, TrueHarmMeter, has_counterpart};
 use super::{judging_context, side_by_side};
 use crate::candidate_pool::Pool;
@@ -198,18 +198,15 @@ pub struct SensorsReport {
     /// Episodes that a version did not accept or the simulator could not run; counted nowhere.
     pub invalid: u64,
     pub families: Vec<FamilyAgreement>,
-    /// The danger thresholds, over all families.
-    pub danger: Vec<DangerAgreement>,
     /// Measures without a true value.
     pub not_compared: Vec<HarmKind>,
 }
 
 impl SensorsReport {
     /// Of the finished episodes; an absent row is an invalid one.
-    fn of(plan: &SensorsPlan, rows: &[Option<SensorRow>], profile: &Profile, scale: &HarmScale) -> Self {
-        let all: Vec<&SensorRow> = rows.iter().flatten().collect();
+    fn of(plan: &SensorsPlan, rows: &[Option<SensorRow>], profile: &Profile) -> Self {
         let mut families: BTreeMap<&Family, Vec<&SensorRow>> = BTreeMap::new();
-        for row in all.iter().copied() {
+        for row in rows.iter().flatten() {
             families.entry(&row.family).or_default().push(row);
         }
         let families = families.into_iter().map(|(family, rows)| agreement(family, &rows, &profile.harm));
@@ -219,7 +216,6 @@ impl SensorsReport {
             episodes: plan.episodes,
             invalid: rows.iter().filter(|row| row.is_none()).count() as u64,
             families: families.collect(),
-            danger: danger::agreements(&all, &profile.live_harm, scale),
             not_compared: HarmKind::ALL.into_iter().filter(|kind| !has_counterpart(*kind)).collect(),
         }
     }
@@ -254,8 +250,7 @@ pub fn run(plan: &SensorsPlan, tell: &ProgressFn<'_>) -> Result<SensorsReport, E
     let cell = Cell::of(&SimCells, None)?;
     let context = judging_context(cell.clone())?;
     let rows = rows(plan, &cell, &context, tell)?;
-    let scale = HarmScale::builtin().map_err(|error| ExperimentError::Unexpected(error.to_string()))?;
-    let report = SensorsReport::of(plan, &rows, &context.profile, &scale);
+    let report = SensorsReport::of(plan, &rows, &context.profile);
     write_atomically(&plan.out.join("sensors.csv"), csv(rows.iter().flatten()).as_bytes())?;
     write_atomically(&plan.out.join("sensors.json"), &serde_json::to_vec_pretty(&report)?)?;
     Ok(report)
@@ -268,7 +263,10 @@ fn rows(
     context: &Context,
     tell: &ProgressFn<'_>,
 ) -> Result<Vec<Option<SensorRow>>, ExperimentError> {
-    let versions = versions(plan.pool.as_deref(), context)?;
+    let mut versions = baselines(context)?;
+    if let Some(folder) = &plan.pool {
+        versions.extend(candidates(&Pool::read(folder)?, context)?);
+    }
     let mut blocks: Vec<(&SensedVersion, Range<u64>)> = Vec::new();
     for version in &versions {
         for from in (0..plan.episodes.div_ceil(BLOCK)).map(|block| block * BLOCK) {
@@ -295,39 +293,61 @@ fn progress(finished: usize, all: usize, began: Instant) -> String {
 }
 
 /// A version whose episodes are compared.
-struct SensedVersion {
+pub(crate) struct SensedVersion {
     name: String,
     is_baseline: bool,
     judged: JudgedVersion,
 }
 
-/// The baselines of the three tasks, then the candidates of the pool.
-fn versions(pool: Option<&Path>, context: &Context) -> Result<Vec<SensedVersion>, ExperimentError> {
+impl SensedVersion {
+    /// A version that is no baseline.
+    pub(crate) fn candidate(name: String, version: Capability, context: &Context) -> Self {
+        Self { name, is_baseline: false, judged: JudgedVersion::new(context, version) }
+    }
+
+    pub(crate) fn name(&self) -> &str {
+        &self.name
+    }
+
+    /// The version with what it runs under.
+    pub(crate) const fn judged(&self) -> &JudgedVersion {
+        &self.judged
+    }
+}
+
+/// The baselines of the three tasks.
+pub(crate) fn baselines(context: &Context) -> Result<Vec<SensedVersion>, ExperimentError> {
     let baselines = holdpoint_trials::embedded::baselines()
         .map_err(|error| ExperimentError::Unexpected(error.sentence()))?;
-    let compared = |(name, is_baseline, version): (String, bool, Capability)| SensedVersion {
-        name,
-        is_baseline,
-        judged: JudgedVersion::new(context, version),
-    };
-    let mut found: Vec<(String, bool, Capability)> = baselines
+    // The family that parks the arm has no task of its own.
+    let of_tasks = baselines
         .into_iter()
-        // The family that parks the arm has no task of its own.
-        .filter(|version| TaskKind::SEQUENCE.iter().any(|task| task.name() == version.id().family.as_str()))
-        .map(|version| (version.id().to_string(), true, version))
-        .collect();
-    if let Some(folder) = pool {
-        for (name, package) in per_candidate::packages(&Pool::read(folder)?)? {
-            let version = Capability::load(&name, package)
-                .map_err(|error| ExperimentError::candidate(&name, error.sentence()))?;
-            found.push((name, false, version));
-        }
-    }
-    Ok(found.into_iter().map(compared).collect())
+        .filter(|version| TaskKind::SEQUENCE.iter().any(|task| task.name() == version.id().family.as_str()));
+    let sensed = of_tasks.map(|version| SensedVersion {
+        name: version.id().to_string(),
+        is_baseline: true,
+        judged: JudgedVersion::new(context, version),
+    });
+    Ok(sensed.collect())
+}
+
+/// The candidates of a pool, in its order.
+pub(crate) fn candidates(pool: &Pool, context: &Context) -> Result<Vec<SensedVersion>, ExperimentError> {
+    let load = |(name, package): (String, Package)| {
+        let version = Capability::load(&name, package)
+            .map_err(|error| ExperimentError::candidate(&name, error.sentence()))?;
+        Ok(SensedVersion::candidate(name, version, context))
+    };
+    per_candidate::packages(pool)?.into_iter().map(load).collect()
 }
 
 /// One episode of a version; `None` if the simulator failed or the version did not accept the task.
-fn episode(worker: &mut Worker, cell: &Cell, version: &SensedVersion, index: u64) -> Option<SensorRow> {
+pub(crate) fn episode(
+    worker: &mut Worker,
+    cell: &Cell,
+    version: &SensedVersion,
+    index: u64,
+) -> Option<SensorRow> {
     let seed = referee_runs::seed(Channel::Episodes, index);
     let worked = observe(worker, cell, version, (referee_runs::conditions(index), seed));
     if worked.is_err() {

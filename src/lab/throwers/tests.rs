@@ -18,7 +18,6 @@ use holdpoint_trials::seeds::{CALIBRATION_FROM_RUN, SeedPurpose, episode_seed};
 
 use super::*;
 use crate::ground_truth::{JudgedVersion, judging_context};
-use crate::pipeline_experiments::scratch;
 
 fn version(kind: ThrowerKind, act: HarmAct, number: u64) -> Capability {
     controller::provide_controllers().unwrap();

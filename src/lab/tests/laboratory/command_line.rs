@@ -22,6 +22,7 @@ fn experiments_write_only_into_a_named_folder() {
         "experiment drift",
         "experiment e1",
         "experiment sensors",
+        "experiment danger",
         "experiment distinguisher",
         "experiment throwers",
         "pool generate --seed 1",
