@@ -168,7 +168,7 @@ mod tests {
     use super::*;
     use crate::danger_thresholds::{DangerGroup, ThresholdSource};
     use holdpoint_governance::profile::ProfileName;
-    use holdpoint_registry::{CacheSecret, ResultCache};
+    use holdpoint_store::{CacheSecret, ResultCache};
 
     #[test]
     fn report_has_each_choice_and_each_rate_with_its_bounds() {

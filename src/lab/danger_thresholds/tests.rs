@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use holdpoint_registry::CacheSecret;
+use holdpoint_store::CacheSecret;
 
 use super::rule::DANGERS_MIN;
 use super::*;

@@ -30,7 +30,7 @@ pub fn heads(folder: &Path) -> Vec<(PathBuf, Checkpoint)> {
 fn fault<T: std::fmt::Debug>(result: Result<T, ProveError>) -> ProofFault {
     match result.unwrap_err() {
         ProveError::Impossible(fault) => fault,
-        other => panic!("{other}"),
+        other @ ProveError::Unreadable(_) => panic!("{other}"),
     }
 }
 
