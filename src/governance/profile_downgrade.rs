@@ -425,9 +425,16 @@ mod tests {
     use super::*;
     use crate::profile::fields::ProfileField;
 
+    /// The settings of a shipped profile, with the numbers that its JSON form leaves out at their value.
     fn shipped(name: ProfileName) -> ProfileSettings {
         let profile = Profile::builtin(name).unwrap();
-        settings(&profile, &PolicyTable::builtin(&profile).unwrap())
+        let mut settings = settings(&profile, &PolicyTable::builtin(&profile).unwrap());
+        for ProfileField { path, .. } in FIELDS {
+            if let Some(value) = default_of(path) {
+                settings.entry((*path).to_owned()).or_insert_with(|| value.to_string());
+            }
+        }
+        settings
     }
 
     #[test]
