@@ -20,12 +20,12 @@ use crate::perception::sensor_errors;
 use crate::readout;
 use crate::reduced_state::ReducedState;
 use crate::robot::RobotModel;
-use crate::state::{InFlightCommand, WorldState, check_command};
+use crate::state::{InFlightCommand, WorldState};
 use crate::stepper::Stepper;
 use crate::work_count;
 use holdpoint_body::{
     Body, BodyError, Command, GuardVerdict, Interrupt, JointVec, MAX_JOINTS, Observation, Pose, TICK_SECS,
-    TaskKind, Telemetry, Twist,
+    TaskKind, Telemetry, Twist, check_command,
 };
 use holdpoint_cell::episode::{EpisodeSetup, Start};
 use holdpoint_cell::truth::{ContactForces, ContactPoint, JointState};

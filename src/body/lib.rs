@@ -7,6 +7,7 @@
 
 pub mod chain;
 pub mod clearance;
+mod command_check;
 pub mod disturbance;
 pub mod geometry;
 pub mod ik;
@@ -15,6 +16,7 @@ pub mod number;
 pub mod shape;
 pub mod zone;
 
+pub use command_check::check_command;
 pub use geometry::Geometry;
 pub use messages::*;
 pub use shape::Shape;
