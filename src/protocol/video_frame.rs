@@ -64,9 +64,23 @@ pub struct ArmView {
     pub held: bool,
 }
 
+/// What a block in the cell is.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum BlockRole {
+    /// A part of the tray, which is the target.
+    Tray,
+    /// A piece of clutter, and every block in a recording of an earlier version.
+    #[default]
+    Clutter,
+}
+
 /// A block in the cell for one sequence: a part of the tray, or a piece of clutter.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct SceneBlock {
+    /// What it is, by the scene of the cell.
+    #[serde(default)]
+    pub role: BlockRole,
     /// Center of the block.
     pub at: WorldPoint,
     /// Half the edges along the block's own axes, m.
@@ -123,7 +137,7 @@ pub struct VideoFrame {
     pub envelope: Option<EnvelopeView>,
     /// The contacts, the strongest first.
     pub contacts: Vec<Contact>,
-    /// The objects in the cell in this sequence: the parts of the tray, which is the target, then the clutter.
+    /// The blocks in the cell in this sequence: the parts of the tray, which is the target, and the clutter.
     pub blocks: Vec<SceneBlock>,
     /// Whether there is a contact that the current task does not make.
     pub unexpected_contact: bool,

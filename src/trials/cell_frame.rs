@@ -8,13 +8,14 @@ use holdpoint_body::Zone;
 use holdpoint_body::chain::Transform;
 use holdpoint_cell::RobotCell;
 use holdpoint_cell::Scene;
+use holdpoint_cell::scene::Clutter;
 use holdpoint_cell::spec::RobotSpec;
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 
 use holdpoint_protocol::clock::Clock;
 use holdpoint_protocol::video_frame::{
-    ArmView, CONTACTS_MAX, Contact, EnvelopeView, NO_TURN, Orientation, Region, SceneBlock, Scenery,
-    WorldPoint,
+    ArmView, BlockRole, CONTACTS_MAX, Contact, EnvelopeView, NO_TURN, Orientation, Region, SceneBlock,
+    Scenery, WorldPoint,
 };
 use holdpoint_runtime::limits;
 
@@ -102,12 +103,24 @@ pub const fn envelope(of: &limits::Envelope) -> EnvelopeView {
 /// What stands in the cell in this sequence.
 #[must_use]
 pub fn blocks(world: &dyn RobotCell) -> Vec<SceneBlock> {
+    let scene = &world.spec().scene;
     let block = |(pose, half_m): (Isometry3<f64>, [f64; 3])| SceneBlock {
+        role: block_role(scene, &pose, half_m),
         at: point(&pose.translation.vector),
         half_m: half_m.map(narrow),
         turn: turn(&pose.rotation),
     };
     world.fixtures().into_iter().map(block).collect()
+}
+
+/// Clutter, if the scene has a piece of this size there; any other box is a part of the tray.
+fn block_role(scene: &Scene, pose: &Isometry3<f64>, half_m: [f64; 3]) -> BlockRole {
+    let at = pose.translation.vector;
+    let is_piece = |piece: &Clutter| {
+        let [x, y] = piece.centre_xy_m;
+        piece.half_m == half_m && (at.x - x).abs() <= half_m[0] && (at.y - y).abs() <= half_m[1]
+    };
+    if scene.clutter.iter().any(is_piece) { BlockRole::Clutter } else { BlockRole::Tray }
 }
 
 /// What touches what, as it truly is: for display alone.
@@ -136,6 +149,8 @@ pub const fn narrow(value: f64) -> f32 {
 mod tests {
     use super::*;
     use crate::cell::Cell;
+    use holdpoint_body::TaskKind;
+    use holdpoint_cell::EpisodeSetup;
     use holdpoint_sim::SimCells;
 
     #[test]
@@ -152,6 +167,28 @@ mod tests {
         let span: f32 = (0..3).map(|i| (body.pads[0][i] - body.pads[1][i]).powi(2)).sum();
         assert!((f64::from(span.sqrt()) - seen.gripper_width_m).abs() < 1e-3, "{:?}", body.pads);
         assert!(!body.held);
+    }
+
+    #[test]
+    fn blocks_have_the_role_that_the_scene_gives_them() {
+        let cell = Cell::of(&SimCells, None).unwrap();
+        let mut setup = EpisodeSetup::sample(TaskKind::Grasp, &cell.scene, &cell.sandbox, 100);
+        let pieces = u8::try_from(cell.scene.clutter.len()).unwrap();
+        setup.clutter = (0..pieces).collect();
+        let mut world = cell.trial().unwrap();
+        world.reset(&setup).unwrap();
+        let clutter: Vec<SceneBlock> =
+            blocks(world.as_ref()).into_iter().filter(|block| block.role == BlockRole::Clutter).collect();
+        assert!(pieces > 0 && clutter.len() == usize::from(pieces), "{clutter:?}");
+        for (block, piece) in clutter.iter().zip(&cell.scene.clutter) {
+            assert_eq!(block.half_m, piece.half_m.map(narrow));
+        }
+        // A cell names its boxes in any order, and has as many parts of a tray as it likes.
+        let piece = &cell.scene.clutter[0];
+        let [x, y] = piece.centre_xy_m;
+        let there = Isometry3::translation(x, y, piece.half_m[2]);
+        assert_eq!(block_role(&cell.scene, &there, piece.half_m), BlockRole::Clutter);
+        assert_eq!(block_role(&cell.scene, &there, [0.2, 0.2, 0.01]), BlockRole::Tray);
     }
 
     #[test]

@@ -7,7 +7,9 @@ use rerun::datatypes::Quaternion;
 use super::{Drawing, Trail, theme};
 use crate::limits::{GRID_PER_M, PATH_POINTS_MAX, PATH_STEP_M};
 use crate::rows::RowTime;
-use holdpoint_protocol::video_frame::{ArmView, Contact, Orientation, SceneBlock, VideoFrame, WorldPoint};
+use holdpoint_protocol::video_frame::{
+    ArmView, BlockRole, Contact, Orientation, SceneBlock, VideoFrame, WorldPoint,
+};
 
 /// Whether a body is the robot or the ghost of its twin.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -49,9 +51,6 @@ const PAD_HALF_M: [f32; 3] = [0.012, 0.005, 0.018];
 const ARROW_M_PER_N: f32 = 0.008;
 const ARROW_MAX_M: f32 = 0.25;
 
-/// The tray is a floor and four walls; what follows is clutter.
-const TRAY_PARTS: usize = 5;
-
 /// The force, in N, that is drawn in the strongest color.
 const STRONG_N: f32 = 20.0;
 
@@ -82,8 +81,12 @@ impl Drawing {
 
     /// Tray and clutter, which keep their place for a sequence.
     fn draw_blocks(&mut self, blocks: &[SceneBlock], time: &RowTime) {
-        let colors = (0..blocks.len())
-            .map(|index| theme::solid(if index < TRAY_PARTS { [74, 124, 176] } else { [148, 112, 84] }));
+        let colors = blocks.iter().map(|block| {
+            theme::solid(match block.role {
+                BlockRole::Tray => [74, 124, 176],
+                BlockRole::Clutter => [148, 112, 84],
+            })
+        });
         let boxes = Boxes3D::update_fields()
             .with_half_sizes(blocks.iter().map(|block| block.half_m))
             .with_centers(blocks.iter().map(|block| on_grid(block.at)))

@@ -21,7 +21,7 @@ use holdpoint_protocol::clock::tick_of;
 use holdpoint_protocol::event::{Event, EventKind, TaskSummary};
 use holdpoint_protocol::sink::{ClosedRecording, SinkReport};
 use holdpoint_protocol::snapshot::Snapshot;
-use holdpoint_protocol::video_frame::{Contact, SceneBlock, Twin, VideoFrame};
+use holdpoint_protocol::video_frame::{BlockRole, Contact, SceneBlock, Twin, VideoFrame};
 use holdpoint_recordings::recording::{Recording, Series};
 use holdpoint_recordings::recording_folder::file_stem;
 use holdpoint_scene::feed::Feed;
@@ -117,6 +117,7 @@ fn video_frame(sequence: u64, at_ms: u64, step: u64, twin: bool) -> VideoFrame {
         frame.contacts = vec![Contact { at: frame.body.object, force_n: [0.5, -1.25, 4.0] }];
     }
     frame.blocks = vec![SceneBlock {
+        role: BlockRole::Tray,
         at: [0.5, 0.2, 0.01 * sequence as f32],
         half_m: [0.1, 0.1, 0.005],
         turn: frame.body.object_turn,
