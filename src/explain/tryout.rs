@@ -1,11 +1,11 @@
-//! Runs a candidate in the simulated cell before its submission: no store, no record, no decision.
+//! Runs a candidate in trial cells before its submission: no store, no record, no decision.
 //!
 //! Runs episodes of the sandbox with the guard and envelope of the least strict profile, beside the baseline. The results are
 //! for the author of the skill.
 
 use holdpoint_governance::policy::PolicyTable;
 use holdpoint_governance::profile::{Profile, ProfileName};
-use holdpoint_protocol::film::{Film, FilmSubject, FilmedRun};
+use holdpoint_protocol::film::{Film, FilmRefusal, FilmSubject, FilmedRun};
 use holdpoint_runtime::capability::Capability;
 use holdpoint_runtime::skill::Skill;
 use holdpoint_runtime::task::TaskRecord;
@@ -106,10 +106,15 @@ impl Tryout {
     }
 
     /// Films one episode of both.
-    #[must_use]
-    pub fn film(&self, seed: u64) -> Film {
+    ///
+    /// # Errors
+    /// [`FilmRefusal::CellCannotFilm`] if the cell keeps no frames.
+    pub fn film(&self, seed: u64) -> Result<Film, FilmRefusal> {
+        if !self.context.cell.spec.abilities.film {
+            return Err(FilmRefusal::CellCannotFilm);
+        }
         let [candidate, active] = [&self.candidate, &self.active].map(|version| self.filmed(version, seed));
-        Film {
+        Ok(Film {
             of: FilmSubject::Episode,
             number: 1,
             count: 1,
@@ -123,7 +128,7 @@ impl Tryout {
             scenery: cell_frame::scenery(&self.context.cell.scene),
             candidate,
             active,
-        }
+        })
     }
 
     fn filmed(&self, version: &Capability, seed: u64) -> FilmedRun {

@@ -96,7 +96,7 @@ pub struct FilmedRun {
     pub as_recorded: Option<bool>,
     /// What happened, in order.
     pub marks: Vec<FilmMark>,
-    /// The objects in the cell: the parts of the tray, then the clutter.
+    /// The blocks in the cell: the parts of the tray, and the clutter.
     pub blocks: Vec<SceneBlock>,
     /// The video frames, in order; none if it could not be run.
     pub frames: Vec<FilmFrame>,

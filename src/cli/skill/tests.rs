@@ -1,8 +1,13 @@
 //! Output and exit codes of the verbs for custom skills.
 
 use std::fs;
+use std::sync::Arc;
 
 use clap::Parser as _;
+use holdpoint_cell::CellSpec;
+use holdpoint_explain::tryout::Tryout;
+use holdpoint_protocol::film::FilmRefusal;
+use holdpoint_runtime::capability::Capability;
 
 use super::*;
 use crate::cli::{Cli, EngineVerbs, RealEngine, dispatch};
@@ -75,4 +80,15 @@ fn an_episode_runs_beside_the_baseline() {
     let (result, output) = run_line(&["skill", "run", "manifests/candidates/grasp-improved"], false);
     assert_eq!(result.unwrap(), Exit::Confirmed);
     assert!(output.contains("grasp@1.0.0"), "{output}");
+}
+
+#[test]
+fn a_cell_that_keeps_no_frames_gives_no_film() {
+    let candidate = Capability::read(Path::new("manifests/candidates/grasp-improved")).unwrap();
+    let mut cell = crate::headless::cell(None, None).unwrap();
+    let mut spec = CellSpec::clone(&cell.spec);
+    spec.abilities.film = false;
+    cell.spec = Arc::new(spec);
+    let tryout = Tryout::new(candidate, cell).unwrap();
+    assert_eq!(tryout.film(0).unwrap_err(), FilmRefusal::CellCannotFilm);
 }

@@ -26,6 +26,7 @@ use holdpoint_runtime::task::TaskRecord;
 use holdpoint_trials::site::LoadedSite;
 use holdpoint_trials::worker::Worker;
 use holdpoint_wording::failure_cause;
+use holdpoint_wording::film::refusal;
 
 /// Episodes of a test.
 const EPISODES: u64 = 10;
@@ -144,7 +145,10 @@ pub(super) fn test(args: &TestArgs, out: &mut CommandOutput<'_>) -> Result<Exit,
     let film = tryout.film(args.seed);
     out.answer(&report, |out| {
         lines(&report, out)?;
-        print_frame(&tryout, &film, out)
+        match &film {
+            Ok(film) => print_frame(&tryout, film, out),
+            Err(why) => out.line(&format!("drawing     none: {}", refusal(why))),
+        }
     })?;
     Ok(if report.meets_contract() { Exit::Confirmed } else { Exit::Rejected })
 }
@@ -260,7 +264,7 @@ pub(super) fn run(
 ) -> Result<Exit, CliError> {
     let site = site_choice::named(args.site.as_deref())?;
     let tryout = load(&args.folder, site.as_ref())?;
-    let film = tryout.film(args.seed);
+    let film = tryout.film(args.seed).map_err(|why| CliError::usage(refusal(&why)))?;
     if context.json {
         out.json(&film)?;
     } else {
