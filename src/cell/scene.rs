@@ -224,6 +224,12 @@ impl Scene {
         holdpoint_body::zone::named(&self.zones, name)
     }
 
+    /// Height of the highest thing that stands on the table, tray or clutter, above the table, m.
+    #[must_use]
+    pub fn tallest_m(&self) -> f64 {
+        self.clutter.iter().map(|piece| 2.0 * piece.half_m[2]).fold(self.tray.wall_top_m, f64::max)
+    }
+
     /// Height of the object's center when it is seated in the tray, m.
     #[must_use]
     pub fn seat_height_m(&self) -> f64 {

@@ -113,7 +113,9 @@ impl Rig {
             } else {
                 // The retreat is the runtime's own motion: no manifest declares it.
                 let mut guard = terms.own_guard(leaving.manifest.permissions.authority);
-                retract(&mut self.arm_mut().handle(), &mut guard, &InstrumentedWorld::is_halted)?
+                let tallest_m = self.world().spec().scene.tallest_m();
+                let mut handle = self.arm_mut().handle();
+                retract(&mut handle, &mut guard, tallest_m, &InstrumentedWorld::is_halted)?
             };
             motion.rungs.push(retreat);
         }
@@ -176,17 +178,21 @@ pub fn hold<B: Body>(handle: &mut ActuatorHandle<'_, B>) -> Result<(RungRecord, 
     Ok((RungRecord::new(Rung::Hold, failure, HOLD_TICKS, Notice::StillMoving), HOLD_TICKS))
 }
 
-/// Raises the tool clear of everything, within the envelope of the version that leaves. `is_halted` says whether a person
-/// has stopped the body meanwhile.
+/// Raises the tool clear of everything, within the envelope of the version that leaves. The heights are the profile's; in
+/// a cell with something taller, both are higher by the difference. `tallest_m` is the height of the tallest thing in the
+/// cell. `is_halted` says whether a person has stopped the body meanwhile.
 ///
 /// # Errors
 /// If the body fails.
 pub fn retract<B: Body>(
     handle: &mut ActuatorHandle<'_, B>,
     guard: &mut Guard,
+    tallest_m: f64,
     is_halted: &dyn Fn(&B) -> bool,
 ) -> Result<RungRecord, BodyError> {
     let RuntimeLimits { retreat_height_m, retreat_clear_m, retreat_speed_m_s, .. } = *guard.limits();
+    let taller_m = (tallest_m - retreat_clear_m).max(0.0);
+    let (retreat_height_m, retreat_clear_m) = (retreat_height_m + taller_m, retreat_clear_m + taller_m);
     handle.interrupt(Interrupt::Release);
     let mut telemetry = handle.telemetry();
     let mut raised = telemetry.tool;
@@ -227,4 +233,55 @@ pub fn retract<B: Body>(
     let height_mm = (telemetry.tool.position[2] * 1e3).round() as i64;
     let notice = Notice::RetreatFailed { obstacle, height_mm };
     Ok(RungRecord::new(Rung::Retract, Some(RungFailure::RetreatBlocked), ticks, notice))
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Arc;
+
+    use holdpoint_body::TaskKind;
+    use holdpoint_cell::EpisodeSetup;
+    use holdpoint_governance::mode::Authority;
+    use holdpoint_governance::policy::PolicyTable;
+    use holdpoint_governance::profile::{Profile, ProfileName};
+    use holdpoint_runtime::arm::Arm;
+    use holdpoint_sim::SimCells;
+    use holdpoint_trials::cell::Cell;
+
+    use super::*;
+
+    /// The heights of the shipped profiles suit the shipped scene; a taller thing raises them.
+    #[test]
+    fn retreat_rises_above_the_tallest_thing_of_the_cell() {
+        let cell = Cell::of(&SimCells, None).unwrap();
+        let profile = Profile::builtin(ProfileName::Sim).unwrap();
+        let (limits, taller_m) = (profile.runtime.clone(), 0.05);
+        assert!(cell.scene.tallest_m() <= limits.retreat_clear_m, "{}", cell.scene.tallest_m());
+        let table = Arc::new(PolicyTable::builtin(&profile).unwrap());
+        let terms = SkillTerms::new(&profile, table, cell.geometry.clone(), cell.zones.clone());
+        let setup = EpisodeSetup::sample(TaskKind::Grasp, &cell.scene, &cell.canonical, 100);
+        let rise = |tallest_m: f64| {
+            let mut world = cell.trial().unwrap();
+            world.reset(&setup).unwrap();
+            let mut arm = Arm::new(world);
+            let mut handle = arm.handle();
+            let mut low = handle.telemetry().tool;
+            low.position = [0.5, 0.0, 0.1];
+            handle.step(&Command::ToolPose { pose: low, max_speed_m_s: 0.4 }).unwrap();
+            for _ in 1..480 {
+                handle.step(&Command::Hold).unwrap();
+            }
+            let mut guard = terms.own_guard(Authority::try_from(1_u8).unwrap());
+            let rung = retract(&mut handle, &mut guard, tallest_m, &|_| false).unwrap();
+            assert_eq!(rung.failure, None, "{rung:?}");
+            handle.telemetry().tool.position[2]
+        };
+        for (tallest_m, expected_m) in [
+            (cell.scene.tallest_m(), limits.retreat_height_m),
+            (limits.retreat_clear_m + taller_m, limits.retreat_height_m + taller_m),
+        ] {
+            let risen_m = rise(tallest_m);
+            assert!((risen_m - expected_m).abs() <= ARRIVED_M, "{risen_m} of {expected_m}");
+        }
+    }
 }

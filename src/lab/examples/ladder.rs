@@ -174,7 +174,7 @@ fn climb(
     let mut clear_ticks = None;
     if stands {
         let mut own = trial.terms.own_guard(trial.version.manifest.permissions.authority);
-        let retreat = retract(&mut handle, &mut own, &|_| false)?;
+        let retreat = retract(&mut handle, &mut own, trial.cell.scene.tallest_m(), &|_| false)?;
         clear_ticks = retreat.failure.is_none().then(|| handle.body().ticks);
     }
     let WatchedWorld { world, object, pad_n, contact_n, .. } = handle.body();
