@@ -16,7 +16,7 @@ use serde::Serialize;
 
 pub use measure::{FigureClock, FigureEffort, FigureUnit, MeasuredFigure, median};
 pub use rules::CLEAN;
-pub use simulation::{PHYSICS_NUMBERS, PeerEntry, TaskCost, peer, task_costs};
+pub use simulation::{TaskCost, task_costs};
 
 use holdpoint_engine::StartError;
 use holdpoint_governance::policy::PolicyError;
@@ -33,23 +33,21 @@ pub struct BenchReport {
     pub version: &'static str,
     /// Whether the program was built with optimization (`release`) or for development (`dev`).
     pub build: &'static str,
-    /// Number format of the physics; the rules compute in f64.
-    pub physics: &'static str,
+    /// The robot of the cell that was measured; the rules compute in f64.
+    pub robot: String,
     /// Whether fewer samples were taken.
     pub quick: bool,
     /// Times, in the order of the stages.
     pub entries: Vec<MeasuredFigure>,
-    /// The engine comparison's episode, per solver mode.
-    pub peer: Vec<PeerEntry>,
 }
 
 /// Why no measurement was possible.
 #[derive(Debug, thiserror::Error)]
 pub enum BenchError {
-    #[error("the simulation failed: {0}")]
-    Sim(#[from] holdpoint_cell::CellError),
+    #[error("the cell failed: {0}")]
+    Cell(#[from] holdpoint_cell::CellError),
     /// A tick could not be carried out.
-    #[error("the simulation failed: {0}")]
+    #[error("the cell failed: {0}")]
     Body(#[from] holdpoint_body::BodyError),
     /// An embedded text does not parse.
     #[error(transparent)]
@@ -95,7 +93,7 @@ impl Hint for BenchError {
             Self::Store(error) => error.details(),
             Self::Verify(error) => error.details(),
             Self::Scratch(_) => Some(ErrorReason::CannotWrite.into()),
-            Self::Sim(_)
+            Self::Cell(_)
             | Self::Body(_)
             | Self::Text(_)
             | Self::Policy(_)
@@ -114,7 +112,7 @@ impl Hint for BenchError {
             Self::Package(error) => error.hint(),
             Self::Start(error) => error.hint(),
             Self::Verify(error) => error.hint(),
-            Self::Sim(_)
+            Self::Cell(_)
             | Self::Body(_)
             | Self::Canonical(_)
             | Self::Unexpected { .. }
@@ -139,13 +137,11 @@ pub fn run(quick: bool) -> Result<BenchReport, BenchError> {
     let mut entries = simulation::measure(&subjects, &effort)?;
     entries.extend(rules::measure(&subjects, &effort)?);
     entries.extend(storage::measure(&effort)?);
-    let peer = simulation::measure_peer(&effort)?;
     Ok(BenchReport {
         version: env!("CARGO_PKG_VERSION"),
         build: if cfg!(debug_assertions) { "dev" } else { "release" },
-        physics: PHYSICS_NUMBERS,
+        robot: subjects.cell.spec.robot.name.clone(),
         quick,
         entries,
-        peer,
     })
 }

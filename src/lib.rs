@@ -25,7 +25,6 @@ pub use holdpoint_runtime as runtime;
 #[cfg(feature = "rerun")]
 pub use holdpoint_scene as scene;
 pub use holdpoint_service as service;
-pub use holdpoint_sim as sim;
 pub use holdpoint_skill as skill;
 pub use holdpoint_store as store;
 pub use holdpoint_text as text;

@@ -87,28 +87,14 @@ pub struct FigureEffort {
     pub fast_secs: f64,
     /// Records of the audit chain that is verified.
     pub audit_records: u64,
-    /// Seeds of the engine comparison's episode, from 0.
-    pub peer_seeds: u64,
 }
 
 impl FigureEffort {
-    pub const DEFAULT: Self = Self {
-        samples_min: 5,
-        samples_max: 101,
-        slow_secs: 1.5,
-        fast_secs: 0.5,
-        audit_records: 10_000,
-        peer_seeds: 200,
-    };
+    pub const DEFAULT: Self =
+        Self { samples_min: 5, samples_max: 101, slow_secs: 1.5, fast_secs: 0.5, audit_records: 10_000 };
     /// A run of some seconds, as a check.
-    pub const QUICK: Self = Self {
-        samples_min: 3,
-        samples_max: 31,
-        slow_secs: 0.25,
-        fast_secs: 0.1,
-        audit_records: 2_000,
-        peer_seeds: 20,
-    };
+    pub const QUICK: Self =
+        Self { samples_min: 3, samples_max: 31, slow_secs: 0.25, fast_secs: 0.1, audit_records: 2_000 };
 }
 
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -205,7 +191,7 @@ pub fn median(sorted: &[f64]) -> Option<f64> {
 }
 
 /// Nearest-rank quantile `part / whole` of sorted samples.
-pub(super) fn quantile(sorted: &[f64], part: usize, whole: usize) -> Option<f64> {
+fn quantile(sorted: &[f64], part: usize, whole: usize) -> Option<f64> {
     let rank = (sorted.len() * part).div_ceil(whole);
     sorted.get(rank.saturating_sub(1)).copied()
 }

@@ -1,17 +1,14 @@
-//! Episodes, ticks, drills, shadow sequences, and the episode of the engine comparison.
+//! Episodes, ticks, drills and shadow sequences in the configured cell.
 //!
-//! Everything here is the product's own path from the pipeline, on one worker.
+//! Everything here is the product's own path from the pipeline, on one worker. It knows the cell by its ports alone.
 
 use std::hint::black_box;
 
 use holdpoint_body::TaskKind;
 use holdpoint_cell::EpisodeSetup;
-use holdpoint_sim::bench_episode::{PeerBench, STEPS};
-use holdpoint_sim::world::Fidelity;
-use serde::Serialize;
 
 use super::BenchError;
-use super::measure::{Figure, FigureClock, FigureEffort, FigureUnit, MeasuredFigure, median, quantile};
+use super::measure::{Figure, FigureClock, FigureEffort, FigureUnit, MeasuredFigure};
 use super::subjects::{Subjects, seed};
 use holdpoint_engine::live::shadow::Shadow;
 use holdpoint_engine::live::station::LiveStation;
@@ -24,34 +21,6 @@ use holdpoint_trials::drills::{DrillResult, DrillVersions, drill};
 use holdpoint_trials::episodes::episode;
 use holdpoint_trials::seeds::SeedPurpose;
 use holdpoint_trials::worker::Worker;
-
-/// Number format of the physics that decisions rest on: the arm's own dynamics, and the engine's ticks.
-pub const PHYSICS_NUMBERS: &str = "f64, in the engine f32";
-
-/// The engine comparison's episode in one solver mode: 960 ticks of approach, grasp, lift, transfer, place and retreat
-/// with inverse kinematics in every tick. The cell is rebuilt for each episode.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct PeerEntry {
-    /// How hard the solver works.
-    pub mode: Fidelity,
-    /// Episodes, on seeds from 0.
-    pub n: u64,
-    /// Rate of episodes in which the cube was raised by 10 cm.
-    pub lift_rate: f64,
-    /// Rate of episodes in which it was then placed within 2 cm of the target.
-    pub place_rate: f64,
-    /// Episodes per second of thread CPU time, over all of them.
-    pub episodes_per_cpu_s: f64,
-    /// Median thread CPU time of an episode, ms.
-    pub median: f64,
-    /// The episode that nine in ten are at or below, ms.
-    pub p90: f64,
-    pub unit: FigureUnit,
-    /// Number format of the physics.
-    pub precision: &'static str,
-    /// Ticks of an episode.
-    pub ticks: u32,
-}
 
 pub(super) fn measure(subjects: &Subjects, effort: &FigureEffort) -> Result<Vec<MeasuredFigure>, BenchError> {
     let mut entries = Vec::new();
@@ -266,53 +235,5 @@ fn shadow_sequence(subjects: &Subjects, effort: &FigureEffort) -> Result<Measure
         spare = fork;
         // A sequence that ends before the candidate's task has no twin and says nothing about its cost.
         Ok(trace.map(|_| 1))
-    })
-}
-
-/// The engine comparison's episode, in the product's mode and with the physics engine in every tick.
-pub(super) fn measure_peer(effort: &FigureEffort) -> Result<Vec<PeerEntry>, BenchError> {
-    [Fidelity::default(), Fidelity::Full].into_iter().map(|mode| peer(mode, effort.peer_seeds)).collect()
-}
-
-/// Number format of a mode's physics.
-const fn numbers(mode: Fidelity) -> &'static str {
-    match mode {
-        Fidelity::Reduced => PHYSICS_NUMBERS,
-        Fidelity::Reference | Fidelity::Full | Fidelity::Adaptive | Fidelity::Single => "f32",
-    }
-}
-
-/// Times `n` episodes of the engine comparison in one solver mode.
-///
-/// # Errors
-/// If the simulation fails, or `n` is 0.
-pub fn peer(mode: Fidelity, n: u64) -> Result<PeerEntry, BenchError> {
-    let bench = PeerBench::new(mode)?;
-    bench.run(n)?; // not counted, as with the peers
-    let (mut lifted, mut placed) = (0_u64, 0_u64);
-    let mut samples = Vec::new();
-    for seed in 0..n {
-        let before = FigureClock::ThreadCpu.secs();
-        let outcome = bench.run(seed)?;
-        samples.push(FigureClock::ThreadCpu.secs() - before);
-        lifted += u64::from(outcome.lifted);
-        placed += u64::from(outcome.placed);
-    }
-    let total: f64 = samples.iter().sum();
-    samples.sort_by(f64::total_cmp);
-    let (Some(median), Some(p90)) = (median(&samples), quantile(&samples, 9, 10)) else {
-        return Err(BenchError::TooFew { name: "peer episode".to_owned(), found: 0, needed: 1 });
-    };
-    Ok(PeerEntry {
-        mode,
-        n,
-        lift_rate: lifted as f64 / n as f64,
-        place_rate: placed as f64 / n as f64,
-        episodes_per_cpu_s: n as f64 / total,
-        median: 1.0e3 * median,
-        p90: 1.0e3 * p90,
-        unit: FigureUnit::Millis,
-        precision: numbers(mode),
-        ticks: STEPS,
     })
 }

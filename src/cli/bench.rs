@@ -31,8 +31,8 @@ pub fn run(args: &BenchArgs, out: &mut CommandOutput<'_>) -> Result<Exit, CliErr
 }
 
 fn show(report: &BenchReport, out: &mut CommandOutput<'_>) -> Result<(), CliError> {
-    let BenchReport { version, build, physics, .. } = report;
-    out.line(&format!("holdpoint {version}, {build} build, physics {physics}, rules f64, one worker"))?;
+    let BenchReport { version, build, robot, .. } = report;
+    out.line(&format!("holdpoint {version}, {build} build, robot {robot}, rules f64, one worker"))?;
     out.line("")?;
     let mut table = TextTable::new(&["what", "median", "p90", "unit", "n", "clock", "a sample is"]);
     for entry in &report.entries {
@@ -44,21 +44,6 @@ fn show(report: &BenchReport, out: &mut CommandOutput<'_>) -> Result<(), CliErro
             entry.n.to_string(),
             entry.clock.name().to_owned(),
             entry.sample.to_owned(),
-        ]);
-    }
-    out.table(&table)?;
-    out.line("")?;
-    let mut table =
-        TextTable::new(&["peer episode", "lift", "place", "per cpu-s", "median ms", "p90 ms", "n"]);
-    for peer in &report.peer {
-        table.row([
-            format!("{:?}", peer.mode).to_lowercase(),
-            format!("{:.1} %", 100.0 * peer.lift_rate),
-            format!("{:.1} %", 100.0 * peer.place_rate),
-            number(peer.episodes_per_cpu_s),
-            number(peer.median),
-            number(peer.p90),
-            peer.n.to_string(),
         ]);
     }
     out.table(&table)

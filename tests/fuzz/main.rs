@@ -41,8 +41,8 @@ use holdpoint::protocol::request_problem::request_problem;
 use holdpoint::protocol::snapshot::RequestKind;
 use holdpoint::protocol::wire::{self, ANSWER_BYTES_MAX, ClientMessage, ServerMessage};
 use holdpoint::runtime::skill::native::Controller;
-use holdpoint::sim::robot::RobotModel;
 use holdpoint::text::{Hint, WIDTH_MAX, escape_json, sanitize};
+use holdpoint_sim::robot::RobotModel;
 
 use campaign::{ParseOutcome, campaign};
 

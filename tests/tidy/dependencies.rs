@@ -63,6 +63,20 @@ fn the_engine_is_built_without_a_simulator() {
     assert!(simulators.is_empty(), "{simulators:?}");
 }
 
+#[test]
+fn one_line_of_the_program_names_the_simulator() {
+    let files = fs::read_dir(root().join("src")).unwrap().map(|entry| entry.unwrap().path());
+    let files = files.filter(|path| path.extension().is_some_and(|extension| extension == "rs"));
+    let files = files.chain(["src/bench", "src/cli", "src/headless"].into_iter().flat_map(sources));
+    let mut named = Vec::new();
+    for path in files.filter(|path| !is_test_file(path)) {
+        for _ in lines_with(&program(&path), "holdpoint_sim") {
+            named.push(path.strip_prefix(root()).unwrap().to_owned());
+        }
+    }
+    assert_eq!(named, [PathBuf::from("src/cells.rs")]);
+}
+
 /// A line for every crate that is linked into a program on this machine.
 fn crates_of(program: &str, format: &str) -> String {
     let tree = ["tree", "--offline", "--locked", "-e", "normal", "--prefix", "none"];

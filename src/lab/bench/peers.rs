@@ -12,10 +12,14 @@ use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
 use holdpoint_sim::Fidelity;
+use holdpoint_sim::bench_episode::PeerBench;
 use holdpoint_text::{ErrorDetails, ErrorReason, Hint};
 use serde::{Deserialize, Serialize};
 
-use holdpoint::bench::{BenchError, PHYSICS_NUMBERS, median, peer};
+use holdpoint::bench::{BenchError, FigureClock, median};
+
+/// This cell's number format: the arm's own dynamics, and the physics engine's ticks.
+const PHYSICS_NUMBERS: &str = "f64, in the engine f32";
 
 /// The default number of rounds.
 pub const ROUNDS: u32 = 5;
@@ -254,18 +258,37 @@ pub fn run(
 /// One engine's share of a round; the inner error says why a peer cannot take part.
 fn one_round(engine: &PeerEngine, settings: &PeerSettings) -> Result<Result<PeerRates, String>, PeerError> {
     if let PeerEngine::Holdpoint(mode) = engine {
-        let own = peer(mode.fidelity(), settings.episodes)?;
-        return Ok(Ok(PeerRates {
-            episodes: own.n,
-            lift_rate: own.lift_rate,
-            place_rate: own.place_rate,
-            episodes_per_cpu_s: own.episodes_per_cpu_s,
-        }));
+        return Ok(Ok(own_rates(mode.fidelity(), settings.episodes)?));
     }
     let Some(command) = engine.command(settings) else {
         return Ok(Err("no native program was named (--native)".to_owned()));
     };
     Ok(printed(command, &settings.scripts).and_then(|text| rates_in(&text)))
+}
+
+/// Times episodes of this cell, on seeds from 0: 960 ticks of approach, grasp, lift, transfer, place and retreat with
+/// inverse kinematics in every tick. The cell is rebuilt for each.
+fn own_rates(mode: Fidelity, episodes: u64) -> Result<PeerRates, BenchError> {
+    if episodes == 0 {
+        return Err(BenchError::TooFew { name: "peer episode".to_owned(), found: 0, needed: 1 });
+    }
+    let bench = PeerBench::new(mode)?;
+    bench.run(episodes)?; // not counted, as with the peers
+    let (mut lifted, mut placed, mut cpu_secs) = (0_u64, 0_u64, 0.0);
+    for seed in 0..episodes {
+        let before = FigureClock::ThreadCpu.secs();
+        let outcome = bench.run(seed)?;
+        cpu_secs += FigureClock::ThreadCpu.secs() - before;
+        lifted += u64::from(outcome.lifted);
+        placed += u64::from(outcome.placed);
+    }
+    let count = episodes as f64;
+    Ok(PeerRates {
+        episodes,
+        lift_rate: lifted as f64 / count,
+        place_rate: placed as f64 / count,
+        episodes_per_cpu_s: count / cpu_secs,
+    })
 }
 
 /// The output of a peer, within a time limit.
