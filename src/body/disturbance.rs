@@ -1,4 +1,4 @@
-//! What a drill does to a simulated cell, by name: drifts that set in, and parts that break.
+//! What a drill does to a cell, by name: drifts that set in, and parts that break.
 //!
 //! These types only name the disturbances; a simulator implements the effect of each.
 

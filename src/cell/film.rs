@@ -4,7 +4,7 @@ use holdpoint_body::{JointVec, Telemetry};
 use nalgebra::Isometry3;
 use serde::{Deserialize, Serialize};
 
-/// Ticks between two frames: 30 a second of simulated time.
+/// Ticks between two frames: 30 a second of the cell's time.
 pub const FRAME_EVERY_TICKS: u64 = 8;
 
 /// The most frames that are kept: two minutes. What comes later is not seen.

@@ -41,9 +41,9 @@ pub enum SkillVerb {
     New(NewArgs),
     /// Builds a folder to a component, beside its manifest.
     Build(BuildArgs),
-    /// Runs ten episodes in the simulated cell; reports whether the code keeps its contract, and its cost.
+    /// Runs ten episodes in a trial cell; reports whether the code keeps its contract, and its cost.
     Test(TestArgs),
-    /// Runs one episode in the simulated cell, beside the baseline of the family.
+    /// Runs one episode in a trial cell, beside the baseline of the family.
     Run(SkillRunArgs),
 }
 

@@ -147,13 +147,13 @@ record_kinds! {
     ClockConfirmed = "clock-confirmed": Note, [Events, People];
     /// Who reset an alarm, and why it was safe.
     AlarmReset = "alarm-reset": Note, [Events, People, Alarms];
-    /// A drift set in, or ended, in the simulated cell.
+    /// A drift set in, or ended, in the live cell.
     Drift = "drift": Note, [Events];
-    /// Something in the simulated live world broke or was repaired.
+    /// Something in the live cell broke or was repaired.
     LiveFault = "live-fault": Note, [Events];
     /// A person set a goal of the live cell's agent: who and why.
     GoalSet = "goal-set": Note, [Events, People];
-    /// The simulated live cell has another pace from then on.
+    /// The live cell has another pace from then on.
     PaceSet = "pace-set": Note, [Events, People];
     /// A person left a note for the next shift: whose, and its text.
     ShiftNote = "shift-note": Note, [Events, People];

@@ -216,7 +216,7 @@ pub struct CoverageFacts {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case", tag = "untested", content = "of")]
 pub enum UntestedAspect {
-    /// On a physical arm.
+    /// In the live cell, where an arm works.
     PhysicalArm,
     /// Not assessed by any stage.
     Everything,

@@ -14,7 +14,7 @@ pub enum AuthorityEffect {
     Gives,
     /// It carries its own signature.
     SignedItself,
-    /// It neither grants nor takes authority: seen alarms, and the pace of the simulated cell.
+    /// It neither grants nor takes authority: seen alarms, and the pace of the live cell.
     Neither,
 }
 

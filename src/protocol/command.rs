@@ -24,7 +24,7 @@ use holdpoint_text::Hint;
 pub use super::authority::AuthorityEffect;
 pub use super::caller::Caller;
 
-/// The paces of the simulated live world, simulated seconds per second.
+/// The paces of the live cell, seconds of the cell per second.
 pub const PACE_ALLOWED: std::ops::RangeInclusive<f64> = 0.1..=100.0;
 
 /// A command to the engine. It grants nothing: the engine checks every one.
@@ -105,7 +105,7 @@ pub enum Command {
     Restrict(Operation),
     /// Reactivate an earlier version of a safe-stopped family.
     Rearm(Operation),
-    /// Start a drift of the simulated cell.
+    /// Start a drift of the live cell.
     Drift {
         /// What changes; absent ends it.
         kind: Option<DriftKind>,
@@ -114,7 +114,7 @@ pub enum Command {
         #[schemars(with = "String")]
         magnitude: Option<Magnitude>,
     },
-    /// Break something in the simulated live world, for an exercise.
+    /// Break something in the live cell, for an exercise.
     LiveFault {
         /// What breaks; absent to repair it.
         fault: Option<LiveFault>,
@@ -202,7 +202,7 @@ pub enum Command {
         /// Why, in the person's own words; a blank reason is refused.
         reason: String,
     },
-    /// Set the pace of the simulated live world.
+    /// Set the pace of the live cell.
     Pace {
         /// Simulated seconds in a second; absent for as fast as it computes.
         times: Option<f64>,

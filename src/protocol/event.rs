@@ -286,7 +286,7 @@ pub enum EventKind {
         /// The whole record of the rollback, rung by rung.
         record: Box<RollbackRecord>,
     },
-    /// A drift of the simulated cell set in or ended.
+    /// A drift of the live cell set in or ended.
     Drift {
         /// The kind that set in; absent if the drift ended.
         kind: Option<DriftKind>,
@@ -454,7 +454,7 @@ pub enum EventKind {
         /// Identities of the reviewers who decided.
         by: Vec<String>,
     },
-    /// The simulated live world has another pace from now on.
+    /// The live cell has another pace from now on.
     Pace {
         /// Simulated seconds in a second; absent for as fast as it computes.
         times: Option<f64>,

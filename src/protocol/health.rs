@@ -71,9 +71,9 @@ holdpoint_governance::closed_set! {
         AlarmRaised = "alarm-raised",
         /// A person closed an alarm with a reason.
         AlarmReset = "alarm-reset",
-        /// A drift of the simulated cell set in, or ended.
+        /// A drift of the live cell set in, or ended.
         Drift = "drift",
-        /// Something in the simulated cell broke or was repaired.
+        /// Something in the live cell broke or was repaired.
         LiveFault = "live-fault",
         /// A person stopped the cell.
         Stopped = "stopped",

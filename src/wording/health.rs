@@ -34,10 +34,10 @@ pub fn mark(of: &MarkContent) -> String {
             let act = marked_act(act);
             if reason.is_empty() { format!("{person} {act}") } else { format!("{person} {act}: {reason}") }
         }
-        M::DriftBegan { drift, magnitude } => format!("{drift} {magnitude} began in the simulated cell"),
+        M::DriftBegan { drift, magnitude } => format!("{drift} {magnitude} began in the live cell"),
         M::DriftEnded => "the drift of the cell ended".to_owned(),
-        M::FaultBegan { fault } => format!("{fault} in the simulated cell"),
-        M::FaultRepaired => "the fault of the simulated cell was repaired".to_owned(),
+        M::FaultBegan { fault } => format!("{fault} in the live cell"),
+        M::FaultRepaired => "the fault of the live cell was repaired".to_owned(),
         M::Note { by, text } => format!("{by}: {text}"),
         M::ProfileInForce { profile } => {
             format!("judged under the profile {} from here on", profile.as_deref().unwrap_or("unknown"))
@@ -294,11 +294,11 @@ mod tests {
             (acted("ana", MarkedAct::SetGoal { goal: "sort".to_owned() }, ""), "ana set the goal sort"),
             (
                 M::DriftBegan { drift: "noise".to_owned(), magnitude: "severe".to_owned() },
-                "noise severe began in the simulated cell",
+                "noise severe began in the live cell",
             ),
             (M::DriftEnded, "the drift of the cell ended"),
-            (M::FaultBegan { fault: "tool-dead".to_owned() }, "tool-dead in the simulated cell"),
-            (M::FaultRepaired, "the fault of the simulated cell was repaired"),
+            (M::FaultBegan { fault: "tool-dead".to_owned() }, "tool-dead in the live cell"),
+            (M::FaultRepaired, "the fault of the live cell was repaired"),
             (M::Note { by: "ana".to_owned(), text: "the tray is new".to_owned() }, "ana: the tray is new"),
             (
                 M::ProfileInForce { profile: Some("sim".to_owned()) },

@@ -13,7 +13,7 @@ pub fn untested(of: UntestedAspect) -> String {
     use UntestedAspect as U;
     match of {
         U::PhysicalArm => {
-            "It was not tried on a physical arm: everything was measured in simulation".to_owned()
+            "It was not tried in the live cell: everything was measured in trial cells".to_owned()
         }
         U::Everything => "Nothing was assessed yet".to_owned(),
         U::Unmeasured(what) => format!("There is no value for {}: it was not measured", compatibility(what)),
@@ -145,7 +145,7 @@ mod tests {
     fn every_untested_aspect_has_its_sentence() {
         use UntestedAspect as U;
         for (of, text) in [
-            (U::PhysicalArm, "It was not tried on a physical arm: everything was measured in simulation"),
+            (U::PhysicalArm, "It was not tried in the live cell: everything was measured in trial cells"),
             (U::Everything, "Nothing was assessed yet"),
             (
                 U::Unmeasured(Dimension::Interface),

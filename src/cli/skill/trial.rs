@@ -188,7 +188,7 @@ fn quantile_us(sorted_ns: &[u64], share: f64) -> f64 {
 fn lines(report: &TestReport, out: &mut CommandOutput<'_>) -> Result<(), CliError> {
     let [first, last] = report.seeds;
     out.line(&format!(
-        "{}, {}: {} episodes in the simulated cell, seeds {first} to {last}",
+        "{}, {}: {} episodes in a trial cell, seeds {first} to {last}",
         report.id,
         report.bundle,
         report.episodes.len()

@@ -26,7 +26,7 @@ pub struct ObservedActivation {
     /// A safety event, a hard stop, or motion past the limit after a stop was seen while it was in control, or its
     /// rollback did not end safely.
     pub unsafe_seen: bool,
-    /// A drift of the simulated cell was on record when that was seen first, or when a monitor first acted.
+    /// A drift of the live cell was on record when that was seen first, or when a monitor first acted.
     pub under_drift: bool,
     /// It is in control now.
     pub in_control: bool,

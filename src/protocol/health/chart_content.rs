@@ -63,7 +63,7 @@ pub enum MarkContent {
         /// The person's reason; empty if there is none.
         reason: String,
     },
-    /// A drift of the simulated cell began.
+    /// A drift of the live cell began.
     DriftBegan {
         /// The kind, as the record has it.
         drift: String,
@@ -72,12 +72,12 @@ pub enum MarkContent {
     },
     /// The drift of the cell ended.
     DriftEnded,
-    /// Something in the simulated cell broke.
+    /// Something in the live cell broke.
     FaultBegan {
         /// The fault, as the record has it.
         fault: String,
     },
-    /// The fault of the simulated cell was repaired.
+    /// The fault of the live cell was repaired.
     FaultRepaired,
     /// A person left a note.
     Note {

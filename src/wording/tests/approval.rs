@@ -130,7 +130,7 @@ fn lines_stand_in_the_order_of_their_weight() {
         "Evidence: behavior",
         "Evidence: recovery",
         "Why: behavior",
-        "Not tested: It was not tried on a physical arm",
+        "Not tested: It was not tried in the live cell",
         "Covered starts: no start",
         "Not covered: every other start; it runs the task, which counts as uncovered",
         "If it gets worse: ",
