@@ -17,11 +17,11 @@ use holdpoint_body::{JointVec, MAX_JOINTS, Pose, RATE_HZ, TaskKind};
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ObjectSetup {
-    /// Where it starts; for a held start this follows from the tool pose.
+    /// Where it starts, world frame, m: the middle of the cube. For a held start this follows from the tool pose.
     pub pose: Pose,
-    /// Mass, kg.
+    /// Mass, kg; spread evenly over the cube.
     pub mass_kg: f64,
-    /// Friction coefficient.
+    /// Coulomb coefficient. At a contact the smaller coefficient of the two bodies counts.
     pub friction: f64,
 }
 
@@ -29,43 +29,48 @@ pub struct ObjectSetup {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Start {
-    /// At home, each joint off by a little; the gripper open, the object on the table.
+    /// At home, each joint off by a little; the gripper fully open, the object on the table.
     Home {
-        /// Offset of each joint, rad; surplus values are ignored.
+        /// Offset of each joint from the home of the description, rad, base to tool; surplus values are ignored. The
+        /// sum is kept inside the joint limits.
         offset_rad: JointVec,
     },
-    /// With the object in the hand.
+    /// With the object in the hand. The pads close before tick 0 and square the object, which then hangs still.
     Held {
-        /// Tool pose.
+        /// Tool pose, world frame, m.
         tool: Pose,
-        /// Object in the tool frame before the pads square it.
+        /// Object in the tool frame before the pads square it, m.
         object_in_tool: Pose,
     },
 }
 
-/// The camera of this episode, in ticks.
+/// The camera of this episode, in ticks of 1/240 s. It measures object and target in the world frame.
+///
+/// Each frame is exposed, may be lost, and is delivered after its delay, never before the frame before it. A lost frame
+/// has no estimate when it is delivered. Noise and bias are the same kind for both poses: x and y by `sigma_m`, z by
+/// half of it, and a turn about the world's z.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct CameraSetup {
-    /// Exposure to delivery, ticks.
+    /// Exposure to delivery, ticks; the sum with the jitter is rounded.
     pub delay_ticks: f64,
-    /// Largest addition to it per picture, ticks.
+    /// Largest addition to it per camera frame, ticks; uniform from 0.
     pub delay_jitter_ticks: f64,
-    /// First exposure, ticks.
+    /// First exposure, ticks after the start of the episode.
     pub phase_ticks: f64,
-    /// Largest addition to the period, ticks.
+    /// Largest addition to the period between two exposures, ticks; uniform from 0.
     pub period_jitter_ticks: f64,
     /// Probability of a lost camera frame.
     pub drop_probability: f64,
-    /// Noise of x and y, m.
+    /// Standard deviation of x and y, m.
     pub sigma_m: f64,
-    /// Noise of yaw, rad.
+    /// Standard deviation of yaw, rad.
     pub sigma_yaw_rad: f64,
     /// Constant error of x and y, m.
     pub bias_m: [f64; 2],
     /// Constant error of yaw, rad.
     pub bias_yaw_rad: f64,
-    /// AR(1) coefficient of the noise.
+    /// AR(1) coefficient of the noise from one exposure to the next, 0 to 1.
     pub correlation: f64,
     /// Stream of the noise.
     pub noise: Stream,
@@ -73,7 +78,7 @@ pub struct CameraSetup {
     pub timing: Stream,
 }
 
-/// Standard deviations of the robot's sensors in this episode.
+/// Standard deviations of the robot's sensors in this episode. Each tick has fresh errors, independent of the last.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SensorSetup {
@@ -83,65 +88,84 @@ pub struct SensorSetup {
     pub joint_speed_rad_s: f64,
     /// Joint torque, N m.
     pub torque_n_m: f64,
-    /// Forces, N.
+    /// Force of the grip, at the wrist and on the surroundings, N.
     pub force_n: f64,
     /// Gripper width, m.
     pub width_m: f64,
-    /// Slip, m.
+    /// Slip in the hand, m.
     pub slip_m: f64,
     /// Stream of the noise.
     pub noise: Stream,
 }
 
-/// From command to servo, in ticks.
+/// From command to servo, in ticks. The delay of a command is the rounded sum of latency and jitter, and no command
+/// overtakes the one before it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ActionSetup {
     /// Latency, ticks.
     pub latency_ticks: f64,
-    /// Largest addition per command, ticks.
+    /// Largest addition per command, ticks; uniform from 0.
     pub jitter_ticks: f64,
     /// Stream of the jitter.
     pub jitter: Stream,
 }
 
-/// A push on the object.
+/// A push on the middle of the object, whether it lies, hangs or falls.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Push {
-    /// World tick.
+    /// Tick from the start of the episode in which it acts; it is over when the tick is.
     pub tick: u64,
-    /// Impulse, N s, world frame.
+    /// Impulse, N s, world frame. Sampled pushes are horizontal.
     pub impulse_n_s: [f64; 3],
 }
 
 /// A window in which the gripper does not answer: from tick `begin` up to, not including, `end`.
+///
+/// The fingers stay where they are and keep their force. A command to the gripper that arrives in the window is lost.
+/// The observation tells the skill (`tool_available`).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ToolWindow {
-    /// First world tick.
+    /// First tick, from the start of the episode.
     pub begin: u64,
-    /// First world tick after it.
+    /// First tick after it.
     pub end: u64,
 }
 
 /// Everything that makes one episode.
+///
+/// A trial cell that is reset to it ([`TrialCell::reset`](crate::TrialCell::reset)) makes every condition true. Lengths
+/// are in m and poses in the world frame: z up, the base of the robot at the origin, and the table's top at height 0.
+/// Ticks count from the start of the episode. What led to the start, such as closing the hand, counts none.
+///
+/// A cell that cannot do a condition answers [`CellError::InvalidStart`](crate::CellError::InvalidStart) and names the
+/// field. The episode is then void and no result of the skill. A cell never starts an episode without one of its
+/// conditions, because the evidence would state a disturbance that did not happen. Its maker chooses its distributions
+/// ([`CellFactory::distributions`](crate::CellFactory::distributions)): a condition that the cell cannot vary has one
+/// value there. A cell with a mass, a friction or an error of its own has its measured value there.
+///
+/// Random events of the episode come from the streams in it. Each is drawn the same number of times whatever the skill
+/// does, so that two skills on one seed meet the same disturbances.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct EpisodeSetup {
-    /// The seed it was drawn with.
+    /// The seed it was drawn with; for messages.
     pub seed: u64,
-    /// Name of the distribution it was drawn from.
+    /// Name of the distribution it was drawn from; for messages.
     pub distribution: String,
-    /// The first task.
+    /// The first task. The goal of the skill and the inspection follow it until
+    /// [`RobotCell::begin_task`](crate::RobotCell::begin_task).
     pub task: TaskKind,
     /// The object.
     pub object: ObjectSetup,
-    /// Tray frame: center of the floor's upper face, x along a wall.
+    /// Tray frame in the world frame: center of the floor's upper face, x along a wall. The tray of the scene stands
+    /// there and does not move.
     pub target: Pose,
     /// How the arm starts.
     pub start: Start,
-    /// Which pieces of the scene's clutter are present, by index.
+    /// Which pieces of the scene's clutter are present, by index. They do not move; the others are not in the cell.
     pub clutter: ArrayVec<u8, 16>,
     /// The camera.
     pub camera: CameraSetup,
@@ -149,9 +173,9 @@ pub struct EpisodeSetup {
     pub sensors: SensorSetup,
     /// From command to servo.
     pub action: ActionSetup,
-    /// Pushes, in order of time.
+    /// Pushes, in order of time; none for most episodes.
     pub pushes: ArrayVec<Push, 4>,
-    /// Gripper failures.
+    /// Windows in which the gripper does not answer. They may overlap.
     pub tool_windows: ArrayVec<ToolWindow, 4>,
 }
 

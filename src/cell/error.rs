@@ -16,8 +16,8 @@ pub enum CellError {
         /// What is wrong, with the value in quotes and what is allowed.
         problem: String,
     },
-    /// The episode could not be started as sampled: the object slips out of the hand, or a start pose is out of reach.
-    /// It is no result of the skill.
+    /// The episode could not be started as sampled: the object slips out of the hand, a start pose is out of reach, or the
+    /// cell cannot do a condition. It is no result of the skill.
     #[error("seed {seed}: no valid start: {problem}")]
     InvalidStart {
         /// The episode's seed.

@@ -71,7 +71,8 @@ pub trait RobotCell: Body + Send {
         None
     }
 
-    /// What stands in the cell, beside table and robot; for a screen.
+    /// What stands in the cell, beside table and robot; for a screen. Boxes at a place and of the size of the scene's
+    /// clutter are that clutter; all others are parts of the tray.
     fn fixtures(&self) -> Vec<FixtureBox> {
         Vec::new()
     }
@@ -110,10 +111,12 @@ pub trait LiveCell: RobotCell {
 
 /// A cell for trials: it is reset, continues from a state, and breaks on demand.
 pub trait TrialCell: RobotCell {
-    /// Starts an episode from a new state: the episode before has no effect on it.
+    /// Starts an episode from a new state: the episode before has no effect on it. [`EpisodeSetup`] states each
+    /// condition.
     ///
     /// # Errors
-    /// [`CellError::InvalidStart`] if the start is out of reach or the object does not hold.
+    /// [`CellError::InvalidStart`] if the start is out of reach, the object does not hold, or the cell cannot do a
+    /// condition.
     fn reset(&mut self, setup: &EpisodeSetup) -> Result<(), CellError>;
 
     /// Continues from a state of a cell of the same description, bit-identical to an uninterrupted run.
