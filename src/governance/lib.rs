@@ -284,5 +284,6 @@ pub mod vocabulary;
 pub mod wall_time;
 pub mod watcher_signal;
 pub mod worst_case_search;
+mod zone_name;
 
 pub use text_error::TextError;

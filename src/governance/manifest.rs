@@ -5,12 +5,12 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use holdpoint_body::FailureSignal;
+use holdpoint_body::{FailureSignal, Zone};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::ids::{Digest, Family, canonical_json, is_name};
-use super::mode::{Authority, Channel, CommandKind, RequiredCommand, Sensor, Tool, ZoneName};
+use super::mode::{Authority, Channel, CommandKind, RequiredCommand, Sensor, Tool, UnknownZone, ZoneName};
 use super::text_error::{TextError, check_size, number_text, parse_toml};
 use super::value_type::{FieldSpec, MAGNITUDE_MAX, Value};
 
@@ -323,6 +323,12 @@ impl Manifest {
     pub fn content_digest(&self) -> Result<Digest, serde_json::Error> {
         let unnumbered = Self { version: semver::Version::new(0, 0, 0), ..self.clone() };
         Digest::of_json("holdpoint.manifest-content.v1", &unnumbered)
+    }
+
+    /// The first zone of its permissions that a cell with these zones does not have. `file` is only named in the error.
+    #[must_use]
+    pub fn unknown_zone(&self, file: &str, cell: &[Zone]) -> Option<UnknownZone> {
+        UnknownZone::among((file, "permissions.zones"), &self.permissions.zones, cell)
     }
 
     /// The published JSON Schema of the manifest.

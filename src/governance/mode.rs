@@ -10,6 +10,7 @@ use serde::{Deserialize, Serialize};
 
 use super::manifest::Permissions;
 use super::profile::RuntimeLimits;
+pub use super::zone_name::{UnknownZone, ZoneName};
 
 /// A path by which a version can move something.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, JsonSchema)]
@@ -37,21 +38,6 @@ pub enum CommandKind {
     Stop,
     /// Raw actuator values on the field bus.
     Direct,
-}
-
-/// A named part of the cell, as in the scene file.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, JsonSchema)]
-#[serde(rename_all = "kebab-case")]
-#[schemars(rename = "Zone")]
-pub enum ZoneName {
-    /// Where objects are picked up.
-    Work,
-    /// Where objects are put down.
-    Tray,
-    /// The way between work zone and tray.
-    Transit,
-    /// Where a person may be: keep out.
-    Human,
 }
 
 crate::closed_set! {
@@ -126,21 +112,6 @@ impl CommandKind {
     }
 }
 
-impl ZoneName {
-    /// Every zone of the cell.
-    pub const ALL: [Self; 4] = [Self::Work, Self::Tray, Self::Transit, Self::Human];
-    /// The name in policies, manifests and scenes.
-    #[must_use]
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::Work => "work",
-            Self::Tray => "tray",
-            Self::Transit => "transit",
-            Self::Human => "human",
-        }
-    }
-}
-
 /// How much a version may decide by itself: 0 observes, 1 moves in its task, 2 changes shared state, 3 overrides others.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(try_from = "u8", into = "u8")]
@@ -202,15 +173,15 @@ pub struct ModeKey {
 }
 
 impl ModeKey {
-    /// Every mode there is, in a fixed order.
+    /// Every mode there is in these zones, in a fixed order.
     #[must_use]
-    pub fn all() -> Vec<Self> {
+    pub fn all(zones: &BTreeSet<ZoneName>) -> Vec<Self> {
         let mut modes = Vec::new();
         for channel in Channel::ALL {
             for command in CommandKind::ALL.into_iter().filter(|command| channel.takes(*command)) {
-                for zone in ZoneName::ALL {
+                for zone in zones {
                     for authority in Authority::ALL {
-                        modes.push(Self { channel, command, zone, authority });
+                        modes.push(Self { channel, command, zone: *zone, authority });
                     }
                 }
             }
@@ -333,7 +304,7 @@ mod tests {
 
     #[test]
     fn eighty_modes_are_distinct() {
-        let modes = ModeKey::all();
+        let modes = ModeKey::all(&ZoneName::SHIPPED.into());
         assert_eq!(modes.len(), 5 * 4 * 4);
         assert_eq!(modes.iter().collect::<BTreeSet<_>>().len(), modes.len());
     }

@@ -17,7 +17,7 @@ use cedar_policy::{
 use serde::{Deserialize, Serialize};
 
 use super::ids::Digest;
-use super::mode::ModeKey;
+use super::mode::{ModeKey, ZoneName};
 use super::profile::{Profile, ProfileName};
 use super::submission::{Provenance, Risk};
 use holdpoint_text::{ErrorDetails, ErrorReason, Hint};
@@ -28,11 +28,14 @@ pub const POLICY_BYTES_MAX: usize = 64 * 1024;
 /// The most policies in a set, over all files.
 pub const POLICIES_MAX: usize = 256;
 
-/// The names that policies may use. A text with any other does not validate.
+/// The most zones that a policy set may name, those of the shipped policies included.
+const ZONES_MAX: usize = 20;
+
+/// The names that policies may use, with the zones left out. A text with any other does not validate.
 const SCHEMA: &str = r#"
 entity Skill;
 entity Cell;
-entity Zone enum ["work", "tray", "transit", "human"];
+entity Zone enum [ZONES];
 action "tool-pose", "joints", "gripper", "stop", "direct" appliesTo {
     principal: [Skill],
     resource: [Zone],
@@ -117,7 +120,8 @@ pub struct PolicyTable {
     pub digest: Digest,
     /// The profile it was compiled for; it applies to no other.
     pub profile: ProfileName,
-    /// A ruling for every mode there is, sorted by mode.
+    /// A ruling for every mode in the zones that the shipped policies or these policies name, sorted by mode. In any other
+    /// zone every mode is uncovered.
     pub modes: Vec<ModeEntry>,
     /// A row for every pair of risk tier and provenance, sorted.
     pub activations: Vec<ActivationTerms>,
@@ -143,14 +147,14 @@ pub enum PolicyProblem {
 /// A policy text that was refused; no table exists.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum PolicyError {
-    /// More than 64 KiB of text in a file, or more than 256 policies in the set.
+    /// More than 64 KiB of text in a file, or more than 256 policies or 20 zones in the set.
     #[error("{file}: {found} are too many; up to {allowed} are allowed")]
     TooMany {
         /// Name of the file that pushed the set over the limit.
         file: String,
         /// How many bytes, or of what there were too many.
         found: String,
-        /// The limit that was passed: 64 KiB of text, or 256 policies.
+        /// The limit that was passed: 64 KiB of text, 256 policies, or 20 zones.
         allowed: String,
     },
     /// Cedar's parser does not accept the text.
@@ -206,7 +210,8 @@ impl PolicyTable {
     pub fn compile(profile: &Profile, sources: &[PolicySource<'_>]) -> Result<Self, PolicyError> {
         let vocabulary = |e: &dyn std::fmt::Display| PolicyError::Vocabulary(e.to_string());
         let judge = CedarEvaluator::load(profile, sources)?;
-        let modes = ModeKey::all().into_iter().map(|mode| judge.mode(mode)).collect::<Result<_, _>>()?;
+        let modes = ModeKey::all(&judge.zones).into_iter().map(|mode| judge.mode(mode));
+        let modes = modes.collect::<Result<_, _>>()?;
         let mut activations = Vec::new();
         for risk in Risk::ALL {
             for provenance in Provenance::ALL {
@@ -214,7 +219,8 @@ impl PolicyTable {
             }
         }
         let profile_digest = profile.digest().map_err(|e| vocabulary(&e))?;
-        let mut parts: Vec<&[u8]> = vec![SCHEMA.as_bytes(), profile_digest.bytes()];
+        let schema = schema_text(&judge.zones);
+        let mut parts: Vec<&[u8]> = vec![schema.as_bytes(), profile_digest.bytes()];
         parts.extend(sources.iter().map(|source| source.text.as_bytes()));
         let digest = Digest::of_parts("holdpoint.policy.v1", &parts);
         Ok(Self { digest, profile: profile.name, modes, activations })
@@ -230,7 +236,7 @@ impl PolicyTable {
     ) -> Result<Vec<PolicyProblem>, PolicyError> {
         let judge = CedarEvaluator::load(profile, sources)?;
         let (mut errors, mut effective) = (BTreeSet::new(), BTreeSet::new());
-        for mode in ModeKey::all() {
+        for mode in ModeKey::all(&judge.zones) {
             let CedarDecision { allowed, rules, error } = judge.decide_mode(mode)?;
             let deciding = rules.into_iter().filter(|rule| !allowed || rule.names_mode);
             effective.extend(deciding.map(|rule| &*rule.name));
@@ -300,44 +306,75 @@ struct PolicyRule {
     force_max_n: Option<f64>,
 }
 
+/// The schema with these zones.
+fn schema_text(zones: &BTreeSet<ZoneName>) -> String {
+    let names: Vec<String> = zones.iter().map(|zone| format!("\"{}\"", zone.name())).collect();
+    SCHEMA.replace("ZONES", &names.join(", "))
+}
+
+fn too_many(source: &PolicySource<'_>, found: String, allowed: usize) -> PolicyError {
+    PolicyError::TooMany { file: source.file.to_owned(), found, allowed: allowed.to_string() }
+}
+
+fn refuse(source: &PolicySource<'_>, policy: &str, message: String, hint: &'static str) -> PolicyError {
+    PolicyError::Policy { file: source.file.to_owned(), policy: policy.to_owned(), message, hint }
+}
+
+fn parse(source: &PolicySource<'_>) -> Result<PolicySet, PolicyError> {
+    if source.text.len() > POLICY_BYTES_MAX {
+        return Err(too_many(source, format!("{} bytes", source.text.len()), POLICY_BYTES_MAX));
+    }
+    let parsed = PolicySet::from_str(source.text)
+        .map_err(|e| PolicyError::Syntax { file: source.file.to_owned(), message: e.to_string() })?;
+    if parsed.templates().next().is_some() {
+        let message = "templates have no place here".into();
+        return Err(refuse(source, "template", message, "write out each policy"));
+    }
+    Ok(parsed)
+}
+
+/// Adds the zones that policies name. The caller compares them with those of a cell. A name that no zone can have is left
+/// out, so the policy does not validate.
+fn add_zones(
+    source: &PolicySource<'_>,
+    parsed: &PolicySet,
+    zones: &mut BTreeSet<ZoneName>,
+) -> Result<(), PolicyError> {
+    for policy in parsed.policies() {
+        let named = policy.entity_literals();
+        let named = named.iter().filter(|entity| entity.type_name().to_string() == "Zone");
+        zones.extend(named.filter_map(|zone| ZoneName::try_from(zone.id().unescaped()).ok()));
+    }
+    if zones.len() > ZONES_MAX {
+        return Err(too_many(source, format!("{} zones", zones.len()), ZONES_MAX));
+    }
+    Ok(())
+}
+
 fn load(
     source: &PolicySource<'_>,
+    parsed: &PolicySet,
     schema: &Schema,
     set: &mut PolicySet,
     rules: &mut BTreeMap<String, PolicyRule>,
 ) -> Result<(), PolicyError> {
-    let file = source.file.to_owned();
-    let too_many =
-        |found: String, allowed: String| PolicyError::TooMany { file: file.clone(), found, allowed };
-    if source.text.len() > POLICY_BYTES_MAX {
-        return Err(too_many(format!("{} bytes", source.text.len()), POLICY_BYTES_MAX.to_string()));
-    }
-    let parsed = PolicySet::from_str(source.text)
-        .map_err(|e| PolicyError::Syntax { file: file.clone(), message: e.to_string() })?;
-    let refuse = |policy: &str, message: String, hint: &'static str| PolicyError::Policy {
-        file: file.clone(),
-        policy: policy.to_owned(),
-        message,
-        hint,
-    };
-    if parsed.templates().next().is_some() {
-        return Err(refuse("template", "templates have no place here".into(), "write out each policy"));
-    }
-    let validation = Validator::new(schema.clone()).validate(&parsed, ValidationMode::Strict);
+    let validation = Validator::new(schema.clone()).validate(parsed, ValidationMode::Strict);
     if let Some(error) = validation.validation_errors().next() {
         let hint = "commands are tool-pose, joints, gripper, stop, direct and activate; zones are work, tray, \
-                    transit and human; context has channel, authority, profile (activate: profile, risk, provenance)";
-        return Err(refuse(error.policy_id().as_ref(), error.to_string(), hint));
+                    transit, human and those of the cell; context has channel, authority, profile (activate: profile, \
+                    risk, provenance)";
+        return Err(refuse(source, error.policy_id().as_ref(), error.to_string(), hint));
     }
     for policy in parsed.policies() {
         if rules.len() >= POLICIES_MAX {
-            return Err(too_many("policies".into(), POLICIES_MAX.to_string()));
+            return Err(too_many(source, "policies".into(), POLICIES_MAX));
         }
-        let rule = rule(policy).map_err(|(message, hint)| refuse(policy.id().as_ref(), message, hint))?;
+        let rule =
+            rule(policy).map_err(|(message, hint)| refuse(source, policy.id().as_ref(), message, hint))?;
         let id = format!("{}#{}", source.file, policy.id());
         let renamed = policy.new_id(cedar_policy::PolicyId::new(&id));
         let name = rule.name.clone();
-        set.add(renamed).map_err(|e| refuse(&name, e.to_string(), "give each file its own name"))?;
+        set.add(renamed).map_err(|e| refuse(source, &name, e.to_string(), "give each file its own name"))?;
         rules.insert(id, rule);
     }
     Ok(())
@@ -390,6 +427,8 @@ struct CedarEvaluator<'a> {
     set: PolicySet,
     rules: BTreeMap<String, PolicyRule>,
     profile: &'a Profile,
+    /// The zones that the shipped policies name, and those that these policies name.
+    zones: BTreeSet<ZoneName>,
 }
 
 /// Cedar's response: its decision, the determining policies, and an error if there was any.
@@ -401,14 +440,20 @@ struct CedarDecision<'r> {
 
 impl<'a> CedarEvaluator<'a> {
     fn load(profile: &'a Profile, sources: &[PolicySource<'_>]) -> Result<Self, PolicyError> {
-        let schema = Schema::from_cedarschema_str(SCHEMA);
+        let parsed = sources.iter().map(parse).collect::<Result<Vec<PolicySet>, _>>()?;
+        let mut zones = BTreeSet::from(ZoneName::SHIPPED);
+        for (source, parsed) in sources.iter().zip(&parsed) {
+            add_zones(source, parsed, &mut zones)?;
+        }
+        let schema = schema_text(&zones);
+        let schema = Schema::from_cedarschema_str(&schema);
         let (schema, _) = schema.map_err(|e| PolicyError::Vocabulary(e.to_string()))?;
         let mut set = PolicySet::new();
         let mut rules = BTreeMap::new();
-        for source in sources {
-            load(source, &schema, &mut set, &mut rules)?;
+        for (source, parsed) in sources.iter().zip(&parsed) {
+            load(source, parsed, &schema, &mut set, &mut rules)?;
         }
-        Ok(Self { authorizer: Authorizer::new(), set, rules, profile })
+        Ok(Self { authorizer: Authorizer::new(), set, rules, profile, zones })
     }
 }
 

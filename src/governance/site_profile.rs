@@ -7,9 +7,10 @@
 
 use std::borrow::Cow;
 
+use holdpoint_body::Zone;
 use serde::{Deserialize, Serialize};
 
-use super::mode::{Authority, CommandKind, ModeKey, ZoneName};
+use super::mode::{Authority, CommandKind, ModeKey, UnknownZone, ZoneName};
 use super::policy::{ModeRuling, PolicyError, PolicyProblem, PolicySource, PolicyTable};
 use super::profile::{Profile, ProfileName, ReasonedNumber, SiteName};
 use super::text_error::TextError;
@@ -83,6 +84,20 @@ impl ChosenProfile {
         Ok(PolicyTable::problems(&profile, &[PolicySource { file, text }])?)
     }
 
+    /// The first zone that its policies or its keep-out list name and a cell with these zones does not have. The shipped
+    /// profiles name only zones that texts may name in every cell.
+    #[must_use]
+    pub fn unknown_zone(&self, cell: &[Zone]) -> Option<UnknownZone> {
+        let own = match self {
+            Self::BuiltIn(_) => return None,
+            Self::Own(own) => own,
+        };
+        let of_policies = own.table.modes.iter().map(|entry| &entry.mode.zone);
+        let keep_out = &own.profile.runtime.keep_out;
+        UnknownZone::among((own.texts.policy_file.as_str(), "resource"), of_policies, cell)
+            .or_else(|| UnknownZone::among((own.texts.file.as_str(), "runtime.keep_out"), keep_out, cell))
+    }
+
     /// The texts of a site's profile, not of a shipped one.
     #[must_use]
     pub fn texts(&self) -> Option<&ProfileTexts> {
@@ -124,6 +139,9 @@ pub enum SiteProfileError {
     /// The policies do not compile.
     #[error(transparent)]
     Policy(#[from] PolicyError),
+    /// A text names a zone that the cell does not have.
+    #[error(transparent)]
+    Zone(#[from] UnknownZone),
     /// The policies allow by themselves what the class leaves to people, or to no one.
     #[error("{file}: {mode} is allowed by {because}, which a profile of class {class} must not")]
     TooOpen {
@@ -143,6 +161,7 @@ impl Hint for SiteProfileError {
         match self {
             Self::Profile(error) => error.details(),
             Self::Policy(error) => error.details(),
+            Self::Zone(error) => error.details(),
             Self::TooOpen { file, .. } => Some(ErrorDetails::of_file(ErrorReason::BadFile, file.as_str())),
         }
     }
@@ -151,6 +170,7 @@ impl Hint for SiteProfileError {
         match self {
             Self::Profile(error) => error.hint(),
             Self::Policy(error) => error.hint(),
+            Self::Zone(error) => error.hint(),
             Self::TooOpen { .. } => {
                 Some("annotate the permit with @review, or let it name fewer zones or less authority".into())
             }

@@ -26,13 +26,13 @@ const DECLARED_MIN: f64 = 1e-9;
 #[derive(Clone, Debug)]
 pub struct Grant {
     kinds: [bool; CommandKind::ALL.len()],
-    zones: [bool; ZoneName::ALL.len()],
+    zones: BTreeSet<ZoneName>,
     ticks_max: u64,
     commands_max: u64,
     /// Tool speed, m/s, and force, N.
     declared: (f64, f64),
     sent: [bool; CommandKind::ALL.len()],
-    seen: [bool; ZoneName::ALL.len()],
+    seen: BTreeSet<ZoneName>,
     withdrawn: Range<u64>,
     meter: Option<Arc<TickMeter>>,
     was_within: bool,
@@ -53,12 +53,12 @@ impl Grant {
         Self {
             kinds: CommandKind::ALL
                 .map(|command| declared.allows(RequiredCommand { channel: channel_of(command), command })),
-            zones: ZoneName::ALL.map(|zone| declared.zones.contains(&zone)),
+            zones: declared.zones.clone(),
             ticks_max: budget(declared.resources.ticks_per_task),
             commands_max: budget(declared.resources.commands_per_task),
             declared: (declared.max_speed_m_s, declared.max_force_n),
             sent: [false; CommandKind::ALL.len()],
-            seen: [false; ZoneName::ALL.len()],
+            seen: BTreeSet::new(),
             withdrawn: 0..0,
             meter: None,
             was_within: false,
@@ -121,7 +121,7 @@ impl Grant {
     /// Whether a command that leads to a zone is declared. To stand still needs no permission: refused, it would be
     /// the same command. A version that finds itself in a zone it does not declare has not gone there: it may work
     /// its hand, and leave.
-    pub(crate) const fn refuses(&mut self, kind: CommandKind, zone: ZoneName) -> Option<PolicyHit> {
+    pub(crate) fn refuses(&mut self, kind: CommandKind, zone: ZoneName) -> Option<PolicyHit> {
         if matches!(kind, CommandKind::Stop) {
             return None;
         }
@@ -131,11 +131,11 @@ impl Grant {
         }
         let hit = if !self.kinds[kind as usize] {
             PolicyHit::CommandUndeclared
-        } else if !self.zones[zone as usize] && (self.was_within || !matches!(kind, CommandKind::Gripper)) {
-            if matches!(zone, ZoneName::Human) {
+        } else if !self.zones.contains(&zone) && (self.was_within || !matches!(kind, CommandKind::Gripper)) {
+            if zone == ZoneName::Human {
                 return Some(PolicyHit::KeepOut);
             }
-            self.seen[zone as usize] = true;
+            self.seen.insert(zone);
             PolicyHit::ZoneUndeclared
         } else {
             return None;
@@ -152,8 +152,8 @@ impl Grant {
         self.used.speed_max_m_s = self.used.speed_max_m_s.max(seen.tool_speed_m_s);
         self.used.force_max_n = self.used.force_max_n.max(seen.contact_force_n.max(seen.gripper_force_n));
         let zone = zone?;
-        if self.zones[zone as usize] {
-            self.seen[zone as usize] = true;
+        if self.zones.contains(&zone) {
+            self.seen.insert(zone);
             self.was_within = true;
             self.outside_ticks = 0;
             return None;
@@ -168,7 +168,7 @@ impl Grant {
         if zone == ZoneName::Human {
             return Some(PolicyHit::KeepOutEntered);
         }
-        self.seen[zone as usize] = true;
+        self.seen.insert(zone);
         self.used.undeclared = self.used.undeclared.saturating_add(1);
         Some(PolicyHit::ZoneUndeclared)
     }
@@ -189,8 +189,7 @@ impl Grant {
             .filter(sent)
             .map(|command| RequiredCommand { channel: channel_of(command), command })
             .collect();
-        let zones = ZoneName::ALL.into_iter().filter(|zone| self.seen[*zone as usize]).collect();
-        PermissionsUsed { commands, zones, ..self.used.clone() }
+        PermissionsUsed { commands, zones: self.seen.clone(), ..self.used.clone() }
     }
 }
 

@@ -38,10 +38,6 @@ const CLEARANCE_LOSS_M: f64 = 1e-4;
 /// A component of a line below this, m, counts as 0: the line is parallel to a face of the box.
 const PARALLEL_M: f64 = 1e-12;
 
-/// The zones in the order in which they count where they overlap; the keep-out zone counts before any other.
-const ZONES: [ZoneName; ZoneName::ALL.len()] =
-    [ZoneName::Human, ZoneName::Work, ZoneName::Tray, ZoneName::Transit];
-
 /// Guards one arm for one version.
 #[derive(Clone)]
 pub struct Guard {
@@ -54,8 +50,8 @@ pub struct Guard {
     zones: Arc<[zone::Zone]>,
     /// People have approved what a policy wants reviewed.
     reviewed: bool,
-    /// Where each named zone stands among `zones`, in the order in which they count.
-    places: [Option<usize>; ZONES.len()],
+    /// The name of each of the `zones` for policies and manifests; absent for one that no text can name.
+    names: Arc<[Option<ZoneName>]>,
     speed_over_ticks: u32,
     force_over_ticks: u32,
     transient_over_ticks: u32,
@@ -82,7 +78,7 @@ impl Guard {
             authority,
             grant: None,
             geometry,
-            places: ZONES.map(|name| zones.iter().position(|zone| zone.name == name.name())),
+            names: zones.iter().map(|zone| ZoneName::try_from(zone.name.as_str()).ok()).collect(),
             zones,
             reviewed: false,
             speed_over_ticks: 0,
@@ -192,8 +188,7 @@ impl Guard {
                 let start = seen.tool.position;
                 let is_entered =
                     |zone: &zone::Zone| segment_enters(zone.min_m, zone.max_m, start, pose.position);
-                let human = zone::named(&self.zones, ZoneName::Human.name());
-                if human.into_iter().chain(self.keep_out_zones()).any(is_entered) {
+                if self.human_zones().any(is_entered) {
                     return Err(PolicyHit::KeepOut);
                 }
                 let limit = self.limits().clamp_share * cap.tool_speed_max_m_s;
@@ -264,14 +259,18 @@ impl Guard {
         Ok(target)
     }
 
-    /// The zone a point lies in. A keep-out zone of any name counts before any other, as the one that policies name.
+    /// The zones that policies know as the one of a person: the keep-out zones, and a zone of that name.
+    fn human_zones(&self) -> impl Iterator<Item = &zone::Zone> {
+        self.zones.iter().filter(|zone| zone.keep_out || zone.name == ZoneName::Human.name())
+    }
+
+    /// The zone a point lies in: the first that contains it, but a person's zone before any other.
     fn zone_of(&self, point: [f64; 3]) -> Option<ZoneName> {
-        if self.keep_out_zones().any(|bounds| bounds.contains(&point)) {
+        if self.human_zones().any(|bounds| bounds.contains(&point)) {
             return Some(ZoneName::Human);
         }
-        let named = ZONES.into_iter().zip(self.places);
-        let mut found = named.filter_map(|(name, place)| Some((name, self.zones.get(place?)?)));
-        found.find(|(_, bounds)| bounds.contains(&point)).map(|(name, _)| name)
+        let mut named = self.zones.iter().zip(self.names.iter()).filter(|(_, name)| name.is_some());
+        named.find(|(bounds, _)| bounds.contains(&point)).and_then(|(_, name)| *name)
     }
 
     /// Holds one tick of telemetry against the envelope and the declared zones. Speed has to be over its limit for three
@@ -378,7 +377,7 @@ mod tests {
         assert_eq!(forbidden.hit, Some(PolicyHit::ModeForbidden));
     }
 
-    /// A cell names its zones itself, and policies know four names.
+    /// A cell names its zones itself.
     #[test]
     fn keep_out_zone_counts_under_any_name() {
         use holdpoint_body::{Body, Pose};
@@ -409,6 +408,40 @@ mod tests {
         assert_eq!(hit(true, 0.02), None);
         assert!(hit(true, 0.07).is_some(), "it ends inside");
         assert_eq!(hit(true, 0.15), Some(PolicyHit::KeepOut), "it passes through");
+    }
+
+    /// Policies name the zones of the cell. The first zone that contains a point counts.
+    #[test]
+    fn zone_of_the_cell_needs_a_policy_that_names_it() {
+        use holdpoint_body::{Body, Pose};
+        use holdpoint_governance::policy::PolicySource;
+        use holdpoint_governance::profile::{Profile, ProfileName};
+        let profile = Profile::builtin(ProfileName::Sim).unwrap();
+        let (file, shipped) = Profile::builtin_policy(ProfileName::Sim);
+        let press = "permit (principal, action == Action::\"tool-pose\", resource == Zone::\"press\");";
+        let model = holdpoint_sim::RobotModel::builtin("arm7").unwrap();
+        let scene = holdpoint_sim::published::scene().unwrap();
+        let seen = Body::telemetry(&holdpoint_sim::world::World::new(&model, &scene).unwrap());
+        let geometry = Arc::new(model.geometry);
+        let [x, y, z] = seen.tool.position;
+        let bounds = zone::Zone {
+            name: "press".to_owned(),
+            min_m: [x - 0.1, y - 0.1, z - 0.1],
+            max_m: [x + 0.1, y + 0.1, z + 0.1],
+            keep_out: false,
+        };
+        let zones: Arc<[zone::Zone]> = [bounds].into_iter().chain(scene.zones).collect();
+        let command =
+            Command::ToolPose { pose: Pose { position: [x + 0.02, y, z], ..seen.tool }, max_speed_m_s: 0.1 };
+        let hit = |text: &str| {
+            let table = PolicyTable::compile(&profile, &[PolicySource { file, text }]).unwrap();
+            crate::terms::SkillTerms::new(&profile, Arc::new(table), geometry.clone(), zones.clone())
+                .own_guard(Authority::try_from(1).unwrap())
+                .check(&command, &seen)
+                .hit
+        };
+        assert_eq!(hit(shipped), Some(PolicyHit::ModeUncovered));
+        assert_eq!(hit(&format!("{shipped}\n{press}")), None);
     }
 
     #[test]

@@ -1,15 +1,16 @@
 //! Texts that people and candidates hand in: manifests, submissions, profiles, policies, site files.
 
+use holdpoint_body::Zone;
 use holdpoint_governance::TextError;
 use holdpoint_governance::alarms::Priority;
 use holdpoint_governance::manifest::{MANIFEST_BYTES_MAX, Manifest};
 use holdpoint_governance::mode::{Authority, Channel, CommandKind, ModeKey, ZoneName};
-use holdpoint_governance::policy::{ModeRuling, PolicyProblem, PolicySource, PolicyTable};
+use holdpoint_governance::policy::{ModeRuling, PolicyError, PolicyProblem, PolicySource, PolicyTable};
 use holdpoint_governance::profile::{Profile, ProfileName};
 use holdpoint_governance::site::Site;
 use holdpoint_governance::submission::{Provenance, Risk, Submission};
 
-use crate::fixture::{MANIFEST, manifest, profile};
+use crate::fixture::{MANIFEST, manifest, manifest_with, profile};
 
 /// Line and field (or a part of the message) of each refusal.
 #[test]
@@ -211,6 +212,32 @@ fn shipped_policies_have_their_rulings() {
 }
 
 #[test]
+fn policies_and_manifests_name_the_zones_of_the_cell() {
+    use ModeRuling::{Allow, Uncovered};
+    let sim = profile(ProfileName::Sim);
+    let named = |name: &str| ZoneName::try_from(name).unwrap();
+    let text = "permit (principal, action == Action::\"tool-pose\", resource == Zone::\"shelf\");";
+    let table = PolicyTable::compile(&sim, &[PolicySource { file: "site.cedar", text }]).unwrap();
+    let ruling = |zone: &str| table.verdict(&mode(Channel::Arm, CommandKind::ToolPose, named(zone), 1));
+    assert_eq!(["shelf", "work", "oven"].map(ruling), [Allow, Uncovered, Uncovered]);
+    let zone = |name: &str| Zone { name: name.to_owned(), min_m: [0.0; 3], max_m: [1.0; 3], keep_out: false };
+    let manifest = manifest_with("[\"work\", \"transit\"]", "[\"shelf\", \"work\"]");
+    assert!(manifest.canonical().unwrap().contains("\"zones\":[\"work\",\"shelf\"]"));
+    assert_eq!(manifest.unknown_zone("m.toml", &[zone("oven"), zone("shelf")]), None);
+    let unknown = manifest.unknown_zone("m.toml", &[zone("oven")]).unwrap();
+    assert_eq!(
+        (unknown.zone.as_str(), unknown.allowed.as_str()),
+        ("shelf", "work, tray, transit, human, oven")
+    );
+    // Every zone that policies name is a row of the table, so their number is limited.
+    let permit = |number: u32| text.replace("shelf", &format!("shelf-{number}"));
+    let many = |count: u32| (0..count).map(permit).collect::<String>();
+    let compiled = |text: &str| PolicyTable::compile(&sim, &[PolicySource { file: "site.cedar", text }]);
+    assert!(compiled(&many(16)).is_ok());
+    assert!(matches!(compiled(&many(17)), Err(PolicyError::TooMany { .. })));
+}
+
+#[test]
 fn policies_deny_on_errors_and_unknown_resources() {
     let sim = profile(ProfileName::Sim);
     let compile = |text: &str| PolicyTable::compile(&sim, &[PolicySource { file: "site.cedar", text }]);
@@ -235,7 +262,7 @@ fn policies_deny_on_errors_and_unknown_resources() {
     }
     for (text, expected) in [
         ("permit (principal, action == Action::\"fly\", resource == Zone::\"work\");", "fly"),
-        ("permit (principal, action == Action::\"joints\", resource == Zone::\"wrok\");", "wrok"),
+        ("permit (principal, action == Action::\"joints\", resource == Zone::\"Work\");", "Work"),
         (
             "permit (principal == Skill::\"a\", action == Action::\"joints\", resource == Zone::\"work\");",
             "principal",
