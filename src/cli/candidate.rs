@@ -260,6 +260,9 @@ pub fn run(
             if let Some(refused) = check::taskless_family(&candidate, "manifest.toml") {
                 return Err(CliError::usage(refused));
             }
+            site_choice::check_zones(&context.data, site.as_ref(), &|cell| {
+                candidate.manifest.unknown_zone("manifest.toml", cell)
+            })?;
             let profiles = check_profiles(&context.data, args.profile.as_ref(), site.as_deref())?;
             let registered = match &site {
                 Some(_) => None,

@@ -12,6 +12,7 @@ use super::output::TextTable;
 use super::passphrase;
 use super::profile_choice::{RequestedProfile, RequestedProfileParser, chosen, read};
 use super::prune::{take_store, wall_ms};
+use super::site_choice;
 use crate::cli::context::CliContext;
 use crate::cli::output::CommandOutput;
 use crate::error::{CliError, Exit};
@@ -137,6 +138,7 @@ pub fn run(context: &CliContext, args: &ProfileArgs, out: &mut CommandOutput<'_>
         }
         ProfileVerb::Check { file } => {
             let chosen = read(file)?;
+            site_choice::check_zones(&context.data, None, &|cell| chosen.unknown_zone(cell))?;
             let (profile, table) = rules(&chosen)?;
             let digest = profile.digest().map_err(CliError::internal)?;
             let numbers = chosen.numbers().map_err(CliError::internal)?;

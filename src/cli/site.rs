@@ -76,6 +76,9 @@ pub fn run(context: &CliContext, args: &SiteArgs, out: &mut CommandOutput<'_>) -
     let loaded = Arc::new(LoadedSite::read(file).map_err(CliError::usage)?);
     let cell = cell(None, Some(&loaded))?;
     let chosen = chosen(&context.data, Some(&site_choice::profile(&loaded)))?;
+    if let Some(unknown) = chosen.unknown_zone(&cell.zones) {
+        return Err(CliError::usage(unknown));
+    }
     let (profile, _) = chosen.rules().map_err(CliError::internal)?;
     let families = loaded.site.families.iter().zip(&loaded.baselines).map(|(family, baseline)| FamilyRow {
         family: &family.name,

@@ -6,7 +6,10 @@ use std::sync::Arc;
 use super::data;
 use super::profile_choice::RequestedProfile;
 use crate::error::CliError;
+use crate::headless::cell;
+use holdpoint_body::Zone;
 use holdpoint_engine::decide::store_identity;
+use holdpoint_governance::mode::UnknownZone;
 use holdpoint_runtime::capability::shown;
 use holdpoint_store::Layout;
 use holdpoint_text::shell_word;
@@ -44,6 +47,29 @@ pub(super) fn last(data: &Path) -> Result<Option<Arc<LoadedSite>>, CliError> {
         return Err(CliError::usage(text).with_hint(hint).with_bad_file(&recorded.file));
     }
     Ok(Some(Arc::new(site)))
+}
+
+/// Refuses a text that names a zone which the cell does not have: that of the site, else of the store's, else the built-in
+/// one. The cell is asked only if the text names a zone that is not allowed in every cell.
+///
+/// # Errors
+/// If there is such a zone, or the cell cannot be asked.
+pub(super) fn check_zones(
+    data: &Path,
+    site: Option<&Arc<LoadedSite>>,
+    unknown: &dyn Fn(&[Zone]) -> Option<UnknownZone>,
+) -> Result<(), CliError> {
+    if unknown(&[]).is_none() {
+        return Ok(());
+    }
+    let site = match site {
+        Some(site) => Some(Arc::clone(site)),
+        None => last(data)?,
+    };
+    match unknown(&cell(None, site.as_ref())?.zones) {
+        None => Ok(()),
+        Some(unknown) => Err(CliError::usage(unknown)),
+    }
 }
 
 /// The profile that a site file names.

@@ -180,6 +180,9 @@ impl StartRules {
     /// # Errors
     /// [`StartError`] if profile or baselines cannot be used.
     pub fn of(config: &Config<'_>) -> Result<Self, StartError> {
+        if let Some(unknown) = config.profile.unknown_zone(&config.cell.zones) {
+            return Err(StartError::Profile(unknown.into()));
+        }
         let (profile, table) = config.profile.rules()?;
         let (own, omitted) = (config.profile.texts().cloned(), AblatedParts::default());
         Ok(Self { profile, table, own, baselines: config.cell.baselines()?, omitted })

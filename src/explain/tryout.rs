@@ -3,6 +3,7 @@
 //! Runs episodes of the sandbox with the guard and envelope of the least strict profile, beside the baseline. The results are
 //! for the author of the skill.
 
+use holdpoint_governance::mode::UnknownZone;
 use holdpoint_governance::policy::PolicyTable;
 use holdpoint_governance::profile::{Profile, ProfileName};
 use holdpoint_protocol::film::{Film, FilmRefusal, FilmSubject, FilmedRun};
@@ -29,6 +30,9 @@ pub enum TryoutError {
     /// The cell has no baseline of its family.
     #[error(transparent)]
     Family(#[from] UnknownFamily),
+    /// Its manifest names a zone that the cell does not have.
+    #[error(transparent)]
+    Zone(#[from] UnknownZone),
     /// A baseline does not load.
     #[error(transparent)]
     Check(#[from] CheckError),
@@ -53,6 +57,9 @@ impl Tryout {
     /// # Errors
     /// [`TryoutError`].
     pub fn new(candidate: Capability, cell: Cell) -> Result<Self, TryoutError> {
+        if let Some(unknown) = candidate.manifest.unknown_zone("manifest.toml", &cell.zones) {
+            return Err(unknown.into());
+        }
         let family = candidate.id().family;
         let versions = RegisteredVersions::commissioned(cell.site.as_deref())?;
         let Some(active) = versions.active(&family).cloned() else {

@@ -327,6 +327,24 @@ mod tests {
         }
     }
 
+    #[test]
+    fn zones_of_a_site_profile_are_compared_with_those_of_the_cell() {
+        let cell =
+            |name: &str| [Zone { name: name.to_owned(), min_m: [0.0; 3], max_m: [1.0; 3], keep_out: false }];
+        let permit = "permit (principal, action == Action::\"stop\", resource == Zone::\"shelf\");";
+        let field = |keep_out: &str, policy: &str, cell: &[Zone]| {
+            let own = parse(&line_4("keep_out = [\"human\"]", keep_out), policy).unwrap();
+            ChosenProfile::Own(Box::new(own)).unknown_zone(cell).map(|unknown| unknown.field)
+        };
+        let (shipped, shelf) = ("keep_out = [\"human\"]", format!("{POLICY}\n{permit}"));
+        assert_eq!(field(shipped, POLICY, &[]), None);
+        assert_eq!(field(shipped, &shelf, &cell("shelf")), None);
+        assert_eq!(field(shipped, &shelf, &cell("oven")), Some("resource"));
+        let oven = "keep_out = [\"human\", \"oven\"]";
+        assert_eq!(field(oven, POLICY, &cell("oven")), None);
+        assert_eq!(field(oven, POLICY, &cell("shelf")), Some("runtime.keep_out"));
+    }
+
     /// A field that the program of then did not have, one that it had, and a number that was shipped then.
     #[test]
     fn profile_texts_of_an_earlier_version_are_updated() {

@@ -10,6 +10,7 @@ use holdpoint_cell::{
 };
 
 use holdpoint_governance::ids::Digest;
+use holdpoint_governance::mode::{UnknownZone, ZoneName};
 use holdpoint_governance::site::CellKind;
 use holdpoint_governance::start_domain::StartDomain;
 use holdpoint_runtime::capability::{Capability, PackageError, shown};
@@ -86,6 +87,10 @@ impl Cell {
         let [canonical, sandbox, live] = factory.distributions()?;
         let spec = Arc::clone(factory.spec());
         spec.check(&spec.robot.name)?;
+        let misnamed = spec.zones.iter().find_map(|zone| ZoneName::try_from(zone.name.as_str()).err());
+        if let Some(problem) = misnamed {
+            return Err(CellError::file(&spec.robot.name, "zones", problem.to_string()));
+        }
         for distribution in [&canonical, &sandbox, &live] {
             distribution.check(&distribution.name)?;
         }
@@ -125,8 +130,8 @@ impl Cell {
     /// The cell of a site, with the robot of this file if one is named; as [`Cell::of`] without a site.
     ///
     /// # Errors
-    /// As [`Cell::of`], or if the source has no such built-in robot; for a cell of another process also if it is not there
-    /// or has another robot.
+    /// As [`Cell::of`], or if the source has no such built-in robot, or a baseline of the site names a zone that the cell
+    /// does not have; for a cell of another process also if it is not there or has another robot.
     pub fn at(
         source: &dyn CellSource,
         robot: Option<&Path>,
@@ -152,7 +157,18 @@ impl Cell {
                 Self { robot_file: file, ..far }
             }
         };
-        Ok(cell.with_site(Arc::clone(site)))
+        let cell = cell.with_site(Arc::clone(site));
+        let unknown = site
+            .baselines
+            .iter()
+            .find_map(|baseline| baseline.manifest.unknown_zone(&baseline.id().to_string(), &cell.zones));
+        match unknown {
+            None => Ok(cell),
+            Some(UnknownZone { file, field, zone, allowed }) => {
+                let problem = format!("\"{zone}\" is no zone of the cell; allowed: {allowed}");
+                Err(CellError::file(&shown(&site.file), format!("{field} of {file}"), problem))
+            }
+        }
     }
 
     /// The same cell at a site. Evidence of another site does not count.
@@ -311,6 +327,12 @@ mod tests {
         assert_eq!(refused(|_| {}), None);
         assert!(refused(|spec| spec.rate_hz = 1000).unwrap().contains("rate_hz"));
         assert!(refused(|spec| spec.tasks = vec![TaskKind::Grasp]).unwrap().contains("tasks"));
+        let renamed = refused(|spec| {
+            let mut scene = Scene::clone(&spec.scene);
+            scene.zones[1].name = "Tray 2".to_owned();
+            (spec.zones, spec.scene) = (scene.zones.clone().into(), Arc::new(scene));
+        });
+        assert!(renamed.unwrap().contains("\"Tray 2\" is not allowed"));
     }
 
     /// Evidence and cached results are bound to the digest, so it must cover everything that an episode depends on.

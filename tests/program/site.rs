@@ -158,6 +158,11 @@ fn a_check_uses_the_families_of_a_site_file() {
     assert!(says(&taskless["error"], "cannot be upgraded"), "{taskless}");
     let tested = on(&root.path().join("none"), &["skill", "test", rest.to_str().unwrap(), "--json"]);
     assert!(says(&assert_error(&tested, 2, "bad-file")["hint"], "--site FILE"));
+    // A zone that the cell does not have is refused, with those that may be named.
+    let shelf =
+        copied(root.path(), Path::new(IMPROVED), "shelf", ("zones = [\"work\"", "zones = [\"shelf\""));
+    let unknown = assert_error(&checks(&shelf, &site), 2, "bad-file");
+    assert!(says(&unknown["error"], "\"shelf\"") && says(&unknown["error"], "allowed: work"), "{unknown}");
     // A candidate may bind the site's family as its fallback.
     let bound = copied(root.path(), Path::new(IMPROVED), "bound", ("family = \"park\"", "family = \"rest\""));
     let alone = document(&checks(&bound, &[]));

@@ -94,6 +94,7 @@ fn load(folder: &Path, site: Option<&Arc<LoadedSite>>) -> Result<Tryout, CliErro
     let candidate = Capability::read(folder).map_err(CliError::usage)?;
     Tryout::new(candidate, cell(None, site)?).map_err(|error| match error {
         TryoutError::Family(unknown) => CliError::usage(unknown),
+        TryoutError::Zone(unknown) => CliError::usage(unknown),
         TryoutError::Check(_) | TryoutError::BuiltIn(_) => CliError::internal(error),
     })
 }

@@ -52,6 +52,9 @@ pub(crate) fn register(
             return Ok(Reply::refused(Refusal::BadInput, &error));
         }
     };
+    if let Some(unknown) = candidate.manifest.unknown_zone("manifest.toml", &context.cell.zones) {
+        return Ok(Reply::refused(Refusal::BadInput, &unknown));
+    }
     let id = candidate.id();
     // The registration itself refuses a family that is not there.
     if record.version_table().family(&id.family).is_ok()

@@ -1,4 +1,5 @@
 //! Faults of the cell demote a candidate and never reject it. A family without a task takes no new version.
+//! Registration refuses a zone that the cell does not have.
 
 use std::path::Path;
 
@@ -105,4 +106,14 @@ fn a_version_of_the_fallback_is_refused_at_its_registration() {
     assert_eq!(code, Refusal::BadInput);
     assert!(hint.is_some());
     assert!(bench.pipeline.record().version_table().version(&id).is_err(), "nothing is registered");
+}
+
+#[test]
+fn a_zone_that_the_cell_does_not_have_is_refused_at_the_registration() {
+    let mut bench = RollbackBench::new();
+    let package = package("candidates/align-improved", "zones = [\"work\"", "zones = [\"shelf\"");
+    let reply = bench.pipeline.command(Command::Register { package, name: "shelf".to_owned(), by: None });
+    let Reply::Refused { code, text, .. } = reply else { panic!("{reply:?}") };
+    assert_eq!(code, Refusal::BadInput);
+    assert!(text.contains("\"shelf\"") && text.contains("allowed: work, tray, transit, human"), "{text}");
 }
