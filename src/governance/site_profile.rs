@@ -88,10 +88,7 @@ impl ChosenProfile {
     /// profiles name only zones that texts may name in every cell.
     #[must_use]
     pub fn unknown_zone(&self, cell: &[Zone]) -> Option<UnknownZone> {
-        let own = match self {
-            Self::BuiltIn(_) => return None,
-            Self::Own(own) => own,
-        };
+        let Self::Own(own) = self else { return None };
         let of_policies = own.table.modes.iter().map(|entry| &entry.mode.zone);
         let keep_out = &own.profile.runtime.keep_out;
         UnknownZone::among((own.texts.policy_file.as_str(), "resource"), of_policies, cell)

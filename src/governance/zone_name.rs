@@ -31,7 +31,7 @@ pub enum ZoneName {
     Other(OtherZone),
 }
 
-/// A name that is none of those in the shipped policies.
+/// The name of a zone that the shipped policies do not name.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct OtherZone(ArrayString<NAME_LEN_MAX>);
 
