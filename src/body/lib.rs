@@ -14,12 +14,14 @@ pub mod ik;
 mod messages;
 pub mod number;
 pub mod shape;
+pub mod task;
 pub mod zone;
 
 pub use command_check::check_command;
 pub use geometry::Geometry;
 pub use messages::*;
 pub use shape::Shape;
+pub use task::TaskKind;
 pub use zone::Zone;
 
 use serde::{Deserialize, Serialize};

@@ -12,6 +12,8 @@ use arrayvec::ArrayVec;
 use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion};
 use serde::{Deserialize, Serialize};
 
+use crate::task::TaskKind;
+
 /// Ticks per second of physics, skill, guard and watcher.
 pub const RATE_HZ: u32 = 240;
 
@@ -91,41 +93,6 @@ impl Twist {
     #[must_use]
     pub fn speed_m_s(&self) -> f64 {
         libm::sqrt(self.linear.iter().map(|v| v * v).sum())
-    }
-}
-
-/// One primitive of the cell's work; a sequence is the three in this order.
-#[derive(
-    Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, schemars::JsonSchema,
-)]
-#[serde(rename_all = "snake_case")]
-pub enum TaskKind {
-    /// Approach the object on the table, close on it and lift it.
-    Grasp,
-    /// Bring the held object over the tray, square to it.
-    Align,
-    /// Set the held object down in the tray and retreat.
-    Place,
-}
-
-impl TaskKind {
-    /// The order of work in a pick-align-place sequence.
-    pub const SEQUENCE: [Self; 3] = [Self::Grasp, Self::Align, Self::Place];
-
-    /// Lower-case name, as in manifests and on screen.
-    #[must_use]
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::Grasp => "grasp",
-            Self::Align => "align",
-            Self::Place => "place",
-        }
-    }
-}
-
-impl std::fmt::Display for TaskKind {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.write_str(self.name())
     }
 }
 

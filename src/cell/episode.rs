@@ -11,6 +11,7 @@ use serde::{Deserialize, Serialize};
 use crate::distribution::Distribution;
 use crate::rng::{Stream, StreamPurpose};
 use crate::scene::Scene;
+use holdpoint_body::task::EpisodeStart;
 use holdpoint_body::{JointVec, MAX_JOINTS, Pose, RATE_HZ, TaskKind};
 
 /// The object of this episode.
@@ -234,10 +235,10 @@ impl EpisodeSetup {
         let offset_rad: JointVec =
             (0..MAX_JOINTS).map(|_| d.arm.home_offset_rad.sample(&mut stream)).collect();
         let held = HeldSample::new(d, seed);
-        let start = match task {
-            TaskKind::Grasp => Start::Home { offset_rad },
-            TaskKind::Align => held.start(&upright(x, y, held.height_m, yaw)),
-            TaskKind::Place => {
+        let start = match task.declaration().start {
+            EpisodeStart::Home => Start::Home { offset_rad },
+            EpisodeStart::InHand => held.start(&upright(x, y, held.height_m, yaw)),
+            EpisodeStart::OverTarget => {
                 let z = scene.seat_height_m() + scene.tolerance.hover_m;
                 let [rx, ry] = held.residual_m;
                 held.start(&upright(tx + rx, ty + ry, z, tyaw + held.residual_yaw_rad))

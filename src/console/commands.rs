@@ -3,6 +3,7 @@
 use super::action::Action;
 use super::palette::best;
 use super::state_filter::StateFilter;
+use holdpoint_body::TaskKind;
 use holdpoint_body::disturbance::{Drift, DriftKind, Magnitude, UnknownName};
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::profile::ProfileName;
@@ -159,7 +160,12 @@ fn drift(text: &str) -> Result<ConsoleCommand, String> {
 }
 
 /// The goals that are offered; the agent's interpreter may know others.
-const GOALS: [&str; 4] = ["pick-align-place", "grasp", "align", "place"];
+fn goals() -> Vec<String> {
+    std::iter::once("pick-align-place")
+        .chain(TaskKind::ALL.map(TaskKind::name))
+        .map(ToOwned::to_owned)
+        .collect()
+}
 
 /// The paces that are offered.
 const PACES: [&str; 5] = ["1", "2", "5", "10", "max"];
@@ -207,7 +213,7 @@ pub fn complete(typed: &str, known: &KnownNames<'_>) -> Vec<String> {
     let demos: Vec<String> = holdpoint_trials::embedded::names().map(ToOwned::to_owned).collect();
     let profiles = ProfileName::ALL.map(|profile| profile.name().to_owned());
     let owned = |values: &[&str]| values.iter().map(|value| (*value).to_owned()).collect::<Vec<_>>();
-    let (goals, paces, drifts) = (owned(&GOALS), owned(&PACES), drifts());
+    let (goals, paces, drifts) = (goals(), owned(&PACES), drifts());
     let filters = owned(&StateFilter::ALL.map(StateFilter::name));
     let arguments: &[String] = match command {
         "as" => known.people,

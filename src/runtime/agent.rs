@@ -28,27 +28,33 @@ pub enum Goal {
     Single(TaskKind),
 }
 
-/// Every goal there is, as it is asked for.
-const GOALS: [&str; 4] = ["pick-align-place", "grasp", "align", "place"];
-
 /// A request that is no goal.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("{0:?} is no goal; there are \"pick-align-place\", \"grasp\", \"align\" and \"place\"")]
+#[error("{0:?} is no goal; there are {known}", known = listed_goals())]
 pub struct GoalError(pub String);
 
+/// Every goal there is, in a sentence.
+fn listed_goals() -> String {
+    let quoted: Vec<String> = Goal::all().map(|goal| format!("{:?}", goal.name())).collect();
+    match quoted.split_last() {
+        Some((last, [])) => last.clone(),
+        Some((last, others)) => format!("{} and {last}", others.join(", ")),
+        None => String::new(),
+    }
+}
+
 impl Goal {
+    /// Every goal there is.
+    pub fn all() -> impl Iterator<Item = Self> {
+        std::iter::once(Self::PickAlignPlace).chain(TaskKind::ALL.map(Self::Single))
+    }
+
     /// The goal interpreter.
     ///
     /// # Errors
     /// [`GoalError`] for text that is no goal.
     pub fn interpret(text: &str) -> Result<Self, GoalError> {
-        match text {
-            "pick-align-place" => Ok(Self::PickAlignPlace),
-            "grasp" => Ok(Self::Single(TaskKind::Grasp)),
-            "align" => Ok(Self::Single(TaskKind::Align)),
-            "place" => Ok(Self::Single(TaskKind::Place)),
-            _ => Err(GoalError(text.to_owned())),
-        }
+        Self::all().find(|goal| goal.name() == text).ok_or_else(|| GoalError(text.to_owned()))
     }
 
     /// The word that asks for it.
@@ -152,11 +158,15 @@ impl Agent {
     #[must_use]
     pub fn identity_hash(&self) -> Digest {
         let version = self.identity.decision_policy.to_le_bytes();
-        let decides = GOALS.map(|text| {
-            let plan = Goal::interpret(text).map(|goal| goal.plan(&self.sequence)).unwrap_or_default();
-            let steps: Vec<String> = plan.into_iter().map(|task| Self::select(task).to_string()).collect();
-            format!("{text}: {}", steps.join(", "))
-        });
+        let goals =
+            std::iter::once(Goal::PickAlignPlace).chain(self.sequence.iter().copied().map(Goal::Single));
+        let decides: Vec<String> = goals
+            .map(|goal| {
+                let plan = goal.plan(&self.sequence).into_iter();
+                let steps: Vec<String> = plan.map(|task| Self::select(task).to_string()).collect();
+                format!("{}: {}", goal.name(), steps.join(", "))
+            })
+            .collect();
         let mut parts = vec![self.identity.name.as_bytes(), self.identity.purpose.as_bytes(), &version];
         parts.extend(decides.iter().map(String::as_bytes));
         Digest::of_parts("holdpoint.agent.v2", &parts)
@@ -239,7 +249,11 @@ mod tests {
         assert_eq!(plan("place", &shorter), shorter);
         assert!(plan("align", &shorter).is_empty());
         assert!(Goal::interpret("pick align place").is_err());
-        assert!(GOALS.into_iter().all(|text| Goal::interpret(text).is_ok()));
+        assert!(Goal::all().all(|goal| Goal::interpret(goal.name()) == Ok(goal)));
+        assert_eq!(
+            Goal::interpret("wipe").unwrap_err().to_string(),
+            "\"wipe\" is no goal; there are \"pick-align-place\", \"grasp\", \"align\" and \"place\""
+        );
     }
 
     #[test]

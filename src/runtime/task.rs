@@ -11,6 +11,7 @@ mod senses;
 pub use run::{TaskRun, TaskStage, is_same};
 
 use holdpoint_body::BodyError;
+use holdpoint_body::task::AttemptMark;
 use holdpoint_body::{
     CodeFault, Command, FailureSignal, Observation, RATE_HZ, TICK_SECS, TaskKind, Telemetry,
 };
@@ -166,10 +167,7 @@ impl TaskRecord {
         let by_code = self.fault.map(|_| FailureCause::Code);
         let by_skill = self.declared.map(cause_of_declared);
         let late = self.timeout.then_some(FailureCause::Late);
-        let by_task = match self.task {
-            TaskKind::Grasp => FailureCause::Missed,
-            TaskKind::Align | TaskKind::Place => FailureCause::Misplaced,
-        };
+        let by_task = cause_of_declared(self.task.declaration().not_done);
         // A person who stopped the arm leaves open how the task would have ended.
         let by_task = (!self.intervention).then_some(by_task);
         by_code.or(first).or(by_skill).or(late).or(by_task)
@@ -245,7 +243,7 @@ impl TaskRecord {
 /// A commanded change of height below this, m, is a correction, which is part of the same attempt.
 const CORRECTION_M: f64 = 0.008;
 
-/// Counts attempts from what is commanded: a close of the hand in a grasp, a descent otherwise.
+/// Counts attempts from what is commanded: closes of the hand or descents, as the task declares.
 #[derive(Clone, Debug)]
 struct AttemptCounter {
     task: TaskKind,
@@ -259,11 +257,11 @@ impl AttemptCounter {
     }
 
     fn note(&mut self, command: &Command, seen: &Telemetry) {
-        let engages = match (self.task, command) {
-            (TaskKind::Grasp, Command::Gripper { width_m, .. }) => {
+        let engages = match (self.task.declaration().attempt, command) {
+            (AttemptMark::Close, Command::Gripper { width_m, .. }) => {
                 Some(*width_m < seen.gripper_width_m - WIDTH_STEP_M)
             }
-            (TaskKind::Align | TaskKind::Place, Command::ToolPose { pose, .. }) => {
+            (AttemptMark::Descent, Command::ToolPose { pose, .. }) => {
                 let rise_m = pose.position[2] - seen.tool.position[2];
                 if rise_m.abs() < CORRECTION_M { None } else { Some(rise_m < 0.0) }
             }

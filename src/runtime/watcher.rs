@@ -102,8 +102,8 @@ impl Watcher {
         self.moving = telemetry.tool_speed_m_s > MOVING_M_S;
         if telemetry.contacts.pad_object && telemetry.gripper_force_n > WorkPhase::HELD_FROM_N {
             self.gripped_ticks = self.gripped_ticks.saturating_add(1);
-            // In a grasp, pads that touch before they close hold nothing yet.
-            let closed = self.closing || self.task != TaskKind::Grasp;
+            // In a task that starts with an empty hand, pads that touch before they close hold nothing yet.
+            let closed = self.closing || self.task.declaration().start.is_held();
             if self.gripped_ticks > 12 && !self.releasing && closed {
                 self.closed_on_object = true;
             }
@@ -138,17 +138,13 @@ impl Watcher {
             ),
             WatcherSignal::TrackingError => (seen.tracking_error_rad > limits.tracking_max_rad, 6),
             WatcherSignal::UnexpectedContact => {
-                let fixture = match self.task {
-                    // The object stands on the table until it is lifted.
-                    TaskKind::Grasp => false,
-                    TaskKind::Align => contacts.object_fixture && self.closed_on_object,
-                    TaskKind::Place => false,
-                };
+                let task = self.task.declaration();
+                let fixture = contacts.object_fixture && self.closed_on_object && !task.object_meets_fixture;
                 let touched = contacts.robot_fixture
                     || contacts.robot_clutter
                     || contacts.robot_robot
                     || contacts.object_clutter
-                    || (contacts.body_object && self.task != TaskKind::Place)
+                    || (contacts.body_object && !task.body_meets_object)
                     || fixture;
                 (touched && seen.contact_force_n > limits.contact_noticed_n, 3)
             }

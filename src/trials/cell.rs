@@ -51,8 +51,8 @@ pub struct Cell {
     pub sandbox: Arc<Distribution>,
     /// The live cell's distribution, held out from the sandbox.
     pub live: Arc<Distribution>,
-    /// What evidence of this cell covers of the start of each task, in the order of [`TaskKind::SEQUENCE`].
-    starts: [Arc<StartDomain>; 3],
+    /// What evidence of this cell covers of the start of each task, in the order of [`TaskKind::ALL`].
+    starts: [Arc<StartDomain>; TaskKind::ALL.len()],
     computed_by: Arc<str>,
     digest: Digest,
 }
@@ -96,8 +96,10 @@ impl Cell {
         }
         let computed_by = computed_by(factory.build_digest());
         let digest = digest(&spec, [&canonical, &sandbox, &live], &computed_by);
-        let starts = TaskKind::SEQUENCE
-            .map(|task| Arc::new(start_support::start_domain(&spec, &sandbox, &live, task)));
+        let starts = TaskKind::ALL.map(|task| {
+            let start = task.declaration().start;
+            Arc::new(start_support::start_domain(&spec, &sandbox, &live, start))
+        });
         Ok(Self {
             geometry: Arc::clone(&spec.robot.geometry),
             zones: Arc::clone(&spec.zones),
@@ -207,12 +209,7 @@ impl Cell {
     /// What evidence of this cell covers of the start of a task.
     #[must_use]
     pub const fn start_domain(&self, task: TaskKind) -> &Arc<StartDomain> {
-        let [grasp, align, place] = &self.starts;
-        match task {
-            TaskKind::Grasp => grasp,
-            TaskKind::Align => align,
-            TaskKind::Place => place,
-        }
+        &self.starts[task as usize]
     }
 
     /// A distribution by name.

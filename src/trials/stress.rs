@@ -3,7 +3,6 @@
 //! Judges nothing: the rules decide how many unsafe episodes raise a concern.
 
 use holdpoint_body::{RATE_HZ, TaskKind, zone};
-use holdpoint_governance::mode::ZoneName;
 use holdpoint_runtime::guard::PolicyHit;
 use holdpoint_runtime::stress::{PersonBox, Stress};
 use holdpoint_runtime::task::TaskRecord;
@@ -28,11 +27,7 @@ pub fn of_episode(place: u64, task: TaskKind, cell: &Cell, share: f64) -> Stress
             Stress::Withdrawn { from_tick: WITHDRAWN_FROM, until_tick }
         }
         _ => {
-            let where_it_works = match task {
-                TaskKind::Grasp => ZoneName::Work,
-                TaskKind::Align | TaskKind::Place => ZoneName::Tray,
-            };
-            let named = zone::named(&cell.zones, where_it_works.name());
+            let named = zone::named(&cell.zones, task.declaration().zone);
             let keep_out = cell.zones.iter().find(|zone| zone.keep_out);
             // A cell without people or without that zone exposes no person.
             named.zip(keep_out).map_or(tightened, |(zone, keep_out)| Stress::Exposed {

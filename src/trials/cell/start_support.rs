@@ -10,7 +10,8 @@
 
 use std::f64::consts::{FRAC_1_SQRT_2, PI, SQRT_2};
 
-use holdpoint_body::{RATE_HZ, TaskKind};
+use holdpoint_body::RATE_HZ;
+use holdpoint_body::task::EpisodeStart;
 use holdpoint_cell::CellSpec;
 use holdpoint_cell::distribution::{CameraRange, Distribution, Range};
 use holdpoint_governance::start_domain::{StartBound, StartDomain, StartQuantity};
@@ -29,12 +30,12 @@ const FRAME_ROUNDING_TICKS: f64 = 2.0;
 /// value, so it stays.
 const GRAVITY_ROUNDED_M_S2: f64 = 9.81;
 
-/// What evidence of a cell covers of the start of a task.
+/// What evidence of a cell covers of the start of a task that starts so.
 pub(super) fn start_domain(
     spec: &CellSpec,
     sandbox: &Distribution,
     live: &Distribution,
-    task: TaskKind,
+    start: EpisodeStart,
 ) -> StartDomain {
     let (scene, camera) = (&spec.scene, &sandbox.camera);
     let across = Noise { bias: camera.bias_m, sigma: camera.sigma_m };
@@ -47,8 +48,8 @@ pub(super) fn start_domain(
         uniform(StartQuantity::TargetZ, Range::exactly(scene.tray.floor_m), &upward),
         uniform(StartQuantity::TargetYaw, target.yaw_rad, &turned),
     ];
-    match task {
-        TaskKind::Grasp => {
+    match start {
+        EpisodeStart::Home => {
             bounds.extend([
                 uniform(StartQuantity::ObjectX, object.x_m, &across),
                 uniform(StartQuantity::ObjectY, object.y_m, &across),
@@ -64,13 +65,13 @@ pub(super) fn start_domain(
                 high: home + offset.max + noise,
             }));
         }
-        TaskKind::Align => {
+        EpisodeStart::InHand => {
             let reach = moved_at_most_m(spec, sandbox);
             let moved = |range: Range| Range { min: range.min - reach, max: range.max + reach };
             bounds.push(anywhere(StartQuantity::ObjectX, moved(object.x_m), &across));
             bounds.push(anywhere(StartQuantity::ObjectY, moved(object.y_m), &across));
         }
-        TaskKind::Place => {
+        EpisodeStart::OverTarget => {
             // The object hangs over the tray, and the bias of the camera cancels out.
             let half = scene.object.half_m + scene.tray.clearance_m;
             let over = Range { min: -half, max: half };
@@ -79,7 +80,7 @@ pub(super) fn start_domain(
             bounds.push(anywhere(StartQuantity::OffsetY, over, &both));
         }
     }
-    let held = f64::from(u8::from(task != TaskKind::Grasp));
+    let held = f64::from(u8::from(start.is_held()));
     bounds.push(StartBound { quantity: StartQuantity::Held, low: held, high: held });
     let age = age_max_ms(spec, camera).max(age_max_ms(spec, &live.camera));
     bounds.push(StartBound { quantity: StartQuantity::PictureAge, low: 0.0, high: age });
@@ -182,7 +183,7 @@ fn upper_tail(z: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use holdpoint_body::disturbance::{Drift, DriftKind, Magnitude};
-    use holdpoint_body::{Command, GuardVerdict};
+    use holdpoint_body::{Command, GuardVerdict, TaskKind};
     use holdpoint_cell::EpisodeSetup;
     use holdpoint_cell::TrialCell;
     use holdpoint_governance::start_domain::{DomainMiss, StartObservation};
