@@ -3,6 +3,7 @@
 use std::sync::Arc;
 
 use holdpoint_body::chain::Transform;
+use holdpoint_body::task::{SEQUENCE_ALLOWED, is_sequence};
 use holdpoint_body::{Geometry, JointVec, MAX_JOINTS, RATE_HZ, Shape, TaskKind, Zone};
 use nalgebra::Isometry3;
 use serde::{Deserialize, Serialize};
@@ -84,8 +85,8 @@ pub struct CellSpec {
     pub zones: Arc<[Zone]>,
     /// What is handled.
     pub workpieces: Vec<Workpiece>,
-    /// The tasks that the cell presents, in their order: the sequence that live cell, agent and trials run. At present
-    /// always [`TaskKind::SEQUENCE`].
+    /// The tasks that the cell presents, in their order: the sequence that live cell, agent and trials run. Each task once;
+    /// each starts with the hand as the one before leaves it.
     pub tasks: Vec<TaskKind>,
     /// Ticks per second.
     pub rate_hz: u32,
@@ -151,16 +152,24 @@ impl CellSpec {
         if self.camera_hz == 0 || self.camera_hz > self.rate_hz {
             return refuse("camera_hz", format!("\"{}\" must be 1 to {}", self.camera_hz, self.rate_hz));
         }
-        // The check of site files, and what a trial draws for each task, know this sequence only.
-        if self.tasks != TaskKind::SEQUENCE {
-            return refuse(
-                "tasks",
-                format!("\"{:?}\" must be those of a sequence, {:?}", self.tasks, TaskKind::SEQUENCE),
-            );
+        if !is_sequence(&self.tasks) {
+            return refuse("tasks", format!("\"{:?}\" must be {SEQUENCE_ALLOWED}", self.tasks));
         }
         if self.zones.iter().ne(&self.scene.zones) {
             return refuse("zones", "they must be those of the scene".to_owned());
         }
         self.scene.check(file)
+    }
+
+    /// The first task of the sequence. A description that passed its check has one.
+    #[must_use]
+    pub fn first_task(&self) -> TaskKind {
+        self.tasks.first().copied().unwrap_or(TaskKind::SEQUENCE[0])
+    }
+
+    /// The last task of the sequence. As [`Self::first_task`].
+    #[must_use]
+    pub fn last_task(&self) -> TaskKind {
+        self.tasks.last().copied().unwrap_or_else(|| self.first_task())
     }
 }

@@ -9,7 +9,7 @@ mod opening;
 use std::thread;
 use std::time::{Duration, Instant};
 
-use holdpoint_body::{Command, GuardVerdict, JointVec, TICK_SECS, TaskKind};
+use holdpoint_body::{Command, GuardVerdict, JointVec, TICK_SECS};
 use holdpoint_cell::EpisodeSetup;
 
 use crate::client::{CellCallError, Connect, Peer};
@@ -195,7 +195,8 @@ impl Check {
     fn setup(&self, seed: u64) -> Result<Box<EpisodeSetup>, String> {
         let described = self.description()?;
         let [canonical, ..] = &described.distributions;
-        Ok(Box::new(EpisodeSetup::sample(TaskKind::Grasp, &described.spec.scene, canonical, seed)))
+        let spec = &described.spec;
+        Ok(Box::new(EpisodeSetup::sample(spec.first_task(), &spec.scene, canonical, seed)))
     }
 
     /// A trial cell that was reset.

@@ -19,6 +19,7 @@ use crate::cli::output::CommandOutput;
 use crate::error::{CliError, Exit};
 use crate::headless::cell;
 use holdpoint_approvals::SignedAuthorship;
+use holdpoint_body::TaskKind;
 use holdpoint_explain::tryout::Tryout;
 use holdpoint_governance::decision::Reason;
 use holdpoint_governance::ids::{CapabilityId, Digest};
@@ -257,7 +258,7 @@ pub fn run(
             if let Some(unknown) = versions.unknown_family(&candidate, "manifest.toml") {
                 return Err(CliError::usage(unknown));
             }
-            if let Some(refused) = check::taskless_family(&candidate, "manifest.toml") {
+            if let Some(refused) = check::taskless_family(&candidate, &TaskKind::ALL, "manifest.toml") {
                 return Err(CliError::usage(refused));
             }
             site_choice::check_zones(&context.data, site.as_ref(), &|cell| {

@@ -153,7 +153,12 @@ impl Site {
                 family_error(file, text, (index, family), &field, &value, &allowed)
             })?;
         }
-        let tasks = TaskKind::SEQUENCE.map(Family::from);
+        // A cell of another process says itself which tasks it has; they are checked where it is connected.
+        let tasks: &[TaskKind] = match self.live.kind {
+            CellKind::Simulated => &TaskKind::SEQUENCE,
+            CellKind::Wire => &[],
+        };
+        let tasks: Vec<Family> = tasks.iter().copied().map(Family::from).collect();
         if tasks.iter().any(|task| !self.families.iter().any(|family| family.name == *task)) {
             let listed = names(self.families.iter().map(|family| &family.name));
             let allowed = format!("a family for each task: {}", names(tasks.iter()));

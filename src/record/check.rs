@@ -133,14 +133,13 @@ impl Hint for TasklessFamily {
     }
 }
 
-/// The error for a version whose family is known in this cell and has no task of its own. `file` is the manifest's name in
-/// the error.
+/// The error for a version whose family is known in this cell and performs none of these tasks. `file` is the manifest's
+/// name in the error.
 #[must_use]
-pub fn taskless_family(candidate: &Capability, file: &str) -> Option<TasklessFamily> {
-    let families = TaskKind::SEQUENCE.map(Family::from);
+pub fn taskless_family(candidate: &Capability, tasks: &[TaskKind], file: &str) -> Option<TasklessFamily> {
     let family = candidate.id().family;
-    let has_task = families.contains(&family);
-    let allowed = families.map(|family| family.to_string()).join(", ");
+    let has_task = tasks.iter().any(|task| Family::from(*task) == family);
+    let allowed = tasks.iter().map(|task| task.name()).collect::<Vec<_>>().join(", ");
     (!has_task).then(|| TasklessFamily { file: file.to_owned(), family: family.to_string(), allowed })
 }
 

@@ -156,6 +156,13 @@ impl Cell {
                     let problem = format!("\"{named}\" is not the robot there, \"{}\"", there.line());
                     return Err(CellError::file(endpoint, "robot", problem));
                 }
+                let has_family = |task: TaskKind| {
+                    site.site.families.iter().any(|family| family.name.as_str() == task.name())
+                };
+                if let Some(task) = far.spec.tasks.iter().find(|task| !has_family(**task)) {
+                    let problem = format!("\"{task}\" has no family in the site file");
+                    return Err(CellError::file(endpoint, "tasks", problem));
+                }
                 Self { robot_file: file, ..far }
             }
         };
@@ -311,7 +318,7 @@ mod tests {
         }
     }
 
-    /// The rate and the tasks are those of this program, for every maker of cells.
+    /// The rate is that of this program, and the tasks can follow each other, for every maker of cells.
     #[test]
     fn cell_that_this_program_cannot_work_with_is_refused() {
         let simulated = SimCells.builtin(None).unwrap();
@@ -323,13 +330,52 @@ mod tests {
         };
         assert_eq!(refused(|_| {}), None);
         assert!(refused(|spec| spec.rate_hz = 1000).unwrap().contains("rate_hz"));
-        assert!(refused(|spec| spec.tasks = vec![TaskKind::Grasp]).unwrap().contains("tasks"));
         let renamed = refused(|spec| {
             let mut scene = Scene::clone(&spec.scene);
             scene.zones[1].name = "Tray 2".to_owned();
             (spec.zones, spec.scene) = (scene.zones.clone().into(), Arc::new(scene));
         });
         assert!(renamed.unwrap().contains("\"Tray 2\" is not allowed"));
+        // Of a cell without an alignment.
+        assert_eq!(refused(|spec| spec.tasks = vec![TaskKind::Grasp, TaskKind::Place]), None);
+        assert!(refused(|spec| spec.tasks.clear()).unwrap().contains("tasks"));
+        assert!(refused(|spec| spec.tasks = vec![TaskKind::Align]).unwrap().contains("tasks"));
+        assert!(refused(|spec| spec.tasks.insert(1, TaskKind::Grasp)).unwrap().contains("tasks"));
+    }
+
+    /// Cells of another process, with these tasks.
+    struct CellsElsewhere(Vec<TaskKind>);
+
+    impl CellSource for CellsElsewhere {
+        fn builtin(&self, robot: Option<&str>) -> Result<Arc<dyn CellFactory>, CellError> {
+            SimCells.builtin(robot)
+        }
+        fn load(&self, robot: &Path) -> Result<Arc<dyn CellFactory>, CellError> {
+            SimCells.load(robot)
+        }
+        fn connect(&self, _: &str) -> Result<Arc<dyn CellFactory>, CellError> {
+            let simulated = SimCells.builtin(None)?;
+            let mut spec = CellSpec::clone(simulated.spec());
+            spec.tasks.clone_from(&self.0);
+            Ok(Arc::new(Described { spec: Arc::new(spec), simulated }))
+        }
+    }
+
+    #[test]
+    fn a_cell_of_another_process_needs_a_family_for_each_of_its_tasks() {
+        let folder = tempfile::tempdir().unwrap();
+        let text = std::fs::read_to_string(Path::new(crate::MANIFESTS).join("site.toml")).unwrap();
+        let align = "[[families]]\nname = \"align\"\nbaseline = \"align/1.0.0\"\nfallback = \"park\"\n\n";
+        assert!(text.contains(align));
+        let wire = "kind = \"wire\"\nendpoint = \"unix:/run/cell.sock\"";
+        let file = folder.path().join("site.toml");
+        std::fs::write(&file, text.replace(align, "").replace("kind = \"simulated\"", wire)).unwrap();
+        let site = Arc::new(LoadedSite::read(&file).unwrap());
+        let of = |tasks: &[TaskKind]| Cell::at(&CellsElsewhere(tasks.to_vec()), None, Some(&site));
+        let without_align = of(&[TaskKind::Grasp, TaskKind::Place]).unwrap();
+        assert_eq!(without_align.spec.tasks, [TaskKind::Grasp, TaskKind::Place]);
+        let refused = of(&TaskKind::SEQUENCE).err().unwrap().to_string();
+        assert!(refused.contains("tasks") && refused.contains("\"align\""), "{refused}");
     }
 
     /// Evidence and cached results are bound to the digest, so it must cover everything that an episode depends on.

@@ -79,7 +79,7 @@ pub fn run_sequence(
     let mut records = Vec::with_capacity(lineup.len());
     let set_up = worker.arm(cell, &setup(cell, CONDITIONS, seed)).map(|_| ());
     let outcome = set_up.and_then(|()| run_tasks(worker, cell, lineup, (CONDITIONS, seed), &mut records));
-    records_with_failure(worker, outcome.map(|_| ()), lineup, seed, records)
+    records_with_failure(worker, outcome.map(|_| ()), (cell, lineup, seed), records)
 }
 
 /// Runs a sequence with either of two versions for `candidate_task`; both share one run of the tasks before it, in a cell
@@ -107,7 +107,8 @@ pub fn run_sequence_pair(
         Ok(Some(world)) => world,
         Ok(None) => return [shared_records.clone(), shared_records],
         Err(error) => {
-            let records = records_with_failure(worker, Err(error), shared_lineup, seed, shared_records);
+            let records =
+                records_with_failure(worker, Err(error), (cell, shared_lineup, seed), shared_records);
             return [records.clone(), records];
         }
     };
@@ -115,13 +116,13 @@ pub fn run_sequence_pair(
         let (mut records, rest) = (shared_records.clone(), lineup.get(shared_tasks..).unwrap_or_default());
         let set_up = worker.arm_from(cell, &world).map(|_| ());
         let outcome = set_up.and_then(|()| run_tasks(worker, cell, rest, (CONDITIONS, seed), &mut records));
-        records_with_failure(worker, outcome.map(|_| ()), lineup, seed, records)
+        records_with_failure(worker, outcome.map(|_| ()), (cell, lineup, seed), records)
     })
 }
 
 /// Everything that is drawn for a sequence.
 pub(super) fn setup(cell: &Cell, conditions: Conditions, seed: u64) -> EpisodeSetup {
-    EpisodeSetup::sample(TaskKind::Grasp, &cell.scene, cell.distribution(conditions), seed)
+    EpisodeSetup::sample(cell.spec.first_task(), &cell.scene, cell.distribution(conditions), seed)
 }
 
 /// Runs tasks one after the other from the present state of the worker's arm. Returns whether all were done.
@@ -154,12 +155,12 @@ pub(super) fn run_tasks(
 fn records_with_failure(
     worker: &mut Worker,
     outcome: Result<(), CellError>,
-    lineup: &[&TrialSubject],
-    seed: u64,
+    (cell, lineup, seed): (&Cell, &[&TrialSubject], u64),
     mut records: Vec<TaskRecord>,
 ) -> Vec<TaskRecord> {
     if outcome.is_err() {
-        let task = lineup.get(records.len()).map_or(TaskKind::Place, |subject| subject.version.bundle.task());
+        let next = lineup.get(records.len()).map(|subject| subject.version.bundle.task());
+        let task = next.unwrap_or_else(|| cell.spec.last_task());
         records.push(worker.failed(task, seed));
     }
     records
@@ -191,7 +192,7 @@ mod tests {
         let tasks = |subjects: &[&TrialSubject]| -> Vec<TaskKind> {
             subjects.iter().map(|subject| subject.version.bundle.task()).collect()
         };
-        let [grasp, align, place] = TaskKind::SEQUENCE;
+        let [grasp, align, place] = [TaskKind::Grasp, TaskKind::Align, TaskKind::Place];
         let own = all.iter().find(|subject| subject.version.bundle.task() == place).unwrap();
         for (sequence, before) in
             [(vec![grasp, align, place], vec![grasp, align]), (vec![grasp, place], vec![grasp])]

@@ -58,7 +58,7 @@ pub(crate) fn register(
     let id = candidate.id();
     // The registration itself refuses a family that is not there.
     if record.version_table().family(&id.family).is_ok()
-        && let Some(refused) = taskless_family(&candidate, "manifest.toml")
+        && let Some(refused) = taskless_family(&candidate, &context.cell.spec.tasks, "manifest.toml")
     {
         return Ok(Reply::refused(Refusal::BadInput, &refused));
     }

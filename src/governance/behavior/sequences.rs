@@ -53,8 +53,8 @@ pub struct SequencePair {
 pub struct SequenceEvidence {
     /// The place of the candidate.
     pub task: TaskKind,
-    /// The tasks of the cell, in their order; not written for the shipped sequence.
-    #[serde(default = "shipped_sequence", skip_serializing_if = "is_shipped_sequence")]
+    /// The tasks of the cell, in their order; not written if they are grasp, align and place, as in the first records.
+    #[serde(default = "unwritten", skip_serializing_if = "is_unwritten")]
     pub sequence: Vec<TaskKind>,
     /// The active versions in the other tasks, in order; one is missing if a family has none.
     pub beside: Vec<CapabilityId>,
@@ -64,12 +64,15 @@ pub struct SequenceEvidence {
     pub pairs: Vec<SequencePair>,
 }
 
-fn shipped_sequence() -> Vec<TaskKind> {
-    TaskKind::SEQUENCE.to_vec()
+/// The sequence of every record that states none. It stays as it is, whatever tasks the built-in cell has.
+const UNWRITTEN: [TaskKind; 3] = [TaskKind::Grasp, TaskKind::Align, TaskKind::Place];
+
+fn unwritten() -> Vec<TaskKind> {
+    UNWRITTEN.to_vec()
 }
 
-fn is_shipped_sequence(sequence: &[TaskKind]) -> bool {
-    *sequence == TaskKind::SEQUENCE
+fn is_unwritten(sequence: &[TaskKind]) -> bool {
+    *sequence == UNWRITTEN
 }
 
 /// A measure of sequences; in records a word, or the name of a measure of harm.
@@ -397,7 +400,7 @@ mod tests {
 
     #[test]
     fn the_next_task_is_that_of_the_cell() {
-        let [grasp, align, place] = TaskKind::SEQUENCE;
+        let [grasp, align, place] = UNWRITTEN;
         for (task, sequence, next) in [
             (grasp, vec![grasp, align, place], Some(align)),
             (place, vec![grasp, align, place], None),
@@ -412,19 +415,19 @@ mod tests {
     #[test]
     fn as_many_versions_are_needed_as_the_cell_has_tasks() {
         let profile = Profile::builtin(ProfileName::Sim).unwrap();
-        let [grasp, ..] = TaskKind::SEQUENCE;
+        let [grasp, ..] = UNWRITTEN;
         let unusable = |sequence: &[TaskKind]| evidence(grasp, sequence).unusable(&profile);
-        assert_eq!(unusable(&TaskKind::SEQUENCE), Some(Finding::SequencesNotRun));
+        assert_eq!(unusable(&UNWRITTEN), Some(Finding::SequencesNotRun));
         assert_eq!(unusable(&[grasp]), Some(Finding::TooFewSequences { ran: 0, asked: 4 }));
     }
 
     #[test]
-    fn evidence_without_a_sequence_has_the_shipped_one() {
-        let [grasp, _, place] = TaskKind::SEQUENCE;
-        let shipped = evidence(grasp, &TaskKind::SEQUENCE);
-        let text = serde_json::to_string(&shipped).unwrap();
+    fn evidence_without_a_sequence_has_that_of_the_first_records() {
+        let [grasp, _, place] = UNWRITTEN;
+        let unwritten = evidence(grasp, &UNWRITTEN);
+        let text = serde_json::to_string(&unwritten).unwrap();
         assert_eq!(text, r#"{"task":"grasp","beside":[],"wanted":4,"pairs":[]}"#);
-        assert_eq!(serde_json::from_str::<SequenceEvidence>(&text).unwrap(), shipped);
+        assert_eq!(serde_json::from_str::<SequenceEvidence>(&text).unwrap(), unwritten);
         let other = evidence(grasp, &[grasp, place]);
         let text = serde_json::to_string(&other).unwrap();
         assert_eq!(serde_json::from_str::<SequenceEvidence>(&text).unwrap(), other);
