@@ -188,9 +188,14 @@ impl Skill for ComponentRun {
     fn tick(&mut self, seen: &Observation) -> Command {
         let fuel = self.loaded.limits.fuel_per_tick;
         let inner = &mut self.inner;
+        let Some(handed) = wit::observation(seen) else {
+            // The code describes a task of the contract, so no cell gives it another one.
+            inner.fail(CodeFault::Answer);
+            return Command::Hold;
+        };
         let answer = inner.call(fuel, true, |store, skill| {
             store.data_mut().outside.tick = seen.tick;
-            skill.call_tick(store, wit::observation(seen))
+            skill.call_tick(store, handed)
         });
         let Some(answer) = answer else { return Command::Hold };
         match wit::command(&answer) {

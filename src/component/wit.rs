@@ -61,12 +61,10 @@ const fn estimate(seen: &Estimate) -> types::Estimate {
     types::Estimate { pose: pose(&seen.pose), age_ticks: seen.age_ticks, sequence: seen.sequence }
 }
 
-const fn task(task: TaskKind) -> types::Task {
-    match task {
-        TaskKind::Grasp => types::Task::Grasp,
-        TaskKind::Align => types::Task::Align,
-        TaskKind::Place => types::Task::Place,
-    }
+/// `None` if the contract does not have the task: no component performs it.
+fn task(task: TaskKind) -> Option<types::Task> {
+    let all = [types::Task::Grasp, types::Task::Align, types::Task::Place];
+    all.into_iter().find(|known| task_kind(*known) == task)
 }
 
 /// The primitive a component performs.
@@ -78,9 +76,9 @@ pub const fn task_kind(task: types::Task) -> TaskKind {
     }
 }
 
-/// What a component is given in a tick.
-pub fn observation(seen: &Observation) -> types::Observation {
-    types::Observation {
+/// What a component is given in a tick. `None` if the contract does not have the task.
+pub fn observation(seen: &Observation) -> Option<types::Observation> {
+    Some(types::Observation {
         tick: seen.tick,
         q: joints(&seen.q),
         dq: joints(&seen.dq),
@@ -93,13 +91,13 @@ pub fn observation(seen: &Observation) -> types::Observation {
         object: seen.object.as_ref().map(estimate),
         target: seen.target.as_ref().map(estimate),
         tool_available: seen.tool_available,
-        goal: task(seen.goal),
+        goal: task(seen.goal)?,
         guard: match seen.guard {
             GuardVerdict::Allowed => types::Verdict::Allowed,
             GuardVerdict::Clamped => types::Verdict::Clamped,
             GuardVerdict::Denied => types::Verdict::Denied,
         },
-    }
+    })
 }
 
 const fn signal(failure: types::Failure) -> FailureSignal {
