@@ -24,7 +24,7 @@ use holdpoint_trials::worker::Worker;
 
 pub(super) fn measure(subjects: &Subjects, effort: &FigureEffort) -> Result<Vec<MeasuredFigure>, BenchError> {
     let mut entries = Vec::new();
-    for task in TaskKind::SEQUENCE {
+    for &task in &subjects.cell.spec.tasks {
         entries.push(sandbox_episode(subjects, effort, task)?);
     }
     entries.push(tick(subjects, effort)?);
@@ -74,7 +74,7 @@ pub fn task_costs(of_each: u64) -> Result<Vec<TaskCost>, BenchError> {
     let subjects = Subjects::load()?;
     let mut worker = Worker::new();
     let mut found = Vec::new();
-    for task in TaskKind::SEQUENCE {
+    for &task in &subjects.cell.spec.tasks {
         let version = subjects.active_for(task)?;
         for call in 0..of_each {
             let seed = seed(SeedPurpose::Perturbation, call);
@@ -90,9 +90,10 @@ pub fn task_costs(of_each: u64) -> Result<Vec<TaskCost>, BenchError> {
     Ok(found)
 }
 
-/// One tick of a grasp: observation, skill, guard, servo, physics, sensors, watcher. Resets are not in it.
+/// One tick of the cell's first task: observation, skill, guard, servo, physics, sensors, watcher. Resets are not in it.
 fn tick(subjects: &Subjects, effort: &FigureEffort) -> Result<MeasuredFigure, BenchError> {
-    let version = subjects.active_for(TaskKind::Grasp)?;
+    let task = subjects.cell.spec.first_task();
+    let version = subjects.active_for(task)?;
     let (cell, terms) = (&subjects.cell, &subjects.terms);
     let mut worker = Worker::new();
     let mut samples = Vec::new();
@@ -105,11 +106,11 @@ fn tick(subjects: &Subjects, effort: &FigureEffort) -> Result<MeasuredFigure, Be
     let begin = FigureClock::Wall.secs();
     for call in 0..effort.samples_max as u64 {
         let seed = seed(SeedPurpose::Perturbation, call);
-        let setup = EpisodeSetup::sample(TaskKind::Grasp, &cell.scene, &cell.sandbox, seed);
+        let setup = EpisodeSetup::sample(task, &cell.scene, &cell.sandbox, seed);
         let arm = worker.arm(cell, &setup)?;
         let guard = terms.guard(&version.manifest.permissions);
         let skill = version.start(terms.bundle_seed(seed));
-        let task_terms = terms.task(TaskKind::Grasp, seed, version.abort_secs());
+        let task_terms = terms.task(task, seed, version.abort_secs());
         let mut spent = Vec::new();
         let mut before = FigureClock::ThreadCpu.secs();
         task::run(&mut arm.handle(), skill, guard, &task_terms, &mut |_, _| {
@@ -128,19 +129,20 @@ fn tick(subjects: &Subjects, effort: &FigureEffort) -> Result<MeasuredFigure, Be
     figure.of(samples, effort.samples_min)
 }
 
-/// The cost of guard and harm in a tick, and of harm alone: recorded ticks of a grasp, checked and measured again with
-/// nothing else.
+/// The cost of guard and harm in a tick, and of harm alone: recorded ticks of the cell's first task, checked and
+/// measured again with nothing else.
 fn guarded_tick(subjects: &Subjects, effort: &FigureEffort) -> Result<[MeasuredFigure; 2], BenchError> {
-    let version = subjects.active_for(TaskKind::Grasp)?;
+    let task = subjects.cell.spec.first_task();
+    let version = subjects.active_for(task)?;
     let (cell, terms) = (&subjects.cell, &subjects.terms);
     let mut worker = Worker::new();
     let seed = seed(SeedPurpose::Perturbation, 0);
-    let setup = EpisodeSetup::sample(TaskKind::Grasp, &cell.scene, &cell.sandbox, seed);
+    let setup = EpisodeSetup::sample(task, &cell.scene, &cell.sandbox, seed);
     let arm = worker.arm(cell, &setup)?;
     let mut before = arm.handle().telemetry();
     let mut ticks = Vec::new();
     let guard = terms.guard(&version.manifest.permissions);
-    let task_terms = terms.task(TaskKind::Grasp, seed, version.abort_secs());
+    let task_terms = terms.task(task, seed, version.abort_secs());
     let skill = version.start(terms.bundle_seed(seed));
     let mut judging = guard.clone();
     task::run(&mut arm.handle(), skill, guard.clone(), &task_terms, &mut |_, passed| {

@@ -161,9 +161,7 @@ impl DistinguisherBench {
         let baselines = holdpoint_trials::embedded::baselines()
             .map_err(|error| ExperimentError::Unexpected(error.sentence()))?;
         // The family that parks the arm has no task of its own.
-        let in_sequence = |version: &Capability| {
-            TaskKind::SEQUENCE.iter().any(|task| Family::from(*task) == version.id().family)
-        };
+        let in_sequence = |version: &Capability| TaskKind::named(version.id().family.as_str()).is_some();
         let active = baselines.into_iter().filter(in_sequence);
         let active = active.map(|version| (version.id().family, version)).collect();
         Ok(Self { cell, context, active })

@@ -135,8 +135,7 @@ impl HarmBench {
         let baselines = embedded::baselines().unwrap().into_iter();
         let baselines = baselines
             .filter_map(|version| {
-                let family = version.id().family.to_string();
-                let task = TaskKind::SEQUENCE.into_iter().find(|task| task.name() == family)?;
+                let task = TaskKind::named(version.id().family.as_str())?;
                 Some((task.name(), version))
             })
             .collect();

@@ -53,10 +53,7 @@ impl SequenceBench {
             (Cell::of(&SimCells, None).unwrap(), Profile::builtin(ProfileName::Sim).unwrap());
         let table = Arc::new(PolicyTable::builtin(&profile).unwrap());
         let terms = SkillTerms::new(&profile, table, cell.geometry.clone(), cell.zones.clone());
-        let works = |version: &Capability| {
-            let family = version.id().family.to_string();
-            TaskKind::SEQUENCE.into_iter().find(|task| task.name() == family)
-        };
+        let works = |version: &Capability| TaskKind::named(version.id().family.as_str());
         let baselines = embedded::baselines().unwrap().into_iter();
         let baselines = baselines.filter_map(|version| Some((works(&version)?, version))).collect();
         Self { cell, profile, terms, baselines }

@@ -170,7 +170,7 @@ impl WireCell {
             object: None,
             target: None,
             tool_available: false,
-            goal: TaskKind::Grasp,
+            goal: self.shared.spec.first_task(),
             guard,
         }
     }

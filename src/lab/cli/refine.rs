@@ -10,7 +10,8 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-use clap::{Args, ValueEnum};
+use clap::Args;
+use clap::builder::{PossibleValuesParser, TypedValueParser};
 use holdpoint_body::TaskKind;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use tokio::signal::unix::{SignalKind, signal};
@@ -40,8 +41,8 @@ Examples:
   holdpoint-lab refine align --generations 20 --episodes 16 --seed 3 --out candidates --json")]
 pub struct RefineArgs {
     /// The family whose baseline the search improves.
-    #[arg(value_enum)]
-    pub family: FamilyArg,
+    #[arg(value_parser = families())]
+    pub family: TaskKind,
     /// Generations of the search.
     #[arg(long, value_name = "N", default_value_t = 20,
           value_parser = clap::value_parser!(u32).range(1..=i64::from(GENERATIONS_MAX)))]
@@ -64,25 +65,10 @@ pub struct RefineArgs {
     pub version: Option<semver::Version>,
 }
 
-/// A family on the command line.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub enum FamilyArg {
-    /// Approach and lift.
-    Grasp,
-    /// Carry over the tray.
-    Align,
-    /// Set down and retreat.
-    Place,
-}
-
-impl From<FamilyArg> for TaskKind {
-    fn from(argument: FamilyArg) -> Self {
-        match argument {
-            FamilyArg::Grasp => Self::Grasp,
-            FamilyArg::Align => Self::Align,
-            FamilyArg::Place => Self::Place,
-        }
-    }
+/// The families that perform a task.
+fn families() -> impl TypedValueParser<Value = TaskKind> {
+    PossibleValuesParser::new(TaskKind::ALL.map(TaskKind::name))
+        .try_map(|name| TaskKind::named(&name).ok_or_else(|| format!("no task has the name {name:?}")))
 }
 
 /// Searches, shows the progress, and prints the result.
@@ -92,7 +78,7 @@ impl From<FamilyArg> for TaskKind {
 pub fn run(args: &RefineArgs, out: &mut CommandOutput<'_>) -> Result<Exit, CliError> {
     let cores = || std::thread::available_parallelism().map_or(1, usize::from);
     let settings = SearchSettings {
-        task: args.family.into(),
+        task: args.family,
         generations: args.generations,
         episodes: args.episodes,
         seed: args.seed,

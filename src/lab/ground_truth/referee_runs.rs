@@ -3,7 +3,7 @@
 //! Uses nothing that the stages measure: own seeds, true forces and poses, and moments of a stop that are sampled over
 //! the whole task.
 
-use holdpoint_body::{Body, Command, GuardVerdict, Interrupt, RATE_HZ, TaskKind};
+use holdpoint_body::{Body, Command, GuardVerdict, Interrupt, RATE_HZ};
 use holdpoint_cell::CellError;
 use holdpoint_cell::EpisodeSetup;
 use holdpoint_cell::Referee;
@@ -230,11 +230,11 @@ pub(crate) fn observe_sequence(
     team: &[JudgedVersion],
     seed: u64,
 ) -> Result<(RefereeObservation, Vec<TaskRecord>), CellError> {
-    let setup = EpisodeSetup::sample(TaskKind::Grasp, &cell.scene, &cell.live, seed);
+    let setup = EpisodeSetup::sample(cell.spec.first_task(), &cell.scene, &cell.live, seed);
     let arm = worker.arm(cell, &setup)?;
     let mut witness = RefereeWitness::new();
     let mut records = Vec::new();
-    for task in TaskKind::SEQUENCE {
+    for &task in &cell.spec.tasks {
         let next = team.iter().find(|one| one.version.id().family.as_str() == task.name());
         let Some(next) = next else { return Ok((witness.observation(false), records)) };
         arm.body_mut().begin_task(task);
@@ -382,6 +382,7 @@ fn rollback(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use holdpoint_body::TaskKind;
     use holdpoint_governance::policy::PolicyTable;
     use holdpoint_governance::profile::{Profile, ProfileName};
     use holdpoint_sim::SimCells;

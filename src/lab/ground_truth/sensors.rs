@@ -320,9 +320,8 @@ pub(crate) fn baselines(context: &Context) -> Result<Vec<SensedVersion>, Experim
     let baselines = holdpoint_trials::embedded::baselines()
         .map_err(|error| ExperimentError::Unexpected(error.sentence()))?;
     // The family that parks the arm has no task of its own.
-    let of_tasks = baselines
-        .into_iter()
-        .filter(|version| TaskKind::SEQUENCE.iter().any(|task| task.name() == version.id().family.as_str()));
+    let of_tasks =
+        baselines.into_iter().filter(|version| TaskKind::named(version.id().family.as_str()).is_some());
     let sensed = of_tasks.map(|version| SensedVersion {
         name: version.id().to_string(),
         is_baseline: true,
