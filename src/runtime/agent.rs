@@ -30,31 +30,36 @@ pub enum Goal {
 
 /// A request that is no goal.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("{0:?} is no goal; there are {known}", known = listed_goals())]
-pub struct GoalError(pub String);
+#[error("{asked:?} is no goal; there are {known}")]
+pub struct GoalError {
+    pub asked: String,
+    /// The goals that there are.
+    pub known: String,
+}
 
-/// Every goal there is, in a sentence.
-fn listed_goals() -> String {
-    let quoted: Vec<String> = Goal::all().map(|goal| format!("{:?}", goal.name())).collect();
-    match quoted.split_last() {
-        Some((last, [])) => last.clone(),
-        Some((last, others)) => format!("{} and {last}", others.join(", ")),
-        None => String::new(),
+impl GoalError {
+    fn new(asked: &str, sequence: &[TaskKind]) -> Self {
+        let quoted: Vec<String> = Goal::all(sequence).map(|goal| format!("{:?}", goal.name())).collect();
+        let known = match quoted.split_last() {
+            Some((last, others)) if !others.is_empty() => format!("{} and {last}", others.join(", ")),
+            Some(_) | None => quoted.concat(),
+        };
+        Self { asked: asked.to_owned(), known }
     }
 }
 
 impl Goal {
-    /// Every goal there is.
-    pub fn all() -> impl Iterator<Item = Self> {
-        std::iter::once(Self::PickAlignPlace).chain(TaskKind::ALL.map(Self::Single))
+    /// Every goal of a cell with this sequence.
+    pub fn all(sequence: &[TaskKind]) -> impl Iterator<Item = Self> {
+        std::iter::once(Self::PickAlignPlace).chain(sequence.iter().copied().map(Self::Single))
     }
 
-    /// The goal interpreter.
+    /// The goal interpreter of a cell with this sequence.
     ///
     /// # Errors
-    /// [`GoalError`] for text that is no goal.
-    pub fn interpret(text: &str) -> Result<Self, GoalError> {
-        Self::all().find(|goal| goal.name() == text).ok_or_else(|| GoalError(text.to_owned()))
+    /// [`GoalError`] for text that is no goal there.
+    pub fn interpret(text: &str, sequence: &[TaskKind]) -> Result<Self, GoalError> {
+        Self::all(sequence).find(|goal| goal.name() == text).ok_or_else(|| GoalError::new(text, sequence))
     }
 
     /// The word that asks for it.
@@ -158,9 +163,7 @@ impl Agent {
     #[must_use]
     pub fn identity_hash(&self) -> Digest {
         let version = self.identity.decision_policy.to_le_bytes();
-        let goals =
-            std::iter::once(Goal::PickAlignPlace).chain(self.sequence.iter().copied().map(Goal::Single));
-        let decides: Vec<String> = goals
+        let decides: Vec<String> = Goal::all(&self.sequence)
             .map(|goal| {
                 let plan = goal.plan(&self.sequence).into_iter();
                 let steps: Vec<String> = plan.map(|task| Self::select(task).to_string()).collect();
@@ -237,7 +240,7 @@ mod tests {
 
     #[test]
     fn goal_texts_are_interpreted_and_planned() {
-        let plan = |text, sequence: &[TaskKind]| Goal::interpret(text).unwrap().plan(sequence);
+        let plan = |text, sequence: &[TaskKind]| Goal::interpret(text, sequence).unwrap().plan(sequence);
         let shipped = TaskKind::SEQUENCE;
         assert_eq!(plan("pick-align-place", &shipped), shipped);
         assert_eq!(plan("grasp", &shipped), [TaskKind::Grasp]);
@@ -247,13 +250,16 @@ mod tests {
         let shorter = [TaskKind::Grasp, TaskKind::Place];
         assert_eq!(plan("pick-align-place", &shorter), shorter);
         assert_eq!(plan("place", &shorter), shorter);
-        assert!(plan("align", &shorter).is_empty());
-        assert!(Goal::interpret("pick align place").is_err());
-        assert!(Goal::all().all(|goal| Goal::interpret(goal.name()) == Ok(goal)));
+        let refused = |text, sequence: &[TaskKind]| Goal::interpret(text, sequence).unwrap_err().to_string();
         assert_eq!(
-            Goal::interpret("wipe").unwrap_err().to_string(),
-            "\"wipe\" is no goal; there are \"pick-align-place\", \"grasp\", \"align\" and \"place\""
+            refused("align", &shorter),
+            "\"align\" is no goal; there are \"pick-align-place\", \"grasp\" and \"place\""
         );
+        assert_eq!(
+            refused("pick align place", &shipped),
+            "\"pick align place\" is no goal; there are \"pick-align-place\", \"grasp\", \"align\" and \"place\""
+        );
+        assert!(Goal::all(&shipped).all(|goal| Goal::interpret(goal.name(), &shipped) == Ok(goal)));
     }
 
     #[test]

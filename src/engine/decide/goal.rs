@@ -1,5 +1,6 @@
 //! The goal of the agent of the live cell: set by a person, recorded, and restored after a restart.
 
+use holdpoint_body::TaskKind;
 use holdpoint_governance::record::RecordKind;
 use holdpoint_protocol::command::{Refusal, Reply};
 use holdpoint_protocol::event::EventKind;
@@ -33,7 +34,7 @@ pub(crate) fn set(
     reason: String,
 ) -> Result<Reply, StoreError> {
     let refuse = |text: String| Ok(Reply::Refused { code: Refusal::BadInput, text, hint: None });
-    let goal = match Goal::interpret(text) {
+    let goal = match Goal::interpret(text, world.cell.tasks()) {
         Ok(goal) => goal,
         Err(error) => return refuse(Untrusted::new(error.to_string()).line().into_string()),
     };
@@ -53,11 +54,11 @@ pub(crate) fn set(
     Ok(Reply::Accepted { text, version: None })
 }
 
-/// The newest goal in the chain; absent if there is none, or the interpreter no longer knows it.
+/// The newest goal in the chain; absent if there is none, or the interpreter of a cell with these tasks does not know it.
 ///
 /// # Errors
 /// If the store cannot be read.
-pub(crate) fn recall(views: &dyn RecordViews) -> Result<Option<Goal>, StoreError> {
+pub(crate) fn recall(views: &dyn RecordViews, tasks: &[TaskKind]) -> Result<Option<Goal>, StoreError> {
     let newest = AuditFilter {
         kind: Some(RecordKind::GoalSet),
         limit: 1,
@@ -66,5 +67,5 @@ pub(crate) fn recall(views: &dyn RecordViews) -> Result<Option<Goal>, StoreError
     };
     let found = views.audit(&newest)?.into_iter().next();
     let stored = found.and_then(|record| serde_json::from_str::<GoalRecord>(&record.body).ok());
-    Ok(stored.and_then(|stored| Goal::interpret(&stored.goal).ok()))
+    Ok(stored.and_then(|stored| Goal::interpret(&stored.goal, tasks).ok()))
 }

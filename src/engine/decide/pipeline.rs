@@ -175,7 +175,9 @@ impl Pipeline {
         clock_mismatch::check(&mut pipeline.record)?;
         pipeline.health = CellHealth::recall(&pipeline.context, &pipeline.record)?;
         halt::restore_stop(&mut pipeline.record, &mut pipeline.world)?;
-        if let Some(goal) = goal::recall(&*pipeline.record.version_table().store().views()?)? {
+        let tasks = pipeline.world.cell.tasks();
+        let goal = goal::recall(&*pipeline.record.version_table().store().views()?, tasks)?;
+        if let Some(goal) = goal {
             pipeline.world.cell.set_goal(goal);
         }
         // A stop from before the start is recorded first.
