@@ -258,7 +258,9 @@ pub fn run(
             if let Some(unknown) = versions.unknown_family(&candidate, "manifest.toml") {
                 return Err(CliError::usage(unknown));
             }
-            if let Some(refused) = check::taskless_family(&candidate, &TaskKind::ALL, "manifest.toml") {
+            let sequence = site.as_ref().and_then(|site| site.site.sequence.as_deref());
+            let tasks = sequence.unwrap_or(&TaskKind::ALL);
+            if let Some(refused) = check::taskless_family(&candidate, tasks, "manifest.toml") {
                 return Err(CliError::usage(refused));
             }
             site_choice::check_zones(&context.data, site.as_ref(), &|cell| {

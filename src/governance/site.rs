@@ -7,6 +7,7 @@ use std::net::SocketAddr;
 use std::path::Path;
 
 use holdpoint_body::TaskKind;
+use holdpoint_body::task::{SEQUENCE_ALLOWED, is_sequence};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -41,6 +42,10 @@ pub struct Site {
     pub robot: String,
     /// A built-in profile by its name, or the TOML file of another one.
     pub profile: String,
+    /// The tasks of a simulated cell, in their order; absent for those of the built-in cell.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schemars(with = "Option<Vec<String>>")]
+    pub sequence: Option<Vec<TaskKind>>,
     /// The cell in which the active versions work.
     pub live: SiteCell,
     /// The cell of sandbox, drills and the twin in shadow.
@@ -153,10 +158,18 @@ impl Site {
                 family_error(file, text, (index, family), &field, &value, &allowed)
             })?;
         }
-        // A cell of another process says itself which tasks it has; they are checked where it is connected.
-        let tasks: &[TaskKind] = match self.live.kind {
-            CellKind::Simulated => &TaskKind::SEQUENCE,
-            CellKind::Wire => &[],
+        // The tasks of a cell of another process are checked where it is connected.
+        let tasks: &[TaskKind] = match (self.live.kind, &self.sequence) {
+            (CellKind::Simulated, None) => &TaskKind::SEQUENCE,
+            (CellKind::Simulated, Some(tasks)) if is_sequence(tasks) => tasks,
+            (CellKind::Simulated, Some(tasks)) => {
+                return refuse("sequence", &format!("{tasks:?}"), SEQUENCE_ALLOWED);
+            }
+            (CellKind::Wire, None) => &[],
+            (CellKind::Wire, Some(tasks)) => {
+                let allowed = "none: a cell of another process states its tasks itself";
+                return refuse("sequence", &format!("{tasks:?}"), allowed);
+            }
         };
         let tasks: Vec<Family> = tasks.iter().copied().map(Family::from).collect();
         if tasks.iter().any(|task| !self.families.iter().any(|family| family.name == *task)) {
@@ -359,6 +372,32 @@ mod tests {
             let last = field.rsplit('.').next().unwrap();
             assert!(own.starts_with("[[families]]") || own.starts_with(last), "{error}: {own}");
         }
+    }
+
+    /// A site without a sequence has the digest of before there were any.
+    #[test]
+    fn the_families_needed_are_those_of_the_sequence() {
+        let of = |sequence: &str, from: &str, to: &str| {
+            let text = format!("sequence = {sequence}\n{}", shipped().replace(from, to));
+            Site::parse("site.toml", &text)
+        };
+        let without_align = of("[\"grasp\", \"place\"]", "name = \"align\"", "name = \"wipe\"").unwrap();
+        assert_eq!(without_align.sequence, Some(vec![TaskKind::Grasp, TaskKind::Place]));
+        assert_ne!(without_align.digest().unwrap(), Site::shipped().unwrap().digest().unwrap());
+        let text = serde_json::to_string(&Site::shipped().unwrap()).unwrap();
+        assert!(!text.contains("sequence"), "{text}");
+        let live = "kind = \"simulated\"";
+        let wire = "kind = \"wire\"\nendpoint = \"unix:/run/cell.sock\"";
+        for (sequence, from, to, field) in [
+            ("[\"align\", \"place\"]", "", "", "sequence"),
+            ("[]", "", "", "sequence"),
+            ("[\"grasp\", \"align\"]", "name = \"align\"", "name = \"wipe\"", "families"),
+            ("[\"grasp\", \"place\"]", live, wire, "sequence"),
+        ] {
+            let error = of(sequence, from, to).unwrap_err();
+            assert!(matches!(&error, TextError::Value { field: named, .. } if named == field), "{error}");
+        }
+        assert!(matches!(of("[\"wipe\"]", "", ""), Err(TextError::Syntax { .. })));
     }
 
     /// Trial cells continue from states of the live cell.

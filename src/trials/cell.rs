@@ -145,6 +145,10 @@ impl Cell {
             (None, Some(file)) => Self::of(source, Some(&file))?,
             (None, None) => Self::new(source.builtin(Some(&site.site.robot))?)?,
         };
+        let cell = match &site.site.sequence {
+            Some(tasks) => cell.with_tasks(tasks),
+            None => cell,
+        };
         // The check of the file holds live and trial cells to one place.
         let cell = match (site.site.live.kind, &site.site.live.endpoint) {
             (CellKind::Simulated, _) | (CellKind::Wire, None) => cell,
@@ -178,6 +182,14 @@ impl Cell {
                 Err(CellError::file(&shown(&site.file), format!("{field} of {file}"), problem))
             }
         }
+    }
+
+    /// The same cell with another sequence of tasks. Evidence of another sequence does not count.
+    fn with_tasks(self, tasks: &[TaskKind]) -> Self {
+        let mut spec = CellSpec::clone(&self.spec);
+        spec.tasks = tasks.to_vec();
+        let digest = digest(&spec, [&self.canonical, &self.sandbox, &self.live], &self.computed_by);
+        Self { spec: Arc::new(spec), digest, ..self }
     }
 
     /// The same cell at a site. Evidence of another site does not count.

@@ -6,6 +6,7 @@ use std::sync::Arc;
 use super::*;
 use crate::MANIFESTS;
 use crate::cell::Cell;
+use holdpoint_body::TaskKind;
 use holdpoint_sim::SimCells;
 
 fn shipped_file() -> PathBuf {
@@ -59,6 +60,18 @@ fn a_site_names_its_robot() {
     assert!(Cell::at(&SimCells, None, Some(&site)).is_err());
     let named = Cell::at(&SimCells, Some(&folder.path().join("arm6.urdf")), Some(&site)).unwrap();
     assert_eq!(named.spec.robot.name, own.spec.robot.name);
+}
+
+/// Live cell, agent and trials read the tasks from the cell. Evidence of another sequence does not count.
+#[test]
+fn a_site_names_the_sequence_of_its_simulated_cell() {
+    let folder = tempfile::tempdir().unwrap();
+    let sequence = "\"sim\"\nsequence = [\"grasp\", \"align\"]";
+    let own = cell(Some(&changed(folder.path(), "\"sim\"", sequence)));
+    assert_eq!(own.spec.tasks, [TaskKind::Grasp, TaskKind::Align]);
+    let built_in = cell(Some(&shipped_file()));
+    assert_eq!(built_in.spec.tasks, TaskKind::SEQUENCE);
+    assert_ne!(own.digest(), built_in.digest());
 }
 
 /// Each error names the field, and a command that checks the corrected file.
