@@ -2,13 +2,16 @@
 //! world, the versions of everything they are built with, the compiler and the target. The cell states its own build.
 //! Evidence and cached results are bound to both names (`Cell::computed_by`), so results of other physics or other
 //! rules do not count.
+//!
+//! Also lists the baselines that the program embeds, from the shipped site file.
 
 #![allow(clippy::print_stdout, reason = "a build script tells cargo what it found by printing it")]
 
 #[path = "../cell/source_digest.rs"]
 mod source_digest;
 
-use std::io;
+use std::path::PathBuf;
+use std::{env, fs, io};
 
 use source_digest::SourceDigest;
 
@@ -30,5 +33,18 @@ const COMPUTES: [&str; 11] = [
 fn main() -> io::Result<()> {
     let mut digest = SourceDigest::of("../..", &COMPUTES)?;
     digest.add_compiler()?;
-    digest.tell("HOLDPOINT_COMPUTED_BY")
+    digest.tell("HOLDPOINT_COMPUTED_BY")?;
+    list_baselines()
+}
+
+/// Lists the folders of the shipped site's first versions, in its order, for `embedded.rs`.
+fn list_baselines() -> io::Result<()> {
+    const SITE: &str = "../../manifests/site.toml";
+    println!("cargo::rerun-if-changed={SITE}");
+    let site = fs::read_to_string(SITE)?;
+    let folders = site.lines().filter_map(|line| line.strip_prefix("baseline = \"")?.strip_suffix('"'));
+    let entries: Vec<String> =
+        folders.map(|folder| format!("    embedded_baseline!(\"{folder}\"),\n")).collect();
+    let out = PathBuf::from(env::var_os("OUT_DIR").ok_or_else(|| io::Error::other("OUT_DIR is not set"))?);
+    fs::write(out.join("baselines.rs"), format!("&[\n{}]\n", entries.concat()))
 }

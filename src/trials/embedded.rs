@@ -6,15 +6,22 @@ use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::submission::Package;
 use holdpoint_runtime::capability::{Capability, PackageError, shown};
 
+/// A text in a folder of `manifests`.
+macro_rules! embedded_text {
+    ($folder:literal, $file:literal) => {
+        include_str!(concat!(env!("CARGO_MANIFEST_DIR"), "/../../manifests/", $folder, "/", $file))
+    };
+}
+
 /// The three texts of a family's first version.
 macro_rules! embedded_baseline {
-    ($family:literal) => {
+    ($folder:literal) => {
         (
-            concat!("manifests/", $family, "/1.0.0"),
+            concat!("manifests/", $folder),
             [
-                include_str!(concat!("../../manifests/", $family, "/1.0.0/manifest.toml")),
-                include_str!(concat!("../../manifests/", $family, "/1.0.0/submission.toml")),
-                include_str!(concat!("../../manifests/", $family, "/1.0.0/params.toml")),
+                embedded_text!($folder, "manifest.toml"),
+                embedded_text!($folder, "submission.toml"),
+                embedded_text!($folder, "params.toml"),
             ],
         )
     };
@@ -45,25 +52,20 @@ const CANDIDATES: [(&str, [&str; 3]); 8] = candidates![
     "place-robust",
 ];
 
-/// The embedded baselines in bootstrap order: fallbacks come first.
-const BASELINES: [(&str, [&str; 3]); 4] = [
-    embedded_baseline!("park"),
-    embedded_baseline!("grasp"),
-    embedded_baseline!("align"),
-    embedded_baseline!("place"),
-];
+/// The embedded baselines: those of the shipped site file in its order, fallbacks first. `build.rs` lists them.
+const BASELINES: &[(&str, [&str; 3])] = include!(concat!(env!("OUT_DIR"), "/baselines.rs"));
 
 /// The embedded first versions of every family.
 ///
 /// # Errors
 /// If an embedded file does not load.
 pub fn baselines() -> Result<Vec<Capability>, PackageError> {
-    BASELINES.into_iter().map(|(name, texts)| Capability::load(name, package_of(texts))).collect()
+    BASELINES.iter().copied().map(|(name, texts)| Capability::load(name, package_of(texts))).collect()
 }
 
 /// The embedded baseline of a folder in `manifests`, e.g. `grasp/1.0.0`.
 pub(crate) fn baseline(folder: &str) -> Option<Package> {
-    let found = BASELINES.into_iter().find(|(name, _)| name.strip_prefix("manifests/") == Some(folder));
+    let found = BASELINES.iter().copied().find(|(name, _)| name.strip_prefix("manifests/") == Some(folder));
     found.map(|(_, texts)| package_of(texts))
 }
 

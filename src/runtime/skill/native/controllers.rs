@@ -52,8 +52,8 @@ pub(super) struct ControllerEntry {
 pub(super) static CONTROLLERS: &[ControllerEntry] = &[
     ControllerEntry {
         name: "grasp",
-        task: TaskKind::Grasp,
-        entry_point: TaskKind::Grasp.name(),
+        task: grasp::TASK,
+        entry_point: grasp::TASK.name(),
         object_frame: Some(CoordinateFrame::World),
         reads_target: false,
         sensors: &Sensor::ALL,
@@ -63,8 +63,8 @@ pub(super) static CONTROLLERS: &[ControllerEntry] = &[
     // As grasp, for a camera on the hand.
     ControllerEntry {
         name: "grasp-tool-frame",
-        task: TaskKind::Grasp,
-        entry_point: TaskKind::Grasp.name(),
+        task: grasp::TASK,
+        entry_point: grasp::TASK.name(),
         object_frame: Some(CoordinateFrame::Tool),
         reads_target: false,
         sensors: &Sensor::ALL,
@@ -73,8 +73,8 @@ pub(super) static CONTROLLERS: &[ControllerEntry] = &[
     },
     ControllerEntry {
         name: "align",
-        task: TaskKind::Align,
-        entry_point: TaskKind::Align.name(),
+        task: align::TASK,
+        entry_point: align::TASK.name(),
         object_frame: Some(CoordinateFrame::World),
         reads_target: true,
         sensors: &[Sensor::Camera, Sensor::Joints],
@@ -83,8 +83,8 @@ pub(super) static CONTROLLERS: &[ControllerEntry] = &[
     },
     ControllerEntry {
         name: "place",
-        task: TaskKind::Place,
-        entry_point: TaskKind::Place.name(),
+        task: place::TASK,
+        entry_point: place::TASK.name(),
         object_frame: Some(CoordinateFrame::World),
         reads_target: true,
         sensors: &Sensor::ALL,
@@ -93,7 +93,7 @@ pub(super) static CONTROLLERS: &[ControllerEntry] = &[
     },
     ControllerEntry {
         name: "park",
-        task: TaskKind::Grasp,
+        task: grasp::TASK,
         entry_point: "park",
         object_frame: None,
         reads_target: false,
