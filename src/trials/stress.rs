@@ -84,6 +84,15 @@ mod tests {
         }
     }
 
+    /// A declared zone that the cell does not have would expose no person.
+    #[test]
+    fn every_task_works_in_a_zone_of_the_built_in_cell() {
+        let cell = Cell::of(&SimCells, None).unwrap();
+        for task in TaskKind::ALL {
+            assert!(zone::named(&cell.zones, task.declaration().zone).is_some(), "{task}");
+        }
+    }
+
     #[test]
     fn refused_command_is_safe_and_measured_excess_is_unsafe() {
         let tightened = Stress::Tightened { share: 0.7 };
