@@ -37,10 +37,10 @@ pub struct Adapter<B>(PhantomData<B>);
 impl<B: Bundle> Guest for Adapter<B> {
     fn describe(parameters: Vec<Parameter>) -> Result<types::Description, String> {
         let said = B::describe(params::read(parameters)?)?;
-        let task = match said.task {
-            TaskKind::Grasp => types::Task::Grasp,
-            TaskKind::Align => types::Task::Align,
-            TaskKind::Place => types::Task::Place,
+        // Code can perform a task that is declared and not in the contract.
+        // It cannot be described then, so it is refused before any of its ticks.
+        let Some(task) = contract_task(said.task) else {
+            return Err(format!("the contract has no task {}", said.task));
         };
         Ok(types::Description { task, interface: said.interface })
     }
@@ -169,5 +169,16 @@ fn command(asked: Command) -> types::Command {
             FailureSignal::InputStale => types::Failure::InputStale,
             FailureSignal::TimedOut => types::Failure::TimedOut,
         }),
+    }
+}
+
+/// `None` for a task that the contract does not have.
+#[allow(unreachable_patterns, reason = "a task can be declared before the contract has it")]
+const fn contract_task(task: TaskKind) -> Option<types::Task> {
+    match task {
+        TaskKind::Grasp => Some(types::Task::Grasp),
+        TaskKind::Align => Some(types::Task::Align),
+        TaskKind::Place => Some(types::Task::Place),
+        _ => None,
     }
 }

@@ -37,7 +37,7 @@ impl Params {
         }
         let sensors: &[&str] = match task {
             TaskKind::Align => &["camera", "joints"],
-            TaskKind::Grasp | TaskKind::Place => &["camera", "joints", "wrist-force"],
+            _ => &["camera", "joints", "wrist-force"],
         };
         let pose = json!({"type": "pose", "unit": "m", "frame": "world"});
         let mut inputs = json!({
