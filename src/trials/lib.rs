@@ -25,6 +25,7 @@ pub mod search;
 pub mod seeds;
 pub mod sequences;
 pub mod site;
+pub mod solo_mode;
 pub mod stress;
 pub mod tick_time;
 pub mod trace;

@@ -1,8 +1,6 @@
 //! Stage 3: the sandbox. Two short modes of the candidate alone, then paired episodes and recovery drills in turns;
 //! measured behavior and recovery replace the estimates.
 
-use std::ops::Range;
-
 use holdpoint_cell::EpisodeSetup;
 use holdpoint_governance::ablation::AblationPart;
 use holdpoint_governance::alarms::{AlarmKey, Priority};
@@ -11,9 +9,7 @@ use holdpoint_governance::composition::{Kappas, PsiContext, psi};
 use holdpoint_governance::decision::{Reason, ReasonCode};
 use holdpoint_governance::early_stop::EarlyStopReason;
 use holdpoint_governance::evaluation_key::KeyUse;
-use holdpoint_governance::evidence::{
-    DrillTallies, EvidenceBinding, SandboxMode, SettlingTallies, SoloEpisode,
-};
+use holdpoint_governance::evidence::{DrillTallies, EvidenceBinding, SandboxMode, SettlingTallies};
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::lifecycle::{LifecycleEvent, Stage};
 use holdpoint_governance::notice::Notice;
@@ -24,16 +20,14 @@ use holdpoint_governance::tries::CountedTry;
 use holdpoint_protocol::work_unit::{PartCount, WorkUnit};
 use holdpoint_runtime::capability::Capability;
 use holdpoint_runtime::task::TaskRecord;
-use holdpoint_runtime::terms::SkillTerms;
 use holdpoint_store::EvidenceKind;
 use holdpoint_trials::Trials;
-use holdpoint_trials::cell::Conditions;
 use holdpoint_trials::evaluation::{Evaluation, EvaluationPlan, Slice};
 use holdpoint_trials::mode_metrics::{ComparedVersion, ModeMetrics};
 use holdpoint_trials::scene_stops::SceneStops;
 use holdpoint_trials::search::{self, Search, SearchStyle};
-use holdpoint_trials::seeds::{SeedPurpose, SeedSource};
-use holdpoint_trials::stress;
+use holdpoint_trials::seeds::SeedSource;
+use holdpoint_trials::solo_mode::SoloMode;
 use holdpoint_trials::trace::{EpisodeTrace, keep_trace};
 
 use super::cache_mismatch::invalidate_cache;
@@ -47,46 +41,8 @@ use super::validation;
 use crate::decide::recorder::EngineRecorder;
 use crate::fault::EngineFault;
 use holdpoint_record::context::Context;
-use holdpoint_record::evidence_binding::{binding, made_under, measured_terms_of, trial_subject, trial_team};
+use holdpoint_record::evidence_binding::{binding, made_under, trial_subject, trial_team};
 use holdpoint_record::evidence_file::{EvidenceFiles, MODE_EPISODES};
-
-/// A mode in which the candidate runs alone.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum SoloMode {
-    Canonical,
-    /// The sandbox's perturbations under stress.
-    Adversarial,
-}
-
-impl SoloMode {
-    const fn mode(self) -> SandboxMode {
-        match self {
-            Self::Canonical => SandboxMode::Canonical,
-            Self::Adversarial => SandboxMode::Adversarial,
-        }
-    }
-
-    const fn conditions(self) -> Conditions {
-        match self {
-            Self::Canonical => Conditions::Canonical,
-            Self::Adversarial => Conditions::Sandbox,
-        }
-    }
-
-    const fn purpose(self) -> SeedPurpose {
-        match self {
-            Self::Canonical => SeedPurpose::Canonical,
-            Self::Adversarial => SeedPurpose::Adversarial,
-        }
-    }
-
-    const fn scene(self) -> SceneKind {
-        match self {
-            Self::Canonical => SceneKind::Canonical,
-            Self::Adversarial => SceneKind::Adversarial,
-        }
-    }
-}
 
 /// A sandbox evaluation under way.
 pub struct SandboxRun {
@@ -392,38 +348,11 @@ impl Sandbox<'_> {
         let id = candidate.id();
         let from = records.len() as u64;
         let to = MODE_EPISODES.min(from.saturating_add(self.trials.part() as u64));
-        let lab = self.trials.lab(&self.context.cell, self.record.version_table().store(), seeds);
-        let terms = |version| measured_terms_of(self.context, self.evidence_files, version);
-        let (terms, other_terms) = (terms(candidate), terms(active));
-        let (task, share) = (candidate.bundle.task(), self.context.profile.evaluation.stress_tightened_share);
-        let stress_at = |place| {
-            (alone == SoloMode::Adversarial)
-                .then(|| stress::of_episode(place, task, &self.context.cell, share))
-        };
-        let work = |version, terms: &SkillTerms, places: Range<u64>| {
-            let stress = stress_at(places.start);
-            let terms = stress.map_or_else(|| terms.clone(), |stress| terms.clone().stressed(stress));
-            lab.episodes(version, &terms, alone.conditions(), alone.purpose(), places)
-        };
-        let mut worked = Vec::new();
-        if alone == SoloMode::Canonical {
-            worked = work(candidate, &terms, from..to)?;
-        } else {
-            for place in from..to {
-                worked.extend(work(candidate, &terms, place..place + 1)?);
-            }
-        }
-        let mut unsafe_alone = 0;
-        for (place, record) in (from..to).zip(&worked) {
-            let is_unsafe =
-                |of: &TaskRecord| stress_at(place).is_some_and(|stress| stress::is_unsafe(&stress, of));
-            if record.hard_stop.is_some() || is_unsafe(record) {
-                for other in work(active, &other_terms, place..place + 1)? {
-                    stops.note(alone.scene(), record, &other, &self.context.profile);
-                    unsafe_alone += u32::from(is_unsafe(record) && !is_unsafe(&other));
-                }
-            }
-        }
+        let version_table = self.record.version_table();
+        let subject = |version| trial_subject(self.context, version_table, self.evidence_files, version);
+        let (new, old) = (subject(candidate), subject(active));
+        let lab = self.trials.lab(&self.context.cell, version_table.store(), seeds);
+        let (worked, unsafe_alone) = alone.run(&lab, (&new, &old), from..to, &self.context.profile, stops)?;
         records.extend(worked);
         let mode = alone.mode();
         let evidence_file = self.evidence_files.edit(&id);
@@ -439,10 +368,7 @@ impl Sandbox<'_> {
         };
         self.keep_trace(&id, mode, records.iter().map(trace).collect())?;
         let evidence_file = self.evidence_files.edit(&id);
-        evidence_file.alone.extend((0..).zip(&*records).filter_map(|(place, record)| {
-            let values = record.values()?;
-            Some(SoloEpisode { mode, place, seed: record.seed, values, hard_stop: record.hard_stop })
-        }));
+        evidence_file.alone.extend(alone.episodes(records));
         evidence_file.note_use(candidate, records);
         evidence_file.modes.extend(ModeMetrics::of(mode, ComparedVersion::Candidate, &*records));
         let done = if alone == SoloMode::Canonical { MODE_EPISODES } else { 2 * MODE_EPISODES };
