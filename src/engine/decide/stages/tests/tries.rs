@@ -151,6 +151,25 @@ fn renumbered(package: &Package) -> Package {
     Package { manifest: package.manifest.replacen(&number, "1.1.9", 1), ..package.clone() }
 }
 
+/// Names are free: versions that no author signed count for one author, whatever name they state.
+#[test]
+fn unsigned_versions_under_other_names_are_tries_of_one_author() {
+    let mut bench = RollbackBench::new();
+    let package = candidate("grasp-improved");
+    let stated = capability::Capability::load("test", package.clone()).unwrap().submission.author.clone();
+    let by = |package: &Package, name: &str| Package {
+        submission: package.submission.replacen(&stated, name, 1),
+        ..package.clone()
+    };
+    let first = register(&mut bench, by(&package, "nova"));
+    let second = register(&mut bench, by(&renumbered(&package), "vega"));
+    for (id, name) in [(&first, "nova"), (&second, "vega")] {
+        assert_eq!(bench.pipeline.record().capability(id).unwrap().submission.author, name);
+        let table = bench.pipeline.record().version_table();
+        assert_eq!(table.try_author(id).unwrap(), TryAuthor::default());
+    }
+}
+
 /// A version on hold passes its verdict on: another number gives the content no other draw.
 #[test]
 fn the_same_content_under_another_number_is_on_hold_too() {
