@@ -41,6 +41,7 @@ mod prune;
 pub mod recordings;
 #[cfg(feature = "console")]
 pub mod replay;
+pub mod rerun;
 pub mod result_cache;
 mod roles;
 pub mod run;

@@ -1,4 +1,4 @@
-//! `holdpoint audit`: lists, verifies and exports the chain, writes proofs, and manages witnesses. Only the witness
+//! `holdpoint audit`: lists, verifies and exports the chain, re-runs evaluations, writes proofs, and manages witnesses. Only the witness
 //! verbs write; an engine may have the store open meanwhile.
 
 use std::fs::OpenOptions;
@@ -10,6 +10,7 @@ use super::audit_proof::{self, CheckProofArgs, ConsistencyArgs, ProofArgs};
 use super::data;
 use super::metrics::SinceArg;
 use super::output::TextTable;
+use super::rerun::{self, RerunArgs};
 use super::time_arg::when_help;
 use super::verify::{self, VerifyArgs};
 use super::witness::{self, WitnessArgs};
@@ -30,6 +31,7 @@ Examples:
   holdpoint audit list --subject grasp@1.3.0
   holdpoint audit list --kind shift-note
   holdpoint audit verify --all
+  holdpoint audit rerun --most 3
   holdpoint audit proof 120 --out record-120.json
   holdpoint audit witness add /mnt/witness
   holdpoint audit export --out audit.jsonl")]
@@ -81,6 +83,18 @@ Examples:
   holdpoint audit verify --file copy/holdpoint.db --key store.pub
   holdpoint audit verify --file store.jsonl --key store.pub")]
     Verify(VerifyArgs),
+    /// Runs every closed evaluation again from its revealed key, and compares results and decisions with the record.
+    #[command(after_help = "\
+A copy of the store without its secret keys is enough, on any machine with the same build: `holdpoint store
+backup` makes one. `holdpoint audit verify` checks signatures and keys; this verb checks the numbers.
+
+Exits with 0 if every decision is the same, 1 if one differs, 3 if one could not be made again, and 5 if the
+store has no decision.
+
+Examples:
+  holdpoint audit rerun
+  holdpoint audit rerun --data /mnt/backup/2026-11-22 --most 3 --json")]
+    Rerun(RerunArgs),
     /// Writes a proof that a record is in the chain; it can be checked without the store.
     #[command(after_help = "\
 Example:
@@ -142,6 +156,7 @@ pub fn run(context: &CliContext, args: &AuditArgs, out: &mut CommandOutput<'_>) 
             list(&views, &filter, out)?;
         }
         AuditVerb::Verify(args) => return verify::run(context, args, out),
+        AuditVerb::Rerun(args) => return rerun::run(context, args, out),
         AuditVerb::Proof(args) => return audit_proof::record(context, args, out),
         AuditVerb::Consistency(args) => return audit_proof::consistency(context, args, out),
         AuditVerb::CheckProof(args) => return audit_proof::check(context, args, out),

@@ -17,6 +17,7 @@ use crate::error::{CliError, Exit};
 use holdpoint_engine::decide::store_identity;
 use holdpoint_explain::health_series::PresentTime;
 use holdpoint_explain::store_metrics::{self, Coverage, Since, StoreMetrics};
+use holdpoint_governance::ids::Digest;
 use holdpoint_governance::metrics::Proportion;
 use holdpoint_governance::metrics::store_metrics::{MeanWithStdDev, ObservedMetrics, ReplayOutcome};
 use holdpoint_protocol::health::HealthClock;
@@ -131,12 +132,7 @@ pub fn run(context: &CliContext, args: &MetricsArgs, out: &mut CommandOutput<'_>
     let file = Layout::new(&context.data).telemetry();
     let telemetry =
         file.is_file().then(|| TelemetryViews::open(&file)).transpose().map_err(CliError::usage)?;
-    let robot = store_identity::robot(&views).map_err(CliError::usage)?;
-    // A robot without a description has no digest, so its decisions belong to another build.
-    let cell = robot.and_then(|robot| robot.cell(&CELLS).ok()).map_or_else(|| Cell::of(&CELLS, None), Ok);
-    let environment = cell.map_err(CliError::internal)?.digest();
-    let site = store_identity::site(&views).map_err(CliError::usage)?;
-    let environment = site.map_or(environment, |site| site.bound(environment));
+    let (_, environment) = cell_of(&views)?;
     let since = match &args.since {
         None => Since::Record(1),
         Some(since) => since.since(end_of(&views)?.1).map_err(CliError::usage)?,
@@ -145,6 +141,17 @@ pub fn run(context: &CliContext, args: &MetricsArgs, out: &mut CommandOutput<'_>
     let found = store_metrics::observe(&views, telemetry, since, environment).map_err(CliError::usage)?;
     out.answer(&found, |out| show(&found, out))?;
     Ok(Exit::Confirmed)
+}
+
+/// The cell of a store's robot in this build, and its digest at the store's site. A robot without a description has no digest,
+/// so its decisions belong to another build.
+pub(super) fn cell_of(views: &Views) -> Result<(Cell, Digest), CliError> {
+    let robot = store_identity::robot(views).map_err(CliError::usage)?;
+    let cell = robot.and_then(|robot| robot.cell(&CELLS).ok()).map_or_else(|| Cell::of(&CELLS, None), Ok);
+    let cell = cell.map_err(CliError::internal)?;
+    let site = store_identity::site(views).map_err(CliError::usage)?;
+    let digest = site.map_or(cell.digest(), |site| site.bound(cell.digest()));
+    Ok((cell, digest))
 }
 
 fn show(found: &StoreMetrics, out: &mut CommandOutput<'_>) -> Result<(), CliError> {

@@ -8,6 +8,7 @@ mod history;
 mod monitor_action;
 pub(crate) mod record_bodies;
 mod replay;
+pub mod rerun;
 
 use std::borrow::Cow;
 use std::collections::BTreeSet;

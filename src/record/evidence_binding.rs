@@ -169,11 +169,26 @@ fn neighbours(
     version_table: &VersionTable,
     capability: &Capability,
 ) -> Option<Digest> {
-    let teammates = teammates_of(sequence, version_table, capability).map(Capability::digest);
-    let digests: Vec<Digest> =
-        teammates.chain(fallback(version_table, capability).map(Capability::digest)).collect();
+    neighbours_digest(teammates_of(sequence, version_table, capability), fallback(version_table, capability))
+}
+
+/// Digest of the versions beside a version: those of the sequence's other families, sorted by family, and its fallback.
+#[must_use]
+pub fn neighbours_digest<'a>(
+    teammates: impl Iterator<Item = &'a Capability>,
+    fallback: Option<&'a Capability>,
+) -> Option<Digest> {
+    let digests: Vec<Digest> = teammates.chain(fallback).map(Capability::digest).collect();
     let parts: Vec<&[u8]> = digests.iter().map(|digest| digest.bytes().as_slice()).collect();
     (!parts.is_empty()).then(|| Digest::of_parts("holdpoint.neighbours.v1", &parts))
+}
+
+/// Whether the versions of `family` run beside one of `own` in whole sequences. A fallback is not part of a sequence, whatever
+/// task its code is for.
+#[must_use]
+pub fn are_teammates(sequence: &[TaskKind], own: &Family, family: &Family) -> bool {
+    let is_in_sequence = |family: &Family| sequence.iter().any(|task| Family::from(*task) == *family);
+    family != own && is_in_sequence(own) && is_in_sequence(family)
 }
 
 /// The active versions of the other families of a sequence, if the version is part of one.
@@ -182,15 +197,9 @@ fn teammates_of<'a>(
     version_table: &'a VersionTable,
     capability: &Capability,
 ) -> impl Iterator<Item = &'a Capability> {
-    // A fallback is not part of a sequence, whatever task its code is for.
-    let is_in_sequence = move |family: &Family| sequence.iter().any(|task| Family::from(*task) == *family);
     let own = capability.id().family;
-    let own_is_in_sequence = is_in_sequence(&own);
     let active = version_table.families().filter_map(|(_, entry)| Some(&entry.active()?.capability));
-    active.filter(move |version| {
-        let family = &version.id().family;
-        own_is_in_sequence && *family != own && is_in_sequence(family)
-    })
+    active.filter(move |version| are_teammates(sequence, &own, &version.id().family))
 }
 
 /// The fallback bound in its manifest, from the registry.

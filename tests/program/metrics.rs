@@ -222,4 +222,20 @@ fn every_decision_is_reproduced_until_its_evidence_is_edited() {
         let what = unequal[0]["what"].as_str().unwrap();
         assert!(what.starts_with(part) && what.contains("on record"), "{what}");
     }
+    // The copy has no key, and its evaluation runs again from its seeds.
+    let copy = copy_store(folder.path());
+    let same = holdpoint(&["audit", "rerun", "--json"], copy.path());
+    assert_eq!(same.status.code(), Some(0), "{}", String::from_utf8_lossy(&same.stderr));
+    let report: Value = serde_json::from_slice(&same.stdout).unwrap();
+    let runs = |place: usize| report["decisions"][place]["runs"].as_u64().unwrap();
+    assert_eq!((report["evaluations"].as_u64(), runs(0)), (Some(1), 0), "{report}");
+    assert!(runs(1) >= 20, "{report}");
+    let (kind, change, _) = edits[1];
+    let record = edit(copy.path(), kind, change);
+    let other = holdpoint(&["audit", "rerun"], copy.path());
+    assert_eq!(other.status.code(), Some(1), "{}", String::from_utf8_lossy(&other.stderr));
+    // The lines are wrapped.
+    let text = String::from_utf8(other.stdout).unwrap().split_whitespace().collect::<Vec<_>>().join(" ");
+    assert!(text.contains(&format!("record {record}, ")) && text.contains(": pair 1 (seed "), "{text}");
+    assert!(text.contains("1 same, 1 different, 0 not possible"), "{text}");
 }

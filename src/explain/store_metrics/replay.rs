@@ -51,7 +51,7 @@ use holdpoint_record::version_table::{self, VersionEntry};
 pub struct RulesInForce {
     pub profile: Profile,
     digest: Digest,
-    table: PolicyTable,
+    pub(super) table: PolicyTable,
 }
 
 impl RulesInForce {
@@ -127,7 +127,7 @@ pub(super) struct Replayer<'a> {
     in_force: BTreeMap<Digest, usize>,
     environment: Digest,
     /// The stored versions that load with their registered digest.
-    members: BTreeMap<CapabilityId, VersionEntry>,
+    pub(super) members: BTreeMap<CapabilityId, VersionEntry>,
 }
 
 impl<'a> Replayer<'a> {
@@ -361,7 +361,7 @@ impl<'a> Replayer<'a> {
         is_on_record(Digest::of_json("holdpoint.confirmation.v1", confirmation), entry)
     }
 
-    fn frame(&self, profile: &Digest, policy: &Digest) -> Result<&RulesInForce, NotReplayable> {
+    pub(super) fn frame(&self, profile: &Digest, policy: &Digest) -> Result<&RulesInForce, NotReplayable> {
         let found = self.frames.iter().find(|one| one.digest == *profile && one.table.digest == *policy);
         found.ok_or(NotReplayable::ProfileUnknown)
     }

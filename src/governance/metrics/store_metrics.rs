@@ -98,6 +98,16 @@ crate::closed_set! {
         BeginningUnknown = "beginning-unknown",
         /// The version's normal rates are not on record.
         NormalUnknown = "normal-unknown",
+        /// Of a re-run: the key of its seeds is not revealed.
+        KeyNotRevealed = "key-not-revealed",
+        /// Of a re-run: the evaluation ran in another cell.
+        OtherCell = "other-cell",
+        /// Of a re-run: the evaluation ended at its limit of wall time.
+        EndedByTime = "ended-by-time",
+        /// Of a re-run: an experiment made the store without a part of the rules.
+        PartsOmitted = "parts-omitted",
+        /// Of a re-run: the limit of evaluations was reached before.
+        BeyondLimit = "beyond-limit",
     }
 }
 

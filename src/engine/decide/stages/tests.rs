@@ -13,6 +13,7 @@ mod outside_domain;
 mod outside_gate;
 mod paused;
 mod refused;
+mod rerun;
 mod shared_events;
 mod state_verb_table;
 mod stops;
