@@ -60,3 +60,46 @@ fn a_stage_that_rejects_ends_with_the_code_of_a_rejection() {
     assert_eq!((code, state(store, version).as_str()), (Some(1), "rejected"), "{message}");
     assert_error(&on(store, &["candidate", "sandbox", "grasp@9.9.9", "--json"]), 2, "not-found");
 }
+
+/// The seeds of a stage are secret. Its key is revealed at its end, and gives the same results without the store's secret.
+#[test]
+fn stage_with_secret_seeds_is_made_again_on_a_copy_without_keys() {
+    let [folder, elsewhere] = [(); 2].map(|()| tempfile::tempdir().unwrap());
+    let (store, copy) = (folder.path(), elsewhere.path().join("copy"));
+    register(store, "align-no-stop");
+    let (code, message) = code_and_stderr(&on(store, &["candidate", "compat", "align@1.1.3"]));
+    assert_eq!(code, Some(0), "{message}");
+    let (code, message) =
+        code_and_stderr(&on(store, &["candidate", "sandbox", "align@1.1.3", "--jobs", "2"]));
+    assert_eq!(code, Some(1), "{message}");
+    let backup = on(store, &["store", "backup", copy.to_str().unwrap()]);
+    assert!(backup.status.success(), "{backup:?}");
+    drop(folder);
+
+    let made_again = || {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_holdpoint"));
+        command.args(["audit", "rerun", "--json", "--data"]).arg(&copy);
+        let output = command.env("HOME", elsewhere.path()).env_remove("XDG_DATA_HOME").output().unwrap();
+        let report: Value =
+            serde_json::from_slice(&output.stdout).unwrap_or_else(|error| panic!("{error}: {output:?}"));
+        (output.status.code(), report)
+    };
+    let (code, report) = made_again();
+    assert_eq!((code, report["evaluations"].as_u64()), (Some(0), Some(1)), "{report}");
+    let sandbox = &report["decisions"][1];
+    assert!(sandbox["runs"].as_u64() >= Some(20) && sandbox["replay"] == "equal", "{report}");
+
+    let connection = rusqlite::Connection::open(copy.join("holdpoint.db")).unwrap();
+    let read = "SELECT json FROM evidence WHERE kind = 'sandbox'";
+    let json: String = connection.query_row(read, [], |row| row.get(0)).unwrap();
+    let mut evidence: Value = serde_json::from_str(&json).unwrap();
+    let pair = &mut evidence["pairs"][3];
+    pair["active"]["success"] = (!pair["active"]["success"].as_bool().unwrap()).into();
+    let named = format!("pair 4 (seed {}).active.success is ", pair["seed"]);
+    let write = "UPDATE evidence SET json = ?1 WHERE kind = 'sandbox'";
+    assert_eq!(connection.execute(write, [evidence.to_string()]).unwrap(), 1);
+    drop(connection);
+    let (code, report) = made_again();
+    assert_eq!(code, Some(1), "{report}");
+    assert!(report["decisions"][1]["what"].as_str().unwrap().starts_with(&named), "{report}");
+}
