@@ -4,6 +4,7 @@
 
 use std::collections::BTreeMap;
 use std::path::Path;
+use std::time::Duration;
 
 use super::exit_status::{FollowedVersion, outcome_of};
 use super::printer::Printer;
@@ -31,6 +32,9 @@ pub(super) enum StepEnd {
     Done,
     TimedOut,
 }
+
+/// The pause while the cell is stopped in the middle of a stage.
+const STOPPED_PAUSE: Duration = Duration::from_millis(200);
 
 /// A reason given for the candidate: its stage and dimension.
 #[derive(Clone, Copy)]
@@ -64,8 +68,11 @@ impl<'a> Driver<'a> {
             return Err(crate::cli::refused(*code, text, hint.as_deref()));
         }
         while !self.is_over() && self.view().is_some_and(|view| view.flags.running.is_some()) {
-            let (_, events) = self.pump.turn();
+            let (progress, events) = self.pump.turn();
             self.print_events(&events)?;
+            if matches!(progress, SliceOutcome::Idle { .. }) {
+                self.pump.wait(STOPPED_PAUSE);
+            }
         }
         Ok(())
     }

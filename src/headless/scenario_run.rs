@@ -8,13 +8,14 @@ use super::driver::{Driver, StepEnd};
 use super::printer::Printer;
 use super::script::{SCRIPT_BYTES_MAX, Script};
 use crate::cells::CELLS;
-use crate::error::{CliError, Exit, start_error};
+use crate::error::{CliError, Exit, bootstrap_error, start_error};
 use holdpoint_engine::{Config, Engine};
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::lifecycle::Stage;
 use holdpoint_governance::site_profile::ChosenProfile;
 use holdpoint_protocol::sink::MakeSink;
 use holdpoint_runtime::capability::shown;
+use holdpoint_service::control_socket::SignalHandling;
 use holdpoint_service::pump::Pump;
 use holdpoint_store::ResultCache;
 use holdpoint_text::{ErrorDetails, ErrorReason, shell_word};
@@ -115,7 +116,8 @@ pub fn fresh_store() -> Result<tempfile::TempDir, CliError> {
     })
 }
 
-/// Runs one stage of one candidate.
+/// Runs one stage of one candidate. The live cell works beside it, so other programs can stop it, and a signal ends the engine
+/// cleanly.
 ///
 /// # Errors
 /// As [`run_script`], and with exit code 3 if the stage cannot begin now.
@@ -131,7 +133,9 @@ pub fn run_stage(run: RunStage<'_>, out: &mut dyn Write) -> Result<Exit, CliErro
     })
     .map_err(start_error)?;
     engine.begin_on_call();
-    let mut driver = Driver::new(Pump::new(engine, Vec::new()), Printer::new(out, run.json));
+    let mut pump = Pump::new(engine, Vec::new());
+    pump.open_socket(SignalHandling::Handled).map_err(|error| bootstrap_error(error.into()))?;
+    let mut driver = Driver::new(pump, Printer::new(out, run.json));
     driver.take_events()?;
     driver.run_stage(run.version, run.stage)?;
     driver.finish_stage(run.stage)

@@ -1,7 +1,8 @@
 //! One stage of one candidate: `candidate compat`, `sandbox` and `shadow`, each on record and none beyond.
 
+use std::io::{BufRead as _, BufReader};
 use std::path::Path;
-use std::process::{Command, Output};
+use std::process::{Command, Output, Stdio};
 
 use serde_json::Value;
 
@@ -102,4 +103,37 @@ fn stage_with_secret_seeds_is_made_again_on_a_copy_without_keys() {
     let (code, report) = made_again();
     assert_eq!(code, Some(1), "{report}");
     assert!(report["decisions"][1]["what"].as_str().unwrap().starts_with(&named), "{report}");
+}
+
+/// The bodies of the records of a kind, newest first.
+fn bodies(store: &Path, kind: &str) -> Vec<Value> {
+    let listed = on(store, &["audit", "list", "--kind", kind, "--json"]);
+    let record = |line: &str| serde_json::from_str::<Value>(line).unwrap();
+    let body = |line: &str| serde_json::from_str(record(line)["body"].as_str().unwrap()).unwrap();
+    String::from_utf8(listed.stdout).unwrap().lines().map(body).collect()
+}
+
+/// Regression: ctrl-c left the cell stopped, as a kill does.
+#[test]
+fn interrupted_stage_ends_cleanly_and_leaves_no_stopped_cell() {
+    let folder = tempfile::tempdir().unwrap();
+    let (store, version) = (folder.path(), "grasp@1.1.3");
+    register(store, "grasp-soft-grip");
+    let (code, message) = code_and_stderr(&on(store, &["candidate", "compat", version]));
+    assert_eq!(code, Some(0), "{message}");
+    let ended = bodies(store, "engine-ended").len();
+    let mut command = Command::new(env!("CARGO_BIN_EXE_holdpoint"));
+    command.args(["candidate", "sandbox", version, "--jobs", "1", "--data"]).arg(store);
+    let mut child = command.stdout(Stdio::piped()).spawn().unwrap();
+    let mut lines = BufReader::new(child.stdout.take().unwrap()).lines().map_while(Result::ok);
+    assert!(lines.any(|line| line.contains(" progress ")), "nothing was evaluated");
+    let pid = rustix::process::Pid::from_raw(i32::try_from(child.id()).unwrap()).unwrap();
+    rustix::process::kill_process(pid, rustix::process::Signal::INT).unwrap();
+    let last = lines.last();
+    assert_eq!(child.wait().unwrap().code(), Some(3), "{last:?}");
+    let orderly: Vec<bool> = bodies(store, "engine-ended").iter().map(|end| end["orderly"] == true).collect();
+    assert_eq!((orderly.len(), orderly.first()), (ended + 1, Some(&true)), "{orderly:?}");
+    // The next engine on the store starts with a cell that works.
+    assert_error(&on(store, &["candidate", "shadow", version, "--json"]), 3, "not-now");
+    assert!(bodies(store, "cell-stopped").is_empty());
 }
