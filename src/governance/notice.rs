@@ -345,6 +345,8 @@ pub enum Notice {
     SocketNameTaken { times: u64 },
     /// The cell came up stopped.
     CameUpStopped { cause: StartStoppedReason },
+    /// The cell does not answer any more, or stopped its arm by itself.
+    CellLost { problem: String },
     /// The clock of the machine is not trusted.
     ClockMismatched { mismatch: ClockMismatch },
     /// No administrator authorized the profile. `summary` is in records of older builds, in place of `less_strict`.

@@ -265,6 +265,7 @@ pub fn notice_sentence(of: &Notice) -> String {
             "another program took the name of the engine's socket ({times} since the start) and may have answered clients"
         ),
         N::CameUpStopped { cause } => came_up_stopped(*cause).into(),
+        N::CellLost { problem } => format!("the engine stopped the cell: {problem}"),
         N::ClockMismatched { mismatch } => {
             format!("{}; nothing is activated until a person confirms the time", clock_mismatch(mismatch))
         }

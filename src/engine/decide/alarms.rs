@@ -150,6 +150,8 @@ impl EngineRecorder {
             | AlarmKey::OutsideDomain(version) => !self.is_active(version),
             // The camera check ends it.
             AlarmKey::CellDegraded => false,
+            // A person's start of the cell ends it.
+            AlarmKey::CellLost => false,
             AlarmKey::SafeStopped(family) => self.is_in_control(family),
             AlarmKey::NotRecovered(family) => self.is_in_control(family) && works,
             AlarmKey::Unreviewed(version) => !self.is_unreviewed(version),

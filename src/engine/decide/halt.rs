@@ -3,7 +3,7 @@
 //! The [`StopSwitch`](crate::live::stop_switch::StopSwitch) stops the arm before any code here runs; a stop that cannot be
 //! written is still a stop. Functions over record and live cell.
 
-use holdpoint_governance::alarms::{AlarmKey, Priority};
+use holdpoint_governance::alarms::{AlarmEvent, AlarmKey, Priority};
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::notice::Notice;
 use holdpoint_governance::profile::ProfileName;
@@ -67,6 +67,8 @@ pub(crate) fn stop_lost(record: &mut EngineRecorder, world: &mut LiveWorld, reas
     let request = StopRequest { id, by, reason: reason.to_owned(), caller };
     // The answer is for a person who asks.
     let _ = stop(record, world, request);
+    let notice = Notice::CellLost { problem: reason.to_owned() };
+    record.raise(AlarmKey::CellLost, Priority::High, true, notice);
 }
 
 /// The answer to a stop that the engine does not record in time: it is stored beside the record meanwhile.
@@ -353,6 +355,7 @@ pub(crate) fn go(
     world.halted = None;
     world.account_stops = AccountStops::default();
     record.tell(EventKind::CellReleased { by, caller, reason });
+    record.alarm_event(&AlarmEvent::Clear { key: AlarmKey::CellLost });
     Ok(Reply::Accepted { text: engine_effect(&EngineEffect::CellStarted), version: None })
 }
 

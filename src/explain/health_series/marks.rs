@@ -164,6 +164,7 @@ pub(super) fn of_alarms(span: &RecordSpan, alarms: &[AlarmEpisode]) -> Vec<Healt
             | AlarmKind::CheckpointFailed
             | AlarmKind::NameTaken
             | AlarmKind::CameUpStopped
+            | AlarmKind::CellLost
             | AlarmKind::ProfileUnauthorized
             | AlarmKind::ClockDoubted
             | AlarmKind::EngineFault => MarkKind::AlarmRaised,

@@ -52,6 +52,8 @@ crate::closed_set! {
         NameTaken = "name-taken",
         /// The cell came up stopped: the last engine ended suddenly, or a stop was not on record yet.
         CameUpStopped = "came-up-stopped",
+        /// The cell does not answer any more, or stopped its arm by itself, and is stopped.
+        CellLost = "cell-lost",
         /// No administrator authorized the profile as this program has it.
         ProfileUnauthorized = "profile-unauthorized",
         /// The machine's clock was set, or is behind the newest record: nothing is activated until a person confirms the time.
@@ -100,6 +102,7 @@ impl AlarmKind {
             | Self::CheckpointFailed
             | Self::NameTaken
             | Self::CameUpStopped
+            | Self::CellLost
             | Self::ProfileUnauthorized
             | Self::ClockDoubted
             | Self::EngineFault => AlarmTopic::Engine,
@@ -155,6 +158,8 @@ pub enum AlarmKey {
     NameTaken,
     /// The one cell there is: how it came up.
     CameUpStopped,
+    /// The one cell there is: its answers.
+    CellLost,
     /// The one profile in force.
     ProfileUnauthorized,
     /// The machine's clock.
@@ -194,6 +199,7 @@ impl AlarmKey {
             Self::CheckpointFailed => AlarmKind::CheckpointFailed,
             Self::NameTaken => AlarmKind::NameTaken,
             Self::CameUpStopped => AlarmKind::CameUpStopped,
+            Self::CellLost => AlarmKind::CellLost,
             Self::ProfileUnauthorized => AlarmKind::ProfileUnauthorized,
             Self::ClockDoubted => AlarmKind::ClockDoubted,
             Self::EngineFault => AlarmKind::EngineFault,
@@ -231,6 +237,7 @@ impl AlarmKey {
             | Self::CheckpointFailed
             | Self::NameTaken
             | Self::CameUpStopped
+            | Self::CellLost
             | Self::ProfileUnauthorized
             | Self::ClockDoubted
             | Self::EngineFault => AlarmSubject::Cell,
@@ -286,6 +293,7 @@ impl FromStr for AlarmKey {
             AlarmKind::CheckpointFailed if about.is_none() => Self::CheckpointFailed,
             AlarmKind::NameTaken if about.is_none() => Self::NameTaken,
             AlarmKind::CameUpStopped if about.is_none() => Self::CameUpStopped,
+            AlarmKind::CellLost if about.is_none() => Self::CellLost,
             AlarmKind::ProfileUnauthorized if about.is_none() => Self::ProfileUnauthorized,
             AlarmKind::ClockDoubted if about.is_none() => Self::ClockDoubted,
             AlarmKind::EngineFault if about.is_none() => Self::EngineFault,
@@ -293,6 +301,7 @@ impl FromStr for AlarmKey {
             AlarmKind::EngineFault
             | AlarmKind::NameTaken
             | AlarmKind::CameUpStopped
+            | AlarmKind::CellLost
             | AlarmKind::ProfileUnauthorized
             | AlarmKind::ClockDoubted
             | AlarmKind::CheckpointFailed
@@ -344,6 +353,7 @@ mod tests {
                 | AlarmKind::CheckpointFailed
                 | AlarmKind::NameTaken
                 | AlarmKind::CameUpStopped
+                | AlarmKind::CellLost
                 | AlarmKind::ProfileUnauthorized
                 | AlarmKind::TelemetryMissed => "",
                 AlarmKind::RolledBack
