@@ -63,13 +63,20 @@ type Found = Result<(), String>;
 struct Check {
     connect: Connect,
     described: Result<FactoryDescription, String>,
+    /// Whether a promise is looked at.
+    is_wanted: Box<dyn Fn(&str) -> bool>,
     verdicts: Vec<Verdict>,
 }
 
 /// Checks the cell that connections lead to.
 #[must_use]
 pub fn check(connect: Connect) -> Vec<Verdict> {
-    let mut check = Check::new(connect);
+    check_those(connect, Box::new(|_| true))
+}
+
+/// As [`check()`], for the promises that are wanted.
+fn check_those(connect: Connect, is_wanted: Box<dyn Fn(&str) -> bool>) -> Vec<Verdict> {
+    let mut check = Check { is_wanted, ..Check::new(connect) };
     check.opening();
     check.behavior();
     check.state();
@@ -156,12 +163,20 @@ fn refused<T>(
 
 impl Check {
     fn new(connect: Connect) -> Self {
-        let mut check = Self { connect, described: Err("it was not read".to_owned()), verdicts: Vec::new() };
+        let mut check = Self {
+            connect,
+            described: Err("it was not read".to_owned()),
+            is_wanted: Box::new(|_| true),
+            verdicts: Vec::new(),
+        };
         check.described = check.read_description();
         check
     }
 
     fn verdict(&mut self, name: &'static str, found: impl FnOnce(&Self) -> Found) {
+        if !(self.is_wanted)(name) {
+            return;
+        }
         let problem = found(self).err();
         self.verdicts.push(Verdict { name, problem });
     }

@@ -1,5 +1,9 @@
 //! An honest cell keeps every promise, and each quirk breaks the promise that it should.
 
+mod broken_limits;
+mod broken_promises;
+mod middle;
+
 use std::sync::Arc;
 
 use super::{Check, Verdict, check, measure};
