@@ -26,7 +26,7 @@ pub use peer::{CellCallError, Peer};
 /// How long an answer is waited for. In lockstep and in trials no time counts, and a tick is a call like others.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Deadlines {
-    /// A tick of a live cell with a watchdog.
+    /// A tick of a live cell with a watchdog, and what is drawn between two of them.
     pub step: Duration,
     /// Any other call.
     pub call: Duration,

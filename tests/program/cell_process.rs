@@ -5,7 +5,9 @@ use std::io::{BufRead as _, BufReader};
 use std::path::Path;
 use std::process::{Child, Command, Output, Stdio};
 use std::sync::Arc;
+use std::sync::mpsc::{Receiver, channel};
 use std::thread;
+use std::time::Instant;
 
 use holdpoint_body::{Command as ArmCommand, GuardVerdict, Interrupt, JointVec, TaskKind};
 use holdpoint_cell::{CellFactory, CellSource as _, EpisodeSetup, TrialCell};
@@ -15,6 +17,7 @@ use holdpoint_cellwire::framing::{WireStream, encode};
 use holdpoint_cellwire::messages::Truth;
 use holdpoint_cellwire::{CellServer, ServerOptions, WireFactory};
 use holdpoint_sim::SimCells;
+use rustix::process::{Pid, Signal, kill_process};
 use serde_json::Value;
 
 const SHIPPED: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/manifests/site.toml");
@@ -25,24 +28,37 @@ fn holdpoint(arguments: &[&str]) -> Output {
 }
 
 /// A served cell; it ends with the test.
-struct CellProcess {
+pub(crate) struct CellProcess {
     process: Child,
-    endpoint: String,
+    pub(crate) endpoint: String,
+    /// What it tells, a line each, and when.
+    pub(crate) notes: Receiver<(Instant, String)>,
 }
 
 impl CellProcess {
-    fn in_folder(folder: &Path) -> Self {
+    pub(crate) fn in_folder(folder: &Path) -> Self {
         let endpoint = format!("unix:{}", folder.join("cell.sock").display());
         let mut process = Command::new(env!("CARGO_BIN_EXE_holdpoint"))
             .args(["--data", "/nowhere", "cell", "serve", "--listen", &endpoint])
             .stdout(Stdio::piped())
-            .stderr(Stdio::null())
+            .stderr(Stdio::piped())
             .spawn()
             .unwrap();
+        let told = BufReader::new(process.stderr.take().unwrap());
+        let (sender, notes) = channel();
+        thread::spawn(move || {
+            for line in told.lines().map_while(Result::ok) {
+                let _ = sender.send((Instant::now(), line));
+            }
+        });
         let mut first = String::new();
         BufReader::new(process.stdout.take().unwrap()).read_line(&mut first).unwrap();
         assert!(first.contains("listens at unix:"), "{first}");
-        Self { process, endpoint }
+        Self { process, endpoint, notes }
+    }
+
+    pub(crate) fn signal(&self, signal: Signal) {
+        kill_process(Pid::from_child(&self.process), signal).unwrap();
     }
 }
 
@@ -54,7 +70,7 @@ impl Drop for CellProcess {
 }
 
 /// The shipped site with its cells at an endpoint.
-fn site_at(folder: &Path, endpoint: &str) -> String {
+pub(crate) fn site_at(folder: &Path, endpoint: &str) -> String {
     let text = fs::read_to_string(SHIPPED).unwrap();
     let cell = format!("kind = \"wire\"\nendpoint = \"{endpoint}\"");
     let file = folder.join("site.toml");

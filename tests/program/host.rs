@@ -35,22 +35,23 @@ pub(crate) struct Front {
 
 impl Front {
     pub(crate) fn start(folder: &Path, pace: Option<f64>) -> Self {
-        let data = folder.to_owned();
-        let profile = ProfileName::Sim.into();
-        let scenes = SceneOptions::default();
-        let host = EngineHandle::start(LaunchConfig {
-            data,
-            profile,
+        Self::start_at(LaunchConfig {
+            data: folder.to_owned(),
+            profile: ProfileName::Sim.into(),
             seeds: holdpoint_trials::seeds::EpisodeSeeds::OfRun(1),
             jobs: 1,
             cells: std::sync::Arc::new(SimCells),
             robot: None,
             site: None,
             pace,
-            sinks: scenes.sinks().unwrap(),
+            sinks: SceneOptions::default().sinks().unwrap(),
             alone_max: None,
             console_access: None,
-        });
+        })
+    }
+
+    pub(crate) fn start_at(config: LaunchConfig) -> Self {
+        let host = EngineHandle::start(config);
         let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
         let mut front = Self { host, runtime, events: Vec::new(), answers: Vec::new(), request_count: 0 };
         assert!(matches!(front.next(), EngineUpdate::Started));

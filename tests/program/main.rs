@@ -11,6 +11,7 @@ mod bench;
 mod bootstrap;
 mod braking;
 mod cached_results;
+mod cell_faults;
 mod cell_process;
 mod cli;
 mod command_errors;

@@ -20,7 +20,7 @@ use crate::host::{Front, PATIENCE, operation, refusal};
 use crate::reported_error::assert_error;
 
 /// Braking takes a quarter of a second at most, and the measurement of the standstill a twentieth.
-const STANDSTILL_TICKS_MAX: u64 = (RATE_HZ / 4 + RATE_HZ / 20) as u64;
+pub(crate) const STANDSTILL_TICKS_MAX: u64 = (RATE_HZ / 4 + RATE_HZ / 20) as u64;
 
 fn stop() -> Command {
     Command::Stop { by: "ana".to_owned(), reason: "a person is in the cell".to_owned() }
@@ -30,7 +30,7 @@ fn go_command(since_ms: u64, stops: u64) -> Command {
     Command::Go { by: "ana".to_owned(), reason: "the cell is empty".to_owned(), since_ms, stops }
 }
 
-fn assert_accepted(reply: &Reply) {
+pub(crate) fn assert_accepted(reply: &Reply) {
     let done =
         matches!(reply, Reply::Accepted { .. } | Reply::Stopped { kept: StopPersistence::OnRecord, .. });
     assert!(done, "{reply:?}");
@@ -53,7 +53,7 @@ impl Front {
     }
 
     /// Starts the cell with full knowledge of its stops.
-    fn go(&mut self) -> Reply {
+    pub(crate) fn go(&mut self) -> Reply {
         let stopped = self.snapshot().stopped;
         let (since_ms, stops) = stopped.map_or((0, 0), |stopped| (stopped.since_ms, stopped.stops));
         self.carry_out(go_command(since_ms, stops))

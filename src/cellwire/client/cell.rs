@@ -176,7 +176,8 @@ impl WireCell {
     }
 
     fn scenery(&self) -> (Vec<FixtureBox>, Vec<ContactPoint>) {
-        match self.ask(Call::Scenery, None, self.call_within()) {
+        // A picture is drawn between two ticks: it must not hide a cell that does not answer.
+        match self.ask(Call::Scenery, None, self.step_within()) {
             Ok(CellReply::Scenery { fixtures, contacts }) => (fixtures, contacts),
             // A screen shows what there is; the next tick says that the cell is lost.
             Ok(_) | Err(_) => (Vec::new(), Vec::new()),
