@@ -13,6 +13,7 @@ mod braking;
 mod cached_results;
 mod cell_faults;
 mod cell_process;
+mod cell_scenarios;
 mod cli;
 mod command_errors;
 mod explain;
