@@ -1,8 +1,8 @@
-//! Faults of a served cell in the middle of a sequence: the arm stands, the engine is stopped with an alarm, a person starts
-//! the cell again, and nothing is lost. Prints a table of the times.
+//! Faults of a served cell within a sequence: the arm comes to a standstill, the engine is stopped with an alarm, a person
+//! starts the cell again, and nothing is lost. Prints a table of the times.
 //!
-//! The cell is a process of its own. A man in the middle of the socket makes the fault at the moment at which the arm of
-//! the second task moves, so that no time is waited for.
+//! The cell is a process of its own. A relay at the socket makes the fault at a moment at which the arm of the second task
+//! moves, so that no time is waited for.
 
 use std::io::{self, Read as _, Write as _};
 use std::net::Shutdown;
@@ -38,9 +38,6 @@ use crate::stop::{STANDSTILL_TICKS_MAX, assert_accepted};
 /// What a busy machine may add to a declared time.
 const SLACK: Duration = Duration::from_secs(1);
 
-/// How late each answer of a slowed cell is: later than the client waits.
-const SLOWED_BY: Duration = Duration::from_millis(400);
-
 /// A joint that is faster moves, rad/s; and for how many ticks without a pause.
 const MOVES_RAD_S: f64 = 0.05;
 const MOVES_TICKS: u32 = 12;
@@ -55,7 +52,7 @@ enum Fault {
     NotANumber,
     /// The connection is cut.
     Cut,
-    /// Every answer comes late.
+    /// Every answer comes later than client and watchdog wait.
     Slowed,
     /// The process is stopped by a signal.
     Frozen,
@@ -98,7 +95,7 @@ fn watchdog() -> Duration {
     Duration::from_millis(u64::from(ClientOptions::paced().watchdog_ms.unwrap()))
 }
 
-/// What the man in the middle is to do.
+/// What the relay is to do.
 #[derive(Default)]
 struct Orders {
     fault: Option<Fault>,
@@ -106,17 +103,19 @@ struct Orders {
     lies: bool,
 }
 
-/// The man in the middle.
-struct Middle {
+/// Passes on what passes between an engine and a served cell, and makes the faults.
+struct Relay {
     cell: PathBuf,
     process: Arc<Mutex<CellProcess>>,
     orders: Mutex<Orders>,
     fired: Mutex<Sender<Instant>>,
+    /// A late answer may pass.
+    late: Mutex<Receiver<()>>,
     /// The end of each connection of the live cell.
     ended: Mutex<Sender<()>>,
 }
 
-/// A connection, as he remembers it.
+/// A connection, as the relay remembers it.
 struct Link {
     role: Role,
     /// Tasks that began since the work was presented.
@@ -171,14 +170,14 @@ impl Link {
     }
 }
 
-impl Middle {
+impl Relay {
     /// Listens at `front` for ever, for the cell of this process.
     fn listen(self: Arc<Self>, front: &Path) {
         let listener = UnixListener::bind(front).unwrap();
         thread::spawn(move || {
             for client in listener.incoming() {
-                let (client, middle) = (client.unwrap(), Arc::clone(&self));
-                thread::spawn(move || middle.attend(client));
+                let (client, relay) = (client.unwrap(), Arc::clone(&self));
+                thread::spawn(move || relay.attend(client));
             }
         });
     }
@@ -231,7 +230,7 @@ impl Middle {
             self.look_at(link, &request, seen)?;
         }
         if link.is_slowed {
-            thread::sleep(SLOWED_BY);
+            self.late.lock().unwrap().recv().map_err(|_| io::ErrorKind::ConnectionAborted)?;
         }
         send(client, &encode(&answer).unwrap())?;
         if let CellReply::Block(block) = &answer.reply {
@@ -272,13 +271,14 @@ struct Row {
     stopped_ms: u128,
 }
 
-/// An engine at a site whose cells are those of a process, with the man in the middle.
+/// An engine at a site whose cells are those of a process, with the relay between them.
 struct FaultyCell {
     front: Front,
     folder: PathBuf,
     process: Arc<Mutex<CellProcess>>,
-    middle: Arc<Middle>,
+    relay: Arc<Relay>,
     fired: Receiver<Instant>,
+    late: Sender<()>,
     ended: Receiver<()>,
     /// All events so far.
     told: Vec<Event>,
@@ -288,16 +288,18 @@ impl FaultyCell {
     fn start(folder: &Path, store: &Path) -> Self {
         let process = Arc::new(Mutex::new(CellProcess::in_folder(folder)));
         let (fired_sender, fired) = channel();
+        let (late, late_receiver) = channel();
         let (ended_sender, ended) = channel();
-        let middle = Arc::new(Middle {
+        let relay = Arc::new(Relay {
             cell: folder.join("cell.sock"),
             process: Arc::clone(&process),
             orders: Mutex::default(),
             fired: Mutex::new(fired_sender),
+            late: Mutex::new(late_receiver),
             ended: Mutex::new(ended_sender),
         });
-        let endpoint = folder.join("middle.sock");
-        Arc::clone(&middle).listen(&endpoint);
+        let endpoint = folder.join("relay.sock");
+        Arc::clone(&relay).listen(&endpoint);
         let site = site_at(folder, &format!("unix:{}", endpoint.display()));
         let front = Front::start_at(LaunchConfig {
             data: store.to_owned(),
@@ -312,7 +314,7 @@ impl FaultyCell {
             alone_max: None,
             console_access: None,
         });
-        Self { front, folder: folder.to_owned(), process, middle, fired, ended, told: Vec::new() }
+        Self { front, folder: folder.to_owned(), process, relay, fired, late, ended, told: Vec::new() }
     }
 
     /// Only what comes from now on is looked at.
@@ -355,10 +357,10 @@ impl FaultyCell {
         at + Duration::from_millis(ticks * 1000 / u64::from(RATE_HZ))
     }
 
-    /// One fault, from the moment that it happens until the cell works again.
+    /// One fault, from the moment that it happens until a person has started the cell.
     fn meet(&mut self, fault: Fault) -> Row {
         while self.ended.try_recv().is_ok() {}
-        self.middle.orders.lock().unwrap().fault = Some(fault);
+        self.relay.orders.lock().unwrap().fault = Some(fault);
         let fired = self.fired.recv_timeout(PATIENCE).unwrap();
         self.until_stopped(fault.reason());
         let stopped_after = fired.elapsed();
@@ -375,6 +377,9 @@ impl FaultyCell {
             self.process.lock().unwrap().signal(Signal::CONT);
         }
         let standstill = (fault != Fault::Killed).then(|| self.standstill(since) - fired);
+        if fault == Fault::Slowed {
+            self.late.send(()).unwrap();
+        }
         // The live cell of this connection is free again.
         self.ended.recv_timeout(PATIENCE).unwrap();
         match fault {
@@ -385,7 +390,7 @@ impl FaultyCell {
             Fault::AnotherCell => {
                 self.start_cell();
                 self.until_stopped("its description is another than at the start");
-                self.middle.orders.lock().unwrap().lies = false;
+                self.relay.orders.lock().unwrap().lies = false;
             }
             Fault::NotANumber | Fault::Cut | Fault::Slowed | Fault::Frozen => {}
         }

@@ -2,7 +2,7 @@
 
 mod broken_limits;
 mod broken_promises;
-mod middle;
+mod relay;
 
 use std::sync::Arc;
 

@@ -176,7 +176,7 @@ impl WireCell {
     }
 
     fn scenery(&self) -> (Vec<FixtureBox>, Vec<ContactPoint>) {
-        // A picture is drawn between two ticks: it must not hide a cell that does not answer.
+        // A screen asks between two ticks: that must not hide a cell that does not answer.
         match self.ask(Call::Scenery, None, self.step_within()) {
             Ok(CellReply::Scenery { fixtures, contacts }) => (fixtures, contacts),
             // A screen shows what there is; the next tick says that the cell is lost.

@@ -3,7 +3,7 @@
 use holdpoint_body::{Command, GuardVerdict};
 
 use super::broken_promises::{Row, row, seed_of, stops};
-use super::middle::Change;
+use super::relay::Change;
 use crate::messages::{BLOCK_BYTES_MAX, Call, CellReply, CellRequest, RELEASED_MAX, Role};
 use crate::refusal::CellRefusal;
 

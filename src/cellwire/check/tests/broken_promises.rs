@@ -13,7 +13,7 @@ use nalgebra::Isometry3;
 
 use super::super::{Verdict, check_those};
 use super::broken_limits;
-use super::middle::{Change, Link, Middle};
+use super::relay::{Change, Link, Relay};
 use crate::framing::encode;
 use crate::messages::{
     CLIENT_BYTES_MAX, Call, CellReply, CellRequest, CellState, Greeting, PROTOCOL, Role, WATCHDOG_MS,
@@ -460,7 +460,7 @@ fn states() -> Vec<Row> {
 /// Every promise that does not wait, with the one of the run.
 fn verdicts(changes: Vec<Change>, own: &'static str) -> Vec<Verdict> {
     let is_wanted = move |name: &str| name == own || !SLOW.contains(&name);
-    check_those(Middle::new(changes).connect(), Box::new(is_wanted))
+    check_those(Relay::new(changes).connect(), Box::new(is_wanted))
 }
 
 /// The promises that are broken, with what was found.

@@ -1,6 +1,6 @@
-//! A man in the middle between a check and an honest server: he changes what passes, on each connection anew.
+//! A relay between a check and an honest server, which changes what passes on each connection.
 //!
-//! Without a change he passes everything on, but for a message that is torn: he closes the connection then.
+//! Without a change it passes everything on, but for a message that is torn: it closes the connection then.
 
 use std::io;
 use std::os::unix::net::UnixStream;
@@ -26,7 +26,7 @@ use crate::tests::{LONG, hello};
 /// After this time without a hello a server that speaks first does so.
 const SILENCE: Duration = Duration::from_secs(1);
 
-/// What the man in the middle changes.
+/// What a relay changes.
 pub(super) enum Change {
     /// The hello of a client.
     Hello(fn(&mut Link, &mut Hello)),
@@ -56,7 +56,7 @@ pub(super) enum Change {
     SpeaksFirst,
 }
 
-/// One connection, as the man in the middle remembers it.
+/// One connection, as a relay remembers it.
 pub(super) struct Link {
     /// Counts the connections from 1.
     pub(super) number: u64,
@@ -68,7 +68,7 @@ pub(super) struct Link {
     pub(super) watchdog_ms: Option<u32>,
     /// The seeds of the episodes so far.
     pub(super) seeds: Vec<u64>,
-    /// The newest state that was told.
+    /// The newest state that the cell told.
     pub(super) last: Option<CellState>,
     /// The name of the call before.
     pub(super) before: &'static str,
@@ -108,7 +108,7 @@ impl Memory {
 }
 
 /// See the module comment.
-pub(super) struct Middle {
+pub(super) struct Relay {
     server: Arc<CellServer>,
     spec: Arc<CellSpec>,
     changes: Vec<Change>,
@@ -141,7 +141,7 @@ fn follow(client: &mut Line<EndpointStream>, asked: &CellRequest) -> Result<Vec<
     Ok(bytes)
 }
 
-impl Middle {
+impl Relay {
     pub(super) fn new(changes: Vec<Change>) -> Arc<Self> {
         let factory = FakeFactory::new(Quirk::Honest);
         let spec = Arc::clone(factory.spec());
@@ -168,15 +168,15 @@ impl Middle {
         })
     }
 
-    /// Connections to the server, each through a thread of his.
+    /// Connections to the server, each through a thread of the relay.
     pub(super) fn connect(self: &Arc<Self>) -> Connect {
-        let middle = Arc::clone(self);
+        let relay = Arc::clone(self);
         Box::new(move || -> io::Result<Box<dyn WireStream>> {
             let (own, other) = UnixStream::pair()?;
-            let middle = Arc::clone(&middle);
-            let number = middle.connections.fetch_add(1, Ordering::Relaxed) + 1;
+            let relay = Arc::clone(&relay);
+            let number = relay.connections.fetch_add(1, Ordering::Relaxed) + 1;
             // A connection that fails on one side ends on both.
-            thread::spawn(move || drop(middle.pass(other, number)));
+            thread::spawn(move || drop(relay.pass(other, number)));
             Ok(Box::new(EndpointStream::Unix(own)))
         })
     }
