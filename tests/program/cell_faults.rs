@@ -347,13 +347,18 @@ impl FaultyCell {
         assert_accepted(&self.front.go());
     }
 
-    /// When the arm stood, by the cell itself: the note came, and the brake took this many ticks.
+    /// When the arm was at standstill, by the cell's own note: the note came, and the brake took this many ticks.
     fn standstill(&self, since: Instant) -> Instant {
-        let (at, note) = self.process.lock().unwrap().notes.recv_timeout(PATIENCE).unwrap();
-        let after = note.split_once("it stood still ").and_then(|(_, rest)| rest.split_once(" ticks"));
-        let ticks: u64 = after.and_then(|(ticks, _)| ticks.parse().ok()).unwrap_or_else(|| panic!("{note}"));
-        assert!(ticks <= STANDSTILL_TICKS_MAX, "{note}");
-        assert!(at - since <= watchdog() + SLACK, "{:?}: {note}", at - since);
+        let process = self.process.lock().unwrap();
+        let (at, ticks) = loop {
+            let (at, note) = process.notes.recv_timeout(PATIENCE).unwrap();
+            let after = note.split_once("it stood still ").and_then(|(_, rest)| rest.split_once(" ticks"));
+            if let Some(ticks) = after.and_then(|(ticks, _)| ticks.parse::<u64>().ok()) {
+                break (at, ticks);
+            }
+        };
+        assert!(ticks <= STANDSTILL_TICKS_MAX, "{ticks} ticks");
+        assert!(at - since <= watchdog() + SLACK, "{:?}", at - since);
         at + Duration::from_millis(ticks * 1000 / u64::from(RATE_HZ))
     }
 
