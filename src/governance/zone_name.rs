@@ -168,7 +168,7 @@ mod tests {
         let named: Vec<ZoneName> =
             ["work", "shelf", "oven"].into_iter().map(|name| ZoneName::try_from(name).unwrap()).collect();
         let unknown = |cell: &[Zone]| UnknownZone::among(("m.toml", "permissions.zones"), &named, cell);
-        let refused = unknown(&[shelf.clone()]).unwrap();
+        let refused = unknown(std::slice::from_ref(&shelf)).unwrap();
         assert_eq!(
             refused.to_string(),
             "m.toml: the field \"permissions.zones\" names the zone \"oven\", which the cell does not have; allowed: work, \

@@ -139,7 +139,7 @@ fn demand(profile: &Profile) -> Option<FieldProblem> {
         return wrong("approval.break_glass", "true", "false");
     }
     if !profile.runtime.keep_out.contains(&ZoneName::Human) {
-        let zones: Vec<&str> = profile.runtime.keep_out.iter().map(|zone| zone.name()).collect();
+        let zones: Vec<&str> = profile.runtime.keep_out.iter().map(ZoneName::name).collect();
         return wrong("runtime.keep_out", &zones.join(", "), "a list with \"human\"");
     }
     None

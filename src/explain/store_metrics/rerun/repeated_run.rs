@@ -165,7 +165,7 @@ impl StoreUnderRerun<'_> {
         let records = self.compare(cast, &lab, &mut evaluation)?;
         runs += records.runs;
         if evaluation.assess(profile).0.assessment.outcome == BehaviorOutcome::Compatible {
-            let search = self.search(cast, &lab, &mut evaluation, recorded)?;
+            let search = Self::search(cast, &lab, &mut evaluation, recorded)?;
             again.searched = search.finding(&self.cell.sandbox);
             runs += search.pairs_run();
         }
@@ -275,7 +275,6 @@ impl StoreUnderRerun<'_> {
     /// Searches for the worst episode. After a hard stop the recorded search ended with the pairs that ran at once, and so
     /// does this one.
     fn search(
-        &self,
         cast: &Cast,
         lab: &TrialLab<'_>,
         evaluation: &mut Evaluation,
