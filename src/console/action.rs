@@ -5,6 +5,7 @@
 //! a help line or without a decision about its keys does not compile.
 
 use super::views::View;
+use holdpoint_wording::console::action as wording;
 
 /// Where an action applies.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -30,10 +31,10 @@ impl Scope {
         match self {
             Self::Everywhere => "Everywhere",
             Self::Lists => "Lists",
-            Self::Version => "Version under the cursor",
+            Self::Version => wording::VERSION_UNDER_THE_CURSOR,
             Self::Alarms => "Alarms",
             Self::Charts => "Charts",
-            Self::Prompt => "Open approval prompt",
+            Self::Prompt => wording::OPEN_PROMPT,
         }
     }
 

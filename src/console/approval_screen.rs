@@ -15,6 +15,8 @@ use holdpoint_protocol::approval_document::{ApprovalDocument, ApprovalFacts};
 use holdpoint_protocol::snapshot::{ApprovalRequestView, RequestKind, Snapshot};
 use holdpoint_text::{Untrusted, is_visible};
 use holdpoint_wording::approval::{LineMark, marked_lines};
+use holdpoint_wording::console::approval_screen as wording;
+use holdpoint_wording::console::shared;
 use holdpoint_wording::live::live_lines;
 
 /// How long a prompt ignores deciding keys, ms, so that a key typed for something else decides nothing.
@@ -76,20 +78,20 @@ impl DecisionObstacle {
     #[must_use]
     pub const fn hint(self) -> &'static str {
         match self {
-            Self::ReadOnly => "this console is read-only",
-            Self::NoIdentity => "say who you are: `:as NAME`",
-            Self::Closed => "the question is closed: nothing is left to decide",
-            Self::Stale => "evidence changed: r reads it again",
-            Self::Guard => "wait a moment",
-            Self::OwnWork => "you made it: another approver decides (`:as NAME`)",
-            Self::Approved => "you have approved: another approver is needed (`:as NAME`)",
-            Self::Granted => "the quorum is complete: no approval is missing",
-            Self::ShortId => "type the short id (tab)",
-            Self::Reason => "give a reason (tab)",
-            Self::NoRefusal => "Esc changes nothing; F rejects the version",
-            Self::NotAsked => "your text is being requested: wait, or r reads it again",
-            Self::Unread => "read it to its end (pagedown)",
-            Self::Typing => "leave the field (tab)",
+            Self::ReadOnly => shared::READ_ONLY,
+            Self::NoIdentity => wording::NO_IDENTITY,
+            Self::Closed => wording::CLOSED,
+            Self::Stale => wording::STALE,
+            Self::Guard => wording::WAIT_A_MOMENT,
+            Self::OwnWork => wording::OWN_WORK,
+            Self::Approved => wording::APPROVED_ALREADY,
+            Self::Granted => wording::QUORUM_COMPLETE,
+            Self::ShortId => wording::SHORT_ID_MISSING,
+            Self::Reason => wording::REASON_MISSING,
+            Self::NoRefusal => wording::NO_REFUSAL,
+            Self::NotAsked => wording::NOT_DELIVERED,
+            Self::Unread => wording::UNREAD,
+            Self::Typing => wording::TYPING,
         }
     }
 }
@@ -133,8 +135,8 @@ impl ClosingAnswer {
     #[must_use]
     pub fn description(&self) -> String {
         match self.decision {
-            ApprovalDecision::Reject => format!("{} rejected it", self.by),
-            ApprovalDecision::Approve => format!("{} approved it, which was enough", self.by),
+            ApprovalDecision::Reject => wording::rejected_it(&self.by),
+            ApprovalDecision::Approve => wording::approved_it(&self.by),
         }
     }
 }
@@ -332,9 +334,7 @@ impl ApprovalScreen {
     pub fn text(&self) -> Vec<String> {
         let (lines, why) = match &self.delivered {
             DeliveredRequest::Delivered { question, .. } => (&question.lines, None),
-            DeliveredRequest::Refused { why, .. } => {
-                (&self.seen.lines, Some(format!("NOT TO BE SIGNED: {why}")))
-            }
+            DeliveredRequest::Refused { why, .. } => (&self.seen.lines, Some(wording::not_to_be_signed(why))),
             DeliveredRequest::Nothing | DeliveredRequest::Requested { .. } => (&self.seen.lines, None),
         };
         let safe = |line: String| Untrusted::new(line).display(WIDTH_MAX).into_string();
@@ -399,7 +399,7 @@ impl ApprovalScreen {
         if self.closed {
             let types = self.signing.as_ref().is_some_and(|signing| !signing.is_checked());
             if (types || self.line_mut().is_some()) && self.dismissed.is_none() {
-                self.dismissed = Some(DismissedForm::new("it closed while you typed".to_owned(), now_ms));
+                self.dismissed = Some(DismissedForm::new(wording::CLOSED_WHILE_TYPING.to_owned(), now_ms));
             }
             // Drops the passphrase field of a void answer; an answer already handed over gets its reply.
             self.signing = self.signing.take().filter(PassphraseEntry::is_checked);
@@ -409,16 +409,16 @@ impl ApprovalScreen {
             return;
         }
         let what = match now {
-            None => Some("the question is closed"),
-            Some(now) if now.candidate != self.seen.candidate => Some("the candidate changed"),
-            Some(now) if now.evidence != self.seen.evidence => Some("the evidence changed"),
+            None => Some(shared::QUESTION_CLOSED),
+            Some(now) if now.candidate != self.seen.candidate => Some(wording::CANDIDATE_CHANGED),
+            Some(now) if now.evidence != self.seen.evidence => Some(wording::EVIDENCE_CHANGED),
             Some(now) if now.policy != self.seen.policy || now.profile != self.seen.profile => {
-                Some("the policy changed")
+                Some(wording::POLICY_CHANGED)
             }
             Some(now) if now.row_version != self.seen.row_version || now.id != self.seen.id => {
-                Some("the request was renewed")
+                Some(wording::REQUEST_RENEWED)
             }
-            Some(now) if now.replaces != self.seen.replaces => Some("the active version changed"),
+            Some(now) if now.replaces != self.seen.replaces => Some(wording::ACTIVE_VERSION_CHANGED),
             // The text names who signed before: the engine renders it again, and the typed fields stay.
             Some(now) if now.approved_by != self.seen.approved_by => {
                 self.seen = now.clone();
@@ -428,7 +428,7 @@ impl ApprovalScreen {
                 self.live = live_lines(now, snapshot);
                 None
             }
-            Some(now) if now.lines != self.seen.lines => Some("its text changed"),
+            Some(now) if now.lines != self.seen.lines => Some(wording::TEXT_CHANGED),
             Some(now) => {
                 self.seen.granted = now.granted;
                 self.live = live_lines(now, snapshot);
@@ -497,7 +497,7 @@ impl ApprovalScreen {
         }
         let Some(who) = who else { return Err(DecisionObstacle::NoIdentity) };
         let typed = self.reason.text().trim();
-        let reason = if is_visible(typed) { typed } else { "evidence read at the console" };
+        let reason = if is_visible(typed) { typed } else { wording::READ_AT_THE_CONSOLE };
         Ok(ApprovalAnswer {
             by: who.name.clone(),
             answer,

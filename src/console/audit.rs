@@ -13,6 +13,8 @@ use holdpoint_governance::decision::ReasonCode;
 use holdpoint_governance::notice::Notice;
 use holdpoint_governance::record::{AuditRecord, RecordGroup, RecordKind};
 use holdpoint_governance::wall_time::WallTime;
+use holdpoint_wording::console::audit as wording;
+use holdpoint_wording::console::shared;
 use holdpoint_wording::notice_sentence;
 
 /// The largest content that gets a sentence, bytes; a larger one is named by its kind.
@@ -97,7 +99,7 @@ pub fn rows<'a>(records: impl Iterator<Item = &'a AuditRecord>) -> Vec<AuditItem
 pub fn sentence(record: &AuditRecord) -> String {
     let value = (record.body.len() <= BODY_BYTES_MAX).then(|| serde_json::from_str::<Value>(&record.body));
     let Some(Ok(value)) = value else {
-        return format!("{}, {} bytes of content", record.kind, record.body.len());
+        return wording::bytes_of_content(&record.kind.to_string(), record.body.len());
     };
     let specific =
         record.kind.known().and_then(|kind| sentence_of_kind(*kind, &RecordFields { root: &value }));
@@ -144,14 +146,13 @@ impl RecordFields<'_> {
         }
     }
 
-    /// `before` and a value, if it is not empty.
-    fn with(&self, before: &str, name: &str) -> String {
-        let text = self.text(name).filter(|text| !text.trim().is_empty());
-        text.map_or_else(String::new, |text| format!("{before}{text}"))
+    /// As [`Self::text`]; absent if it is empty.
+    fn value(&self, name: &str) -> Option<String> {
+        self.text(name).filter(|text| !text.trim().is_empty())
     }
 
     /// The text of the reason with the finding.
-    fn why(&self) -> String {
+    fn why(&self) -> Option<String> {
         let reasons = self.find("reasons").and_then(Value::as_array).map_or(&[][..], Vec::as_slice);
         let tells = |reason: &&Value| {
             let code = reason.get("code").and_then(|code| code.as_str()?.parse::<ReasonCode>().ok());
@@ -159,9 +160,7 @@ impl RecordFields<'_> {
         };
         let first = reasons.iter().find(tells).or_else(|| reasons.first());
         let text = first.and_then(|reason| reason.get("text").unwrap_or(reason).as_str());
-        text.map_or_else(String::new, |text| {
-            format!(": {}", text.chars().take(VALUE_CHARS).collect::<String>())
-        })
+        text.map(|text| text.chars().take(VALUE_CHARS).collect())
     }
 
     fn digest(&self, name: &str) -> String {
@@ -179,69 +178,56 @@ fn noticed(value: &Value) -> Option<String> {
 fn sentence_of_kind(kind: RecordKind, fields: &RecordFields<'_>) -> Option<String> {
     let by = || fields.text("by").or_else(|| fields.text("who")).filter(|by| !by.is_empty());
     let actor = || by().unwrap_or_else(|| "somebody".to_owned());
+    let value = |name: &str| fields.value(name);
+    let reason = value("reason");
+    let reason = reason.as_deref();
     Some(match kind {
-        RecordKind::VersionRegistered => format!(
-            "submitted by {}{}{}{}",
-            fields.text("author")?,
-            fields.with(", ", "provenance"),
-            fields.with(", estimated risk ", "risk"),
-            fields.with(", made from ", "parent")
+        RecordKind::VersionRegistered => wording::submitted(
+            &fields.text("author")?,
+            value("provenance").as_deref(),
+            value("risk").as_deref(),
+            value("parent").as_deref(),
         ),
-        RecordKind::StateSet => {
-            format!("{} -> {}{}", fields.text("from")?, fields.text("to")?, fields.with(": ", "reason"))
-        }
+        RecordKind::StateSet => wording::state_set(&fields.text("from")?, &fields.text("to")?, reason),
         RecordKind::FlagsSet => flags(fields.find("flags")?),
         RecordKind::ScoresSet => {
             let kappas = fields.find("kappas")?.as_array()?;
             let values =
                 kappas.iter().map(|kappa| kappa.as_f64().map_or("?".to_owned(), |k| format!("{k:.3}")));
-            format!("interface, policy, behavior, recovery: {}", values.collect::<Vec<_>>().join(", "))
+            wording::scores(&values.collect::<Vec<_>>().join(", "))
         }
         RecordKind::ActiveSet => match fields.text("active") {
-            Some(active) => format!(
-                "{active} has the arm{}{}",
-                fields.with(" by ", "cause"),
-                fields.with("; the rollback target is ", "pinned")
-            ),
-            None => format!("no version has the arm{}", fields.with(": ", "cause")),
+            Some(active) => {
+                wording::has_the_arm(&active, value("cause").as_deref(), value("pinned").as_deref())
+            }
+            None => wording::no_version_has_the_arm(value("cause").as_deref()),
         },
-        RecordKind::FamilySet => {
-            let stopped = fields.find("safe_stopped")?.as_bool()?;
-            let what = if stopped { "safe-stopped" } else { "works" };
-            format!("{what}{}", fields.with(": ", "reason"))
-        }
-        RecordKind::FamilyVoided => format!("earlier passes are void{}", fields.with(": ", "reason")),
-        RecordKind::StandingSet => "the states of its versions, for a restart".to_owned(),
-        RecordKind::EvidencePut => {
-            format!("evidence of the {}, digest {}", fields.text("kind")?, fields.digest("digest"))
-        }
+        RecordKind::FamilySet => wording::family_set(fields.find("safe_stopped")?.as_bool()?, reason),
+        RecordKind::FamilyVoided => wording::passes_are_void(reason),
+        RecordKind::StandingSet => wording::STANDING_SET.to_owned(),
+        RecordKind::EvidencePut => wording::evidence_of(&fields.text("kind")?, &fields.digest("digest")),
         RecordKind::ApprovalRequested => {
             let until = fields.find("deadline_ms").and_then(Value::as_u64).map(|ms| {
                 let until = WallTime::from_ms(i64::try_from(ms).unwrap_or(i64::MAX));
                 // Earlier versions used virtual time.
                 if until < WallTime::SCRIPT_EPOCH { seconds(ms) } else { until.label() }
             });
-            let until = until.map_or_else(String::new, |until| format!(" by {until}"));
-            format!("{} to decide{until}{}", fields.text("needed")?, fields.with("; now ", "state"))
+            wording::to_decide(&fields.text("needed")?, until.as_deref(), value("state").as_deref())
         }
         RecordKind::ApprovalPut => {
             let decision = fields.text("decision").or_else(|| fields.text("answer"))?;
             let who = by().or_else(|| fields.text("identity")).or_else(|| fields.text("name"))?;
-            format!("{who} says {decision}{}", fields.with(": ", "reason"))
+            wording::says(&who, &decision, reason)
         }
-        RecordKind::ApprovalConsumed => "an approval was used; it counts only once".to_owned(),
+        RecordKind::ApprovalConsumed => wording::APPROVAL_USED.to_owned(),
         RecordKind::PersonEnrolled => person_sentence("enrolled", fields)?,
         RecordKind::PersonConfirmed => person_sentence("confirmed", fields)?,
         RecordKind::PersonRevoked => person_sentence("revoked", fields)?,
-        RecordKind::ContextSet => {
-            format!("profile {}, policy {}", fields.text("profile")?, fields.digest("policy_digest"))
-        }
-        RecordKind::ProfileLoaded => format!("own profile{}", fields.with(" ", "name")),
+        RecordKind::ContextSet => wording::context(&fields.text("profile")?, &fields.digest("policy_digest")),
+        RecordKind::ProfileLoaded => wording::own_profile(value("name").as_deref()),
         RecordKind::TelemetrySealed | RecordKind::TelemetryBlockSealed => telemetry(fields)?,
-        RecordKind::TelemetryPruned => {
-            format!("telemetry up to batch {} is pruned for space", fields.text("through")?)
-        }
-        RecordKind::TelemetryMissed => "batches of telemetry are missing, and no record says why".to_owned(),
+        RecordKind::TelemetryPruned => wording::telemetry_pruned(&fields.text("through")?),
+        RecordKind::TelemetryMissed => wording::TELEMETRY_MISSED.to_owned(),
         RecordKind::AlarmChanged => {
             let whole = fields.text("json").is_some().then(|| fields.find("json")).flatten();
             let inner =
@@ -254,73 +240,52 @@ fn sentence_of_kind(kind: RecordKind, fields: &RecordFields<'_>) -> Option<Strin
             format!("{}, {}{gap}{text}", fields.text("state")?, fields.text("priority")?)
         }
         RecordKind::Decision => {
-            let stage = fields.text("stage").map_or_else(String::new, |stage| format!("{stage}: "));
-            match fields.text("outcome") {
-                Some(outcome) => format!("{stage}decided {outcome}{}", fields.why()),
-                None => format!("{stage}decided{}", fields.why()),
-            }
+            let (stage, outcome) = (fields.text("stage"), fields.text("outcome"));
+            wording::decided(stage.as_deref(), outcome.as_deref(), fields.why().as_deref())
         }
         RecordKind::Monitor => {
             let found = fields.text("decision").or_else(|| fields.text("outcome"))?;
-            format!("the monitor: {found}{}", fields.why())
+            wording::monitor_found(&found, fields.why().as_deref())
         }
-        RecordKind::MonitorAnswer => {
-            format!("{} answered the monitor{}", actor(), fields.with(": ", "reason"))
-        }
-        RecordKind::PauseSet => format!("{} {}{}", actor(), fields.text("act")?, fields.with(": ", "reason")),
-        RecordKind::Resumed => format!("{} resumed it{}", actor(), fields.with(": ", "reason")),
-        RecordKind::KeyCommitted => format!("its seeds got a secret key{}", fields.with(": ", "use")),
-        RecordKind::KeyRevealed => "the key of its seeds was revealed".to_owned(),
-        RecordKind::AnchorSet => format!("{} made it the anchor{}", actor(), fields.with(": ", "reason")),
-        RecordKind::TryCounted => format!("its sandbox is try {} of its author", fields.text("by_author")?),
-        RecordKind::TriesReviewed => format!("{} reviewed its tries{}", actor(), fields.with(": ", "reason")),
-        RecordKind::BreakGlass => {
-            format!("{} activated it alone, by break-glass{}", actor(), fields.with(": ", "reason"))
-        }
-        RecordKind::CellStopped => format!("{} stopped the cell{}", actor(), fields.with(": ", "reason")),
-        RecordKind::CellReleased => format!("{} started the cell{}", actor(), fields.with(": ", "reason")),
-        RecordKind::EngineBegan => {
-            format!("an engine began to run the cell{}", fields.with(" under ", "profile"))
-        }
+        RecordKind::MonitorAnswer => wording::monitor_answered(&actor(), reason),
+        RecordKind::PauseSet => wording::pause_set(&actor(), &fields.text("act")?, reason),
+        RecordKind::Resumed => wording::resumed(&actor(), reason),
+        RecordKind::KeyCommitted => wording::key_committed(value("use").as_deref()),
+        RecordKind::KeyRevealed => wording::KEY_REVEALED.to_owned(),
+        RecordKind::AnchorSet => wording::anchor_set(&actor(), reason),
+        RecordKind::TryCounted => wording::try_counted(&fields.text("by_author")?),
+        RecordKind::TriesReviewed => wording::tries_reviewed(&actor(), reason),
+        RecordKind::BreakGlass => wording::break_glass(&actor(), reason),
+        RecordKind::CellStopped => wording::cell_stopped(&actor(), reason),
+        RecordKind::CellReleased => wording::cell_started(&actor(), reason),
+        RecordKind::EngineBegan => wording::engine_began(value("profile").as_deref()),
         RecordKind::EngineEnded => match fields.find_that("orderly", |_| true)?.as_bool() {
-            Some(true) => "the engine shut down cleanly".to_owned(),
-            Some(false) | None => "the engine ended suddenly; the next one found it".to_owned(),
+            Some(true) => shared::ENGINE_SHUT_DOWN_CLEANLY.to_owned(),
+            Some(false) | None => wording::ENGINE_ENDED_SUDDENLY.to_owned(),
         },
-        RecordKind::GoalSet => {
-            format!("{} set the goal {}{}", actor(), fields.text("goal")?, fields.with(": ", "reason"))
-        }
-        RecordKind::PaceSet => match fields.find_that("times", |_| true)?.as_f64() {
-            Some(times) => format!("the live cell runs {times} simulated seconds a second"),
-            None => "the live cell runs as fast as it computes".to_owned(),
-        },
-        RecordKind::ShiftNote => format!("{} notes{}", actor(), fields.with(": ", "text")),
-        RecordKind::ClockDoubted => {
-            "the machine's clock is not trusted until a person confirms the time".to_owned()
-        }
-        RecordKind::ClockConfirmed => {
-            format!("{} confirmed the time, {}{}", actor(), fields.text("time")?, fields.with(": ", "reason"))
-        }
-        RecordKind::AlarmReset => format!("{} reset it{}", actor(), fields.with(": ", "reason")),
+        RecordKind::GoalSet => wording::goal_set(&actor(), &fields.text("goal")?, reason),
+        RecordKind::PaceSet => shared::live_pace(fields.find_that("times", |_| true)?.as_f64()),
+        RecordKind::ShiftNote => wording::notes(&actor(), value("text").as_deref()),
+        RecordKind::ClockDoubted => wording::CLOCK_NOT_TRUSTED.to_owned(),
+        RecordKind::ClockConfirmed => wording::clock_confirmed(&actor(), &fields.text("time")?, reason),
+        RecordKind::AlarmReset => wording::alarm_reset(&actor(), reason),
         RecordKind::Asked => {
             let user =
                 fields.text("user").or_else(|| fields.text("uid")).unwrap_or_else(|| "somebody".to_owned());
-            format!("{user} asked for {}{}", fields.text("asked")?, fields.with(" (process ", "process"))
-                + if fields.text("process").is_some() { ")" } else { "" }
+            wording::asked_for(&user, &fields.text("asked")?, value("process").as_deref())
         }
         RecordKind::Drift => match fields.text("kind") {
-            Some(kind) => format!("{kind}{} sets in", fields.with(" ", "magnitude")),
-            None => "the drift ends".to_owned(),
+            Some(kind) => wording::drift_sets_in(&kind, value("magnitude").as_deref()),
+            None => wording::DRIFT_ENDS.to_owned(),
         },
-        RecordKind::AuditClosed => format!("closed{}", fields.with(": ", "end").replace(": ", " as ")),
+        RecordKind::AuditClosed => wording::closed(value("end").as_deref()),
         RecordKind::LiveHarm => {
             let count = |name: &str| fields.find("lived")?.get(name)?.as_u64();
-            format!("{} of {} live tasks were past a limit of harm", count("any")?, count("tasks")?)
+            wording::tasks_past_a_limit(count("any")?, count("tasks")?)
         }
         RecordKind::Commissioned | RecordKind::SensesCommissioned => {
             let tasks = fields.text("tasks").or_else(|| fields.text("episodes"));
-            let tasks = tasks.map_or_else(String::new, |tasks| format!(", over {tasks} tasks"));
-            let what = if kind == RecordKind::Commissioned { "for it" } else { "for the camera check" };
-            format!("what is normal {what} was measured{tasks}")
+            wording::normal_measured(kind == RecordKind::SensesCommissioned, tasks.as_deref())
         }
         // The names and values of its fields say enough.
         _ => return None,
@@ -328,21 +293,16 @@ fn sentence_of_kind(kind: RecordKind, fields: &RecordFields<'_>) -> Option<Strin
 }
 
 fn person_sentence(what: &str, fields: &RecordFields<'_>) -> Option<String> {
-    let by = fields.with(" by ", "by");
-    Some(format!(
-        "{} is {what}{}{by}{}",
-        fields.text("name")?,
-        fields.with(" as ", "role"),
-        fields.with(": ", "reason")
-    ))
+    let [role, by, reason] = ["role", "by", "reason"].map(|name| fields.value(name));
+    Some(wording::person(&fields.text("name")?, what, [role.as_deref(), by.as_deref(), reason.as_deref()]))
 }
 
 fn telemetry(fields: &RecordFields<'_>) -> Option<String> {
     let Some(batches) = fields.find("batches").and_then(Value::as_array) else {
-        return Some(format!("a batch of telemetry is sealed, {} rows", fields.text("rows")?));
+        return Some(wording::batch_sealed(&fields.text("rows")?));
     };
     let rows: u64 = batches.iter().filter_map(|batch| batch.get("rows")?.as_u64()).sum();
-    Some(format!("{} batches of telemetry are sealed, {rows} rows", batches.len()))
+    Some(wording::batches_sealed(batches.len(), rows))
 }
 
 /// The flags that are set.
@@ -356,7 +316,7 @@ fn flags(flags: &Value) -> String {
             _ => {}
         }
     }
-    if labels.is_empty() { "nothing runs and nothing is flagged".to_owned() } else { labels.join(", ") }
+    if labels.is_empty() { wording::NOTHING_FLAGGED.to_owned() } else { labels.join(", ") }
 }
 
 /// Names and plain values, for kinds without a sentence.
@@ -390,7 +350,7 @@ pub fn raw(record: &AuditRecord) -> Vec<String> {
     let body = pretty.unwrap_or_else(|| record.body.clone());
     lines.extend(body.lines().take(RAW_LINES_MAX).map(ToOwned::to_owned));
     if body.lines().nth(RAW_LINES_MAX).is_some() {
-        lines.push(format!("… cut after {RAW_LINES_MAX} lines; `holdpoint audit export` has all of it"));
+        lines.push(wording::raw_cut(RAW_LINES_MAX));
     }
     lines
 }

@@ -8,23 +8,24 @@ use holdpoint_body::disturbance::{Drift, DriftKind, Magnitude, UnknownName};
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::profile::ProfileName;
 use holdpoint_protocol::command::PACE_ALLOWED;
+use holdpoint_wording::console::commands as wording;
 
 /// A command with an argument: name, argument, help.
 pub const WITH_ARGUMENT: [(&str, &str, &str); 14] = [
-    ("as", "NAME", "Use this identity"),
-    ("candidate", "VERSION", "Show a version in full"),
-    ("close", "PROFILE", "Block the version under the cursor for a profile, reason required"),
-    ("demo", "[NAME]", "Submit a demonstration candidate: the next one, or this one"),
-    ("drift", "KIND MAGNITUDE | off", "Start a drift of the simulated cell, or end it"),
-    ("export", "", "Export this view as text and JSON"),
-    ("filter", "NAME", "List only running, waiting, held, rejected or own versions, or all"),
-    ("goal", "GOAL", "Set the goal of the agent of the live cell, reason required"),
-    ("confirm-time", "", "Confirm the machine's time after a clock mismatch; nothing is activated before"),
-    ("note", "[TEXT]", "Leave a note for the next shift: on record, and marked in Health"),
-    ("open", "PROFILE", "Unblock the version under the cursor for a profile, reason required"),
-    ("pace", "N | max", "Simulated seconds in a second of the live cell"),
-    ("register", "DIR", "Submit a candidate's folder"),
-    ("theme", "NAME", "Use this theme"),
+    ("as", "NAME", wording::USE_IDENTITY),
+    ("candidate", "VERSION", wording::SHOW_VERSION),
+    ("close", "PROFILE", wording::BLOCK_FOR_A_PROFILE),
+    ("demo", "[NAME]", wording::SUBMIT_DEMONSTRATION),
+    ("drift", "KIND MAGNITUDE | off", wording::START_A_DRIFT),
+    ("export", "", wording::EXPORT_VIEW),
+    ("filter", "NAME", wording::FILTER_BY_STATE),
+    ("goal", "GOAL", wording::SET_THE_GOAL),
+    ("confirm-time", "", wording::CONFIRM_TIME),
+    ("note", "[TEXT]", wording::LEAVE_A_NOTE),
+    ("open", "PROFILE", wording::UNBLOCK_FOR_A_PROFILE),
+    ("pace", "N | max", wording::SET_THE_PACE),
+    ("register", "DIR", wording::SUBMIT_A_FOLDER),
+    ("theme", "NAME", wording::USE_THEME),
 ];
 
 /// A parsed command line.
@@ -88,31 +89,29 @@ pub fn parse(text: &str) -> Result<ConsoleCommand, String> {
     match command {
         "demo" => Ok(ConsoleCommand::Demo((!rest.is_empty()).then(|| rest.to_owned()))),
         "register" => needs("a folder").map(ConsoleCommand::Register),
-        "as" => {
-            needs("the name of an identity; `holdpoint identity list` shows them").map(ConsoleCommand::As)
-        }
+        "as" => needs(wording::NEEDS_IDENTITY).map(ConsoleCommand::As),
         "filter" if !rest.is_empty() => state_filter(rest),
-        "theme" => needs("a name; tab shows them").map(ConsoleCommand::Theme),
+        "theme" => needs(wording::NEEDS_THEME).map(ConsoleCommand::Theme),
         "pace" if rest.is_empty() => Ok(ConsoleCommand::PaceNow),
         "pace" => pace(rest).map(ConsoleCommand::Pace),
         "drift" => drift(rest),
-        "goal" => needs("a goal: pick-align-place, grasp, align or place").map(ConsoleCommand::Goal),
+        "goal" => needs(wording::NEEDS_GOAL).map(ConsoleCommand::Goal),
         "confirm-time" if rest.is_empty() => Ok(ConsoleCommand::ConfirmTime),
         "note" => Ok(ConsoleCommand::Note(rest.to_owned())),
-        "close" => needs("a profile: sim, real or human").and_then(|name| profile(&name, true)),
+        "close" => needs(wording::NEEDS_PROFILE).and_then(|name| profile(&name, true)),
         "open" if !rest.is_empty() => profile(rest, false),
         "candidate" if !rest.is_empty() => {
             let version = rest.parse::<CapabilityId>();
-            version.map(ConsoleCommand::Candidate).map_err(|error| format!("{rest:?} is no version: {error}"))
+            version.map(ConsoleCommand::Candidate).map_err(|error| wording::is_no_version(rest, error))
         }
         "q" => Ok(ConsoleCommand::Action(Action::Quit)),
         _ => {
             let action = Action::parse(command).filter(|action| !action.decides());
-            let action = action.ok_or_else(|| format!("there is no command {command:?}; ? lists them"))?;
+            let action = action.ok_or_else(|| wording::no_such_command(command))?;
             if rest.is_empty() {
                 Ok(ConsoleCommand::Action(action))
             } else {
-                Err(format!(":{command} takes nothing after it"))
+                Err(wording::takes_nothing(command))
             }
         }
     }
@@ -129,7 +128,7 @@ pub fn pace(text: &str) -> Result<Option<f64>, String> {
     let times = text.parse::<f64>().ok().filter(|times| PACE_ALLOWED.contains(times));
     times.map(Some).ok_or_else(|| {
         let (least, most) = (PACE_ALLOWED.start(), PACE_ALLOWED.end());
-        format!("the pace {text:?} is not allowed; max or a number from {least} to {most} is")
+        wording::pace_not_allowed(text, *least, *most)
     })
 }
 
@@ -141,7 +140,7 @@ fn profile(name: &str, block: bool) -> Result<ConsoleCommand, String> {
 fn state_filter(name: &str) -> Result<ConsoleCommand, String> {
     StateFilter::parse(name).map(ConsoleCommand::StateFilter).ok_or_else(|| {
         let known = StateFilter::ALL.map(StateFilter::name).join(", ");
-        format!("there is no filter {name:?}; there are {known}")
+        wording::no_such_filter(name, &known)
     })
 }
 
@@ -152,7 +151,7 @@ fn drift(text: &str) -> Result<ConsoleCommand, String> {
     let Some((kind, magnitude)) = text.split_once(char::is_whitespace) else {
         let kinds = DriftKind::ALL.map(DriftKind::name).join(", ").replace('_', "-");
         let magnitudes = Magnitude::ALL.map(Magnitude::name).join(", ");
-        return Err(format!("allowed are `:drift off`, or a kind ({kinds}) and a magnitude ({magnitudes})"));
+        return Err(wording::allowed_drifts(&kinds, &magnitudes));
     };
     let kind = kind.parse().map_err(|error: UnknownName| error.to_string())?;
     let magnitude = magnitude.trim().parse().map_err(|error: UnknownName| error.to_string())?;

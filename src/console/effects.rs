@@ -18,7 +18,6 @@ use tokio::sync::mpsc;
 
 use self::viewer::ViewerScene;
 use super::effect::Effect;
-use super::form::NO_IDENTITY_TEXT;
 use super::keymap::Keymap;
 use super::look::Look;
 use super::model::{ConsoleModel, EngineAbsence};
@@ -32,6 +31,8 @@ use holdpoint_protocol::command::{AuthorityEffect, Command, Refusal, Reply, Requ
 use holdpoint_recordings::recording::Recording;
 use holdpoint_service::engine_handle::{EngineEndError, EngineHandle, RequestRejected};
 use holdpoint_text::{Hint, Problem, Untrusted, WIDTH_MAX};
+use holdpoint_wording::console::effects as wording;
+use holdpoint_wording::console::shared;
 
 /// The pause between two bells at least, ms: an alarm flood must not become a continuous tone.
 const BELL_INTERVAL_MS: u64 = 10_000;
@@ -197,7 +198,7 @@ impl EffectRunner {
     fn look_at_own_files(&mut self, place: &mut EffectTarget<'_>) -> EffectOutcome {
         match (self.services.read_own_files)() {
             None => EffectOutcome::Quiet,
-            Some(Err(problem)) => bad(format!("not loaded, the old ones stay: {}", problem.sentence())),
+            Some(Err(problem)) => bad(wording::old_ones_stay(&problem.sentence())),
             Some(Ok(files)) => {
                 self.themes = files.themes;
                 // The theme in use may be missing or changed.
@@ -265,7 +266,7 @@ impl EffectRunner {
         };
         let who = model.session.operator.as_ref().map(|who| who.name.as_str());
         let Some(name) = command.by().or(who).map(ToOwned::to_owned) else {
-            return refused(id, Refusal::BadInput, &Problem::new(NO_IDENTITY_TEXT));
+            return refused(id, Refusal::BadInput, &Problem::new(shared::SAY_WHO_YOU_ARE));
         };
         let (folder, is_protected) = (self.host.identities(), passphrase.is_some());
         let of = id.clone();
@@ -305,8 +306,8 @@ impl EffectRunner {
         match self.host.submit(request) {
             Ok(()) => EffectOutcome::Quiet,
             Err(RequestRejected::Busy(request)) => {
-                let hint = "wait for its answers, then ask again";
-                let problem = Problem::new("the engine is busy").with_hint(hint);
+                let hint = wording::WAIT_FOR_ANSWERS;
+                let problem = Problem::new(wording::ENGINE_BUSY).with_hint(hint);
                 refused(request.id, Refusal::NotNow, &problem)
             }
             Err(RequestRejected::Ended(request)) if request.command.stops_what_acts() => {
@@ -351,7 +352,7 @@ impl EffectRunner {
     fn live(&self) -> EffectOutcome {
         let address = self.view.unwrap_or(viewer::LIVE);
         if !self.host.serve_scene(address) {
-            return bad("no live scene is drawn here: this run keeps no recordings".to_owned());
+            return bad(wording::NO_LIVE_SCENE.to_owned());
         }
         self.show(ViewerScene::Live(address))
     }
@@ -367,7 +368,7 @@ fn spawn_job(name: &str, id: String, work: impl FnOnce() + Send + 'static) -> Ef
     match std::thread::Builder::new().name(name.to_owned()).spawn(work) {
         Ok(_) => EffectOutcome::Quiet,
         Err(error) => {
-            let text = format!("cannot start a thread for {name}: {error}");
+            let text = wording::no_thread(name, error);
             refused(id, Refusal::BadInput, &Problem::new(text))
         }
     }

@@ -13,6 +13,8 @@ use holdpoint_governance::profile::ProfileName;
 use holdpoint_governance::wall_time::WallTime;
 use holdpoint_protocol::command::{AuthorityEffect, Command, Operation};
 use holdpoint_text::is_visible;
+use holdpoint_wording::console::form as wording;
+use holdpoint_wording::console::shared;
 
 /// The longest shelving a form offers, minutes: one shift.
 pub const SHELVE_MINUTES_MAX: u64 = 8 * 60;
@@ -89,31 +91,31 @@ impl Intent {
     pub fn verb(&self) -> &'static str {
         match self {
             Self::Several(each) => each.first().map_or("", Self::verb),
-            Self::Abort(Abort::Active(_)) => "Abort: roll back",
-            Self::Abort(Abort::Last(_)) => "Abort: stop the family",
-            Self::Abort(Abort::Candidate(_)) => "Abort: pause",
-            Self::Rollback(_) => "Roll back",
-            Self::Vacate(_) => "Deactivate the last version",
-            Self::Repeat(_) => "Evaluate again",
+            Self::Abort(Abort::Active(_)) => wording::ABORT_ROLL_BACK,
+            Self::Abort(Abort::Last(_)) => wording::ABORT_STOP_THE_FAMILY,
+            Self::Abort(Abort::Candidate(_)) => wording::ABORT_PAUSE,
+            Self::Rollback(_) => wording::ROLL_BACK,
+            Self::Vacate(_) => wording::DEACTIVATE_THE_LAST_VERSION,
+            Self::Repeat(_) => wording::EVALUATE_AGAIN,
             Self::Release(_) => "Release",
-            Self::Profile(_, _, true) => "Block under a profile",
-            Self::Profile(_, _, false) => "Unblock under a profile",
+            Self::Profile(_, _, true) => wording::BLOCK_UNDER_A_PROFILE,
+            Self::Profile(_, _, false) => wording::UNBLOCK_UNDER_A_PROFILE,
             Self::Pause(_) => "Pause",
             Self::Resume(_) => "Resume",
             Self::Reject(_) => "Reject",
-            Self::Demote(_) => "Return to evaluation",
+            Self::Demote(_) => wording::RETURN_TO_EVALUATION,
             Self::Restrict(_) => "Restrict",
             Self::Continue(_) => "Continue",
             Self::Rearm(_) => "Reactivate",
-            Self::Anchor(_) => "Set anchor",
-            Self::Go { .. } => "Start the cell",
-            Self::Goal(_) => "Set goal",
-            Self::ConfirmTime(_) => "Confirm it",
-            Self::Note => "Leave it",
+            Self::Anchor(_) => wording::SET_ANCHOR,
+            Self::Go { .. } => wording::START_THE_CELL,
+            Self::Goal(_) => wording::SET_GOAL,
+            Self::ConfirmTime(_) => wording::CONFIRM_IT,
+            Self::Note => wording::LEAVE_IT,
             Self::Shelve(_) => "Shelve",
             Self::ResetAlarm(_) => "Reset",
             Self::Register(_) => "Submit",
-            Self::Identity(_) => "Make it",
+            Self::Identity(_) => wording::MAKE_IT,
             Self::Quit => "End",
         }
     }
@@ -123,33 +125,33 @@ impl Intent {
     pub fn title(&self) -> String {
         match self {
             Self::Several(each) => format!("{}: {} versions", self.verb(), each.len()),
-            Self::Abort(Abort::Active(id)) => format!("Abort {id}: roll it back"),
-            Self::Abort(Abort::Last(id)) => format!("Abort {id}: stop the family {}", id.family),
-            Self::Abort(Abort::Candidate(id)) => format!("Abort {id}: pause it"),
-            Self::Rollback(id) => format!("Roll {id} back"),
-            Self::Vacate(id) => format!("Deactivate {id}: no version follows"),
-            Self::Repeat(id) => format!("Evaluate {id} again"),
-            Self::Release(id) => format!("Lift the restriction of {id}"),
-            Self::Profile(id, profile, true) => format!("Block {id} under the profile {}", profile.name()),
-            Self::Profile(id, profile, false) => format!("Unblock {id} under the profile {}", profile.name()),
+            Self::Abort(Abort::Active(id)) => wording::abort_active(id),
+            Self::Abort(Abort::Last(id)) => wording::abort_last(id, &id.family),
+            Self::Abort(Abort::Candidate(id)) => wording::abort_candidate(id),
+            Self::Rollback(id) => wording::roll_back(id),
+            Self::Vacate(id) => wording::deactivate(id),
+            Self::Repeat(id) => wording::evaluate_again(id),
+            Self::Release(id) => wording::lift_restriction(id),
+            Self::Profile(id, profile, true) => wording::block(id, *profile),
+            Self::Profile(id, profile, false) => wording::unblock(id, *profile),
             Self::Pause(id) => format!("Pause {id}"),
             Self::Resume(id) => format!("Resume {id}"),
-            Self::Reject(id) => format!("Reject {id} finally"),
-            Self::Demote(id) => format!("Return {id} to evaluation"),
+            Self::Reject(id) => wording::reject_finally(id),
+            Self::Demote(id) => wording::return_to_evaluation(id),
             Self::Restrict(id) => format!("Restrict {id}"),
-            Self::Continue(id) => format!("Continue with {id}: answer its monitor"),
+            Self::Continue(id) => wording::continue_with(id),
             Self::Rearm(id) => format!("Reactivate {id}"),
-            Self::Anchor(id) => format!("Make {id} the anchor of {}", id.family),
-            Self::Go { .. } => "Start the stopped cell".to_owned(),
-            Self::Goal(goal) => format!("Set the goal {goal}"),
-            Self::ConfirmTime(time) => format!("Confirm the time: {}", time.label()),
-            Self::Note => "Leave a note for the next shift".to_owned(),
+            Self::Anchor(id) => wording::make_anchor(id, &id.family),
+            Self::Go { .. } => wording::START_THE_STOPPED_CELL.to_owned(),
+            Self::Goal(goal) => wording::set_goal(goal),
+            Self::ConfirmTime(time) => wording::confirm_time(&time.label()),
+            Self::Note => wording::LEAVE_A_NOTE.to_owned(),
             Self::Shelve(alarm) => format!("Shelve {alarm}"),
             Self::ResetAlarm(alarm) => format!("Reset {alarm}"),
             Self::Register(Some(folder)) => format!("Submit {folder:?}"),
-            Self::Register(None) => "Submit the next demonstration candidate".to_owned(),
-            Self::Identity(name) => format!("Make the identity {name}"),
-            Self::Quit => "End Holdpoint".to_owned(),
+            Self::Register(None) => wording::SUBMIT_THE_NEXT.to_owned(),
+            Self::Identity(name) => wording::make_identity(name),
+            Self::Quit => wording::END_HOLDPOINT.to_owned(),
         }
     }
 
@@ -158,29 +160,29 @@ impl Intent {
     pub fn cancelled_text(&self) -> &'static str {
         match self {
             Self::Several(each) => each.first().map_or("", Self::cancelled_text),
-            Self::Abort(Abort::Active(_)) | Self::Rollback(_) => "not rolled back",
-            Self::Abort(Abort::Last(_)) | Self::Vacate(_) => "not deactivated",
-            Self::Abort(Abort::Candidate(_)) | Self::Pause(_) => "not paused",
-            Self::Repeat(_) => "not evaluated again",
-            Self::Release(_) => "not released",
-            Self::Profile(_, _, true) => "not blocked",
-            Self::Profile(_, _, false) => "not unblocked",
-            Self::Resume(_) => "not resumed",
-            Self::Reject(_) => "not rejected",
-            Self::Demote(_) => "not returned",
-            Self::Restrict(_) => "not restricted",
-            Self::Continue(_) => "its monitor is not answered",
-            Self::Rearm(_) => "not reactivated",
-            Self::Anchor(_) => "anchor not set",
-            Self::Go { .. } => "the cell stays stopped",
-            Self::Goal(_) => "the goal is as it was",
-            Self::ConfirmTime(_) => "the time is not confirmed",
-            Self::Note => "no note is left",
-            Self::Shelve(_) => "not shelved",
-            Self::ResetAlarm(_) => "not reset",
-            Self::Register(_) => "not submitted",
-            Self::Identity(_) => "no identity is made",
-            Self::Quit => "the engine keeps running",
+            Self::Abort(Abort::Active(_)) | Self::Rollback(_) => wording::NOT_ROLLED_BACK,
+            Self::Abort(Abort::Last(_)) | Self::Vacate(_) => wording::NOT_DEACTIVATED,
+            Self::Abort(Abort::Candidate(_)) | Self::Pause(_) => wording::NOT_PAUSED,
+            Self::Repeat(_) => wording::NOT_EVALUATED_AGAIN,
+            Self::Release(_) => wording::NOT_RELEASED,
+            Self::Profile(_, _, true) => wording::NOT_BLOCKED,
+            Self::Profile(_, _, false) => wording::NOT_UNBLOCKED,
+            Self::Resume(_) => wording::NOT_RESUMED,
+            Self::Reject(_) => wording::NOT_REJECTED,
+            Self::Demote(_) => wording::NOT_RETURNED,
+            Self::Restrict(_) => wording::NOT_RESTRICTED,
+            Self::Continue(_) => wording::MONITOR_NOT_ANSWERED,
+            Self::Rearm(_) => wording::NOT_REACTIVATED,
+            Self::Anchor(_) => wording::ANCHOR_NOT_SET,
+            Self::Go { .. } => wording::CELL_STAYS_STOPPED,
+            Self::Goal(_) => wording::GOAL_AS_IT_WAS,
+            Self::ConfirmTime(_) => wording::TIME_NOT_CONFIRMED,
+            Self::Note => wording::NO_NOTE_LEFT,
+            Self::Shelve(_) => wording::NOT_SHELVED,
+            Self::ResetAlarm(_) => wording::NOT_RESET,
+            Self::Register(_) => wording::NOT_SUBMITTED,
+            Self::Identity(_) => wording::NO_IDENTITY_MADE,
+            Self::Quit => wording::ENGINE_KEEPS_RUNNING,
         }
     }
 
@@ -240,19 +242,19 @@ pub enum FormFocus {
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum FormProblem {
     /// Not every consequence was on the screen.
-    #[error("read the text above to its end first (pagedown)")]
+    #[error("{}", wording::READ_TO_THE_END)]
     Unread,
-    #[error("the text above has just changed: read it again")]
+    #[error("{}", wording::TEXT_HAS_CHANGED)]
     Changed,
     /// It opened, or got a burst of keys, a moment ago.
-    #[error("that key did nothing: wait a moment, then press it again")]
+    #[error("{}", wording::KEY_DID_NOTHING)]
     Guard,
-    #[error("{NO_IDENTITY_TEXT}")]
+    #[error("{}", shared::SAY_WHO_YOU_ARE)]
     NoIdentity,
-    #[error("a reason is needed, of characters that can be seen")]
+    #[error("{}", wording::REASON_NEEDED)]
     NoReason,
     /// The minutes as typed.
-    #[error("{0:?} is not allowed; 1 to {SHELVE_MINUTES_MAX} minutes are")]
+    #[error("{}", wording::minutes_not_allowed(.0, SHELVE_MINUTES_MAX))]
     Minutes(String),
 }
 
@@ -313,9 +315,6 @@ impl DismissedForm {
         is_quiet
     }
 }
-
-/// The message if no operator is named.
-pub const NO_IDENTITY_TEXT: &str = "say who you are first (`:as NAME`)";
 
 /// An operation that a person confirmed. Only [`Form::confirm`] makes one.
 #[derive(Clone, Debug, PartialEq)]
@@ -469,7 +468,7 @@ impl Form {
         (self.scroll, self.reading) = (0, FormReadProgress::default());
         // The field stays a passphrase field, without effect, so that typed text does not become keys.
         if let Some(signing) = &mut self.signing {
-            signing.go_stale("the operation has just changed: Esc leads back, read it again");
+            signing.go_stale(wording::OPERATION_HAS_CHANGED);
         }
         // Stopping and leaving stay one key.
         if self.is_one_key() {
@@ -545,7 +544,7 @@ impl Intent {
             reason: reason.to_owned(),
         };
         let (by, reason_text) = (by.to_owned(), reason.to_owned());
-        let aborted = "aborted at the console";
+        let aborted = wording::ABORTED_AT_THE_CONSOLE;
         Some(match self {
             Intent::Abort(Abort::Active(id)) => Command::Rollback(operation(id, aborted)),
             Intent::Abort(Abort::Last(id)) => Command::Vacate(operation(id, aborted)),

@@ -11,6 +11,7 @@ use holdpoint_protocol::console_presence::{AttachedConsoleView, ConsoleAccount};
 use holdpoint_protocol::event::DimensionResult;
 use holdpoint_protocol::snapshot::{ApprovalRequestView, RequestKind, Snapshot};
 use holdpoint_text::Untrusted;
+use holdpoint_wording::console::formatters as wording;
 
 pub use holdpoint_protocol::clock::time_of_day;
 
@@ -123,20 +124,16 @@ pub fn state_label(state: State, flags: &VersionFlags) -> String {
 #[must_use]
 pub fn pipeline_idle_reason(now: &Snapshot) -> Option<&'static str> {
     if now.holding.is_some() {
-        Some("the engine is halted")
+        Some(wording::ENGINE_HALTED)
     } else {
-        now.stopped.is_some().then_some("the cell is stopped")
+        now.stopped.is_some().then_some(wording::CELL_STOPPED)
     }
 }
 
 /// When an approved version takes over.
 #[must_use]
 pub const fn takeover_time(cell_is_stopped: bool) -> &'static str {
-    if cell_is_stopped {
-        "takes over as soon as the cell starts"
-    } else {
-        "takes over when the sequence that runs is over"
-    }
+    if cell_is_stopped { wording::TAKES_OVER_AT_START } else { wording::TAKES_OVER_AFTER_SEQUENCE }
 }
 
 /// The number of approvals, and until when the request stands, with what follows then.
@@ -144,16 +141,16 @@ pub const fn takeover_time(cell_is_stopped: bool) -> &'static str {
 pub fn approvals(prompt: &ApprovalRequestView, cell_is_stopped: bool, now: WallTime) -> (String, String) {
     let have = prompt.approved_by.len();
     let officer = prompt.officer_missing && u32::try_from(have).is_ok_and(|have| have >= prompt.needed);
-    let officer = if officer { ", safety officer missing" } else { "" };
+    let officer = if officer { wording::OFFICER_MISSING } else { "" };
     let count = format!("{have} of {}{officer}", prompt.needed);
     let next = if prompt.granted {
         takeover_time(cell_is_stopped).to_owned()
     } else {
         let then = match prompt.purpose {
             RequestKind::Activation => "on hold",
-            RequestKind::Release => "it stays restricted",
-            RequestKind::Review => "it is rolled back",
-            RequestKind::Emergency => "it is void",
+            RequestKind::Release => wording::STAYS_RESTRICTED,
+            RequestKind::Review => wording::ROLLED_BACK,
+            RequestKind::Emergency => wording::VOID,
         };
         let then = if prompt.until > now { format!(", then {then}") } else { String::new() };
         format!("until {}{then}", prompt.until.as_deadline(now))

@@ -19,6 +19,7 @@ use super::model::{ConsoleModel, Overlay};
 use super::views;
 use super::widgets::pen::{Fit, Hit, Pen, above, below};
 use super::widgets::row::Row;
+use holdpoint_wording::console::overlays as wording;
 
 /// Draws everything into `area`, which may have any size.
 pub fn draw(model: &ConsoleModel, look: &Look, area: Rect, buf: &mut Buffer) {
@@ -149,7 +150,7 @@ fn under(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) -> Rect {
     if let Some(sentence) = views::tour::sentence(model) {
         let key = model.keymap.key(super::action::Action::Tour);
         // The key that dismisses the sentence stays even if the sentence is cut.
-        let tail = format!(" ({key} ends the tour)");
+        let tail = wording::ends_the_tour(&key);
         let room = usize::from(area.width).saturating_sub(tail.len());
         let row = Row::of(ThemeRole::Notice, &views::short(sentence, room)).with(ThemeRole::Muted, &tail);
         pen.row(line, 0, &row);

@@ -9,6 +9,8 @@ use serde::Deserialize;
 use toml::Spanned;
 
 use super::action::{Action, Scope};
+use holdpoint_wording::console::keymap as wording;
+use holdpoint_wording::console::shared;
 
 /// The largest keymap file, bytes.
 pub const FILE_BYTES_MAX: usize = 64 * 1024;
@@ -68,7 +70,7 @@ impl Keymap {
             KeymapError { file: name.to_owned(), line: before.matches('\n').count() + 1, what }
         };
         if text.len() > FILE_BYTES_MAX {
-            let what = format!("the file has {} bytes; at most {FILE_BYTES_MAX} are allowed", text.len());
+            let what = shared::file_too_large(text.len(), FILE_BYTES_MAX);
             return Err(vec![at(&(0..0), what)]);
         }
         let file: KeyEdits = toml::from_str(text)
@@ -80,15 +82,14 @@ impl Keymap {
             match found {
                 Ok(true) => {}
                 Ok(false) => {
-                    problems.push(at(&key.span(), format!("the key {:?} is not bound", key.get_ref())));
+                    problems.push(at(&key.span(), wording::not_bound(key.get_ref())));
                 }
                 Err(what) => problems.push(at(&key.span(), what)),
             }
         }
         for (action_name, keys) in &file.keys {
             let Some(action) = Action::parse(action_name.get_ref()) else {
-                let what =
-                    format!("there is no action {:?}; `holdpoint keys` lists them", action_name.get_ref());
+                let what = wording::no_such_action(action_name.get_ref());
                 problems.push(at(&action_name.span(), what));
                 continue;
             };
@@ -102,7 +103,7 @@ impl Keymap {
             .into_iter()
             .find(|a| keymap.keys(*a).is_empty())
         {
-            problems.push(at(&(0..0), format!("{:?} has no key left; it needs one", missing.name())));
+            problems.push(at(&(0..0), wording::no_key_left(missing.name())));
         }
         if problems.is_empty() { Ok(keymap) } else { Err(problems) }
     }
@@ -110,31 +111,20 @@ impl Keymap {
     fn bind(&mut self, action: Action, text: &str) -> Result<(), String> {
         let key = parse_key(text)?;
         if action.decides() && !may_decide(key) {
-            return Err(format!(
-                "the key {text:?} cannot {}: Enter, Space, Esc, Tab and keys that move never decide",
-                action.name()
-            ));
+            return Err(wording::never_decides(text, action.name()));
         }
         let mut of_stop = Action::Stop.default_keys().iter().filter_map(|text| parse_key(text).ok());
         let stops = of_stop.any(|known| known == key) || self.general.get(&key) == Some(&Action::Stop);
         if stops && action != Action::Stop {
-            return Err(format!(
-                "the key {text:?} stops the cell, in whatever is open, and is given to nothing else"
-            ));
+            return Err(wording::stops_the_cell(text));
         }
         if let Some(other) = self.prompt.get(&key).filter(|_| action == Action::Stop) {
-            return Err(format!(
-                "the key {text:?} means {:?} in a question and would not stop the cell there",
-                other.name()
-            ));
+            return Err(wording::would_not_stop(text, other.name()));
         }
         let previous = self.map_mut(action).insert(key, action);
         match previous.filter(|other| *other != action) {
             None => Ok(()),
-            Some(other) => Err(format!(
-                "the key {text:?} means {:?} already; take it away first: unbind = [{text:?}]",
-                other.name()
-            )),
+            Some(other) => Err(wording::means_already(text, other.name())),
         }
     }
 
@@ -217,8 +207,7 @@ fn parse_key(text: &str) -> Result<KeyCombination, String> {
         return Ok(normal(KeyEvent::new(KeyCode::Char(letter), modifiers)));
     }
     let parsed: Result<KeyCombination, _> = text.parse();
-    let key =
-        parsed.map_err(|_| format!("{text:?} is no key; for instance q, Q, ctrl-s, pageup and f1 are"))?;
+    let key = parsed.map_err(|_| wording::no_key(text))?;
     Ok(normal(KeyEvent::new(*key.codes.first(), key.modifiers)))
 }
 

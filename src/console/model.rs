@@ -42,6 +42,7 @@ use holdpoint_governance::lifecycle::{State, VersionFlags};
 use holdpoint_governance::wall_time::WallTime;
 use holdpoint_protocol::console_presence::ConsolePresence;
 use holdpoint_protocol::snapshot::{CandidateView, Snapshot};
+use holdpoint_wording::console::model as wording;
 
 /// How long an answer stays in the status line, ms.
 pub const NOTICE_MS: u64 = 8_000;
@@ -227,12 +228,7 @@ impl ConsoleModel {
     #[must_use]
     pub fn dead_keys(&self) -> Option<String> {
         let shell = self.in_shell("stop");
-        self.line_mode.then(|| {
-            format!(
-                "NO KEY WORKS: the terminal is in line mode; `fg` in its shell gives it back, {shell} in another \
-                 shell stops the arm"
-            )
-        })
+        self.line_mode.then(|| wording::no_key_works(&shell))
     }
 
     /// What a lost engine means, and what starts the next one; absent while one runs here or elsewhere, and before the first
@@ -244,17 +240,15 @@ impl ConsoleModel {
         }
         let (shell, quit) = (self.in_shell(""), self.keymap.key(Action::Quit));
         let how = match &self.engine_data.reconnect {
-            Some(search) if search.tries < search.tries_max => {
-                format!("{shell} in another shell starts one, and this console attaches to it")
-            }
-            Some(_) | None => format!("{quit} ends this console, and {shell} in the shell starts an engine"),
+            Some(search) if search.tries < search.tries_max => wording::starts_in_a_shell(&shell),
+            Some(_) | None => wording::ends_and_starts(&quit, &shell),
         };
         let then = if self.engine_data.engine.ended_orderly() {
             String::new()
         } else {
-            format!("; look at the cell, then {} starts it", self.keymap.key(Action::Go))
+            wording::then_start(&self.keymap.key(Action::Go))
         };
-        Some(format!("NO ENGINE RUNS, and nothing watches the arm: {how}{then}"))
+        Some(wording::no_engine_runs(&how, &then))
     }
 
     /// Whether the engine ends when this console does. A read-only console ends none.
@@ -274,11 +268,10 @@ impl ConsoleModel {
         let key = self.keymap.key(Action::Stop);
         let secs = waited_ms / 1_000;
         let shell = self.in_shell("stop");
-        let do_it =
-            format!("use the physical stop of the cell NOW; {key} asks again, {shell} does so in a shell");
+        let do_it = wording::use_the_physical_stop(&key, &shell);
         Some(match &stop.why {
-            None => format!("STOP NOT ANSWERED for {secs} s: {do_it}"),
-            Some(why) => format!("STOP NOT CONFIRMED for {secs} s: {do_it} ({why})"),
+            None => wording::stop_not_answered(secs, &do_it),
+            Some(why) => wording::stop_not_confirmed(secs, &do_it, why),
         })
     }
 

@@ -32,6 +32,8 @@ use super::theme::Themes;
 use holdpoint_protocol::console_presence::ConsolePresence;
 use holdpoint_service::engine_handle::{EngineEndError, EngineHandle, LaunchConfig};
 use holdpoint_text::{ErrorDetails, ErrorReason, Hint};
+use holdpoint_wording::console::run as wording;
+use holdpoint_wording::console::shared;
 
 /// The engine of a console.
 pub enum EngineLocation {
@@ -67,10 +69,10 @@ pub enum ConsoleError {
     #[error(transparent)]
     Theme(#[from] ThemeError),
     /// The terminal, or what is needed beside it, cannot be used.
-    #[error("cannot use this terminal: {0}")]
+    #[error("{}", shared::cannot_use_terminal(.0))]
     Terminal(#[from] io::Error),
     /// A fault of the console itself; its message was printed before.
-    #[error("the console failed; the engine was left halted")]
+    #[error("{}", wording::CONSOLE_FAILED)]
     Failed,
 }
 
@@ -86,7 +88,7 @@ impl Hint for ConsoleError {
     fn hint(&self) -> Option<Cow<'static, str>> {
         match self {
             Self::Theme(error) => error.hint(),
-            Self::Terminal(_) => Some("`holdpoint run --plain` needs none".into()),
+            Self::Terminal(_) => Some(wording::PLAIN_NEEDS_NONE.into()),
             Self::Failed => None,
         }
     }

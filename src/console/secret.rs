@@ -1,6 +1,7 @@
 //! A passphrase that is being typed: wiped when dropped, and never shown.
 
 use holdpoint_approvals::{PASSPHRASE_BYTES_MAX, Passphrase};
+use holdpoint_wording::console::form as wording;
 use ratatui::crossterm::event::{KeyCode, KeyEvent, KeyModifiers};
 use zeroize::Zeroizing;
 
@@ -114,7 +115,7 @@ impl<W> Signing<W> {
             // Already sent.
             _ if self.request_id.is_some() || self.is_stale => {}
             KeyCode::Enter if !self.secret.is_empty() => return SigningKey::Sign,
-            KeyCode::Enter => self.problem = Some("type the passphrase first, or Esc".to_owned()),
+            KeyCode::Enter => self.problem = Some(wording::TYPE_THE_PASSPHRASE.to_owned()),
             KeyCode::Backspace => self.secret.erase(),
             KeyCode::Char('u') if chord => drop(self.secret.take()),
             KeyCode::Char(typed) if !chord => self.secret.insert(typed),

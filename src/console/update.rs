@@ -34,6 +34,8 @@ use super::msg::{Msg, MsgKind};
 use super::palette::Palette;
 use super::state_filter::StateFilter;
 use holdpoint_text::Hint as _;
+use holdpoint_wording::console::shared;
+use holdpoint_wording::console::update as wording;
 
 /// Halvings of a chart's range at most.
 const ZOOM_MAX: u8 = 6;
@@ -171,7 +173,7 @@ fn take_in(model: &mut ConsoleModel, msg: Msg) -> Vec<Effect> {
         MsgKind::EndRequested => vec![Effect::End],
         MsgKind::OperatorFiles { keymap, themes } => {
             (model.keymap, model.themes) = (keymap, themes);
-            show_message(model, "keys and themes are reloaded: their files changed", false);
+            show_message(model, wording::RELOADED, false);
             Vec::new()
         }
         MsgKind::Tick => {
@@ -252,7 +254,7 @@ fn act(model: &mut ConsoleModel, action: Action) -> Vec<Effect> {
 
 fn carry_out(model: &mut ConsoleModel, action: Action) -> Vec<Effect> {
     if model.settings.read_only && action.changes_something() {
-        show_message(model, format!("{:?} is not possible: this console is read-only", action.name()), true);
+        show_message(model, wording::impossible_read_only(action.name()), true);
         return Vec::new();
     }
     let bare = model.bare_absence().is_some();
@@ -262,10 +264,7 @@ fn carry_out(model: &mut ConsoleModel, action: Action) -> Vec<Effect> {
         return refuse(model, &absence.problem().sentence());
     }
     if action.aims_at_item() && navigation::has_slipped(model) {
-        return refuse(
-            model,
-            "what was under the cursor has just left the list: look again, then press the key",
-        );
+        return refuse(model, wording::HAS_LEFT_THE_LIST);
     }
     match action {
         Action::Show(view) if view.description().is_about_version => show_about(model, view),
@@ -290,7 +289,7 @@ fn carry_out(model: &mut ConsoleModel, action: Action) -> Vec<Effect> {
         Action::Detach => operations::detach(model),
         Action::Quit => operations::quit(model),
         Action::Suspend => {
-            show_message(model, "suspending would stop the monitors; `:quit` shuts down cleanly", true);
+            show_message(model, wording::NO_SUSPENDING, true);
             Vec::new()
         }
         Action::Tour => {
@@ -300,24 +299,21 @@ fn carry_out(model: &mut ConsoleModel, action: Action) -> Vec<Effect> {
         Action::NextTheme => next_theme(model),
         Action::Mouse => {
             model.settings.mouse = !model.settings.mouse;
-            let text = if model.settings.mouse {
-                "the mouse is this console's: it clicks and turns here"
-            } else {
-                "the mouse is the terminal's again: it marks text there"
-            };
+            let text =
+                if model.settings.mouse { wording::MOUSE_IS_OURS } else { wording::MOUSE_IS_THE_TERMINALS };
             show_message(model, text, false);
             vec![Effect::TakeMouse(model.settings.mouse)]
         }
         Action::Copy => match model.view_state.view.behavior().copied(model) {
             Some(text) => vec![Effect::Copy(text)],
-            None => refuse(model, "there is nothing under the cursor to copy"),
+            None => refuse(model, wording::NOTHING_TO_COPY),
         },
         Action::Export => vec![Effect::Export(model.view_state.view)],
         Action::OpenRecording => match model.version_here() {
             Some(version) => vec![Effect::OpenRecording(version)],
             // If nothing is evaluated, the cell itself is shown.
             None if model.view_state.view == View::Overview => vec![Effect::OpenLive],
-            None => refuse(model, "there is no version under the cursor"),
+            None => refuse(model, shared::NO_VERSION_HERE),
         },
         Action::OpenLive => vec![Effect::OpenLive],
         Action::Verify => engine_requests::verify(model),
@@ -359,9 +355,7 @@ fn carry_out(model: &mut ConsoleModel, action: Action) -> Vec<Effect> {
             model.view_state.view.behavior().zoom(model, action)
         }
         // Without an open prompt these decide nothing.
-        Action::Approve | Action::Reject | Action::Reread => {
-            refuse(model, "open the waiting approval first (a, then Enter)")
-        }
+        Action::Approve | Action::Reject | Action::Reread => refuse(model, wording::OPEN_THE_APPROVAL),
     }
 }
 
@@ -437,7 +431,7 @@ fn show_about(model: &mut ConsoleModel, view: View) -> Vec<Effect> {
     if let Some(version) = model.version_here() {
         model.view_state.chosen = Some(version);
     } else if let Some(family) = navigation::family_here(model) {
-        return refuse(model, &format!("{family} has no active version: choose one of its versions"));
+        return refuse(model, &wording::no_active_version(&family));
     }
     show(model, view)
 }
@@ -447,7 +441,7 @@ fn back(model: &mut ConsoleModel) -> Vec<Effect> {
         return Vec::new();
     }
     if selection::clear(model) {
-        show_message(model, "nothing is marked any more", false);
+        show_message(model, wording::NOTHING_MARKED_ANY_MORE, false);
         return Vec::new();
     }
     if model.view_state.set_filter(String::new()) {

@@ -50,6 +50,7 @@ use super::widgets::pen::{Pen, below};
 use super::widgets::row::{Row, safe, wrap};
 use holdpoint_governance::lifecycle::{State, VersionFlags};
 use holdpoint_text::WIDTH_MAX;
+use holdpoint_wording::console::shared;
 
 macro_rules! views {
     ($($(#[$attribute:meta])* $view:ident: $behavior:path;)+) => {
@@ -115,7 +116,7 @@ pub fn short(text: &str, width: usize) -> String {
 pub fn frozen(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) -> Rect {
     let Some(frozen) = &model.view_state.frozen else { return area };
     let (glyph, since) = (pen.look.glyph(Glyph::Paused), seconds(frozen.at_ms));
-    let text = format!("{glyph} FROZEN since {since}, {} lets it run", model.keymap.key(Action::Freeze));
+    let text = shared::frozen(glyph, &since, &model.keymap.key(Action::Freeze));
     let lines = wrap(&text, usize::from(area.width), 2);
     let rows: Vec<Row> = lines.iter().map(|line| Row::of(ThemeRole::Stale, line)).collect();
     let taken = pen.rows(area, 0, &rows);

@@ -9,6 +9,7 @@ pub mod check;
 mod clock;
 pub mod command_effect;
 mod condition;
+pub mod console;
 mod counted_try;
 pub mod coverage;
 pub mod event;

@@ -7,6 +7,7 @@ use ratatui::crossterm::clipboard::CopyToClipboard;
 
 use super::{EffectOutcome, good};
 use crate::run::screen::Screen;
+use holdpoint_wording::console::effects as wording;
 
 /// The most bytes of a copy: terminals accept 100,000 bytes of base64, which encodes three bytes in four.
 pub const COPY_BYTES_MAX: usize = 74_994;
@@ -16,9 +17,9 @@ pub fn copy(screen: &mut Screen, text: &str) -> io::Result<EffectOutcome> {
     let copied = bounded(text);
     screen.send(sequence(copied)?.as_bytes())?;
     Ok(good(if copied.len() < text.len() {
-        format!("copied the first {} of {} bytes (OSC 52)", copied.len(), text.len())
+        wording::copied_first(copied.len(), text.len())
     } else {
-        format!("copied {} bytes (OSC 52)", text.len())
+        wording::copied(text.len())
     }))
 }
 

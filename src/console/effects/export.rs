@@ -16,6 +16,7 @@ use crate::look::{Look, LookOptions};
 use crate::model::{ConsoleModel, InputState, View};
 use holdpoint_explain::health_series;
 use holdpoint_text::{Hint, Untrusted, escape_json};
+use holdpoint_wording::console::effects as wording;
 
 /// Columns and rows of the text: wide enough for every column, long enough for a screen of a tall monitor.
 const TEXT_SIZE: (u16, u16) = (160, 100);
@@ -30,17 +31,17 @@ const NAMES_MAX: u32 = 1000;
 pub fn write(folders: &[PathBuf], view: View, model: &ConsoleModel) -> Result<String, String> {
     let text = text(view, model)?;
     let json = json(view, model)?;
-    let mut problem = "there is no folder to write to".to_owned();
+    let mut problem = wording::NO_FOLDER.to_owned();
     for folder in folders {
         match into_folder(folder, view, &text, &json) {
             Ok(stem) => {
                 let more = if view == View::Health { health_files(&stem, model)? } else { String::new() };
                 let stem = Untrusted::new(stem.display().to_string()).line();
-                return Ok(format!("exported {stem}.txt and .json{more}"));
+                return Ok(wording::exported(stem, &more));
             }
             Err(error) => {
                 let folder = Untrusted::new(folder.display().to_string()).line();
-                problem = format!("cannot write to \"{folder}\": {error}");
+                problem = wording::cannot_write(folder, error);
             }
         }
     }
@@ -63,13 +64,13 @@ fn into_folder(folder: &Path, view: View, text: &str, json: &str) -> io::Result<
             Err(error) => return Err(error),
         }
     }
-    Err(io::Error::other(format!("{NAMES_MAX} exports of this view are there already")))
+    Err(io::Error::other(wording::too_many_exports(NAMES_MAX)))
 }
 
 /// Extra files of the health view: the numbers as CSV, and a chart of each family as SVG.
 fn health_files(stem: &Path, model: &ConsoleModel) -> Result<String, String> {
     let Some(series) = model.health() else { return Ok(String::new()) };
-    let failure = |error: io::Error| format!("cannot write beside the text: {error}");
+    let failure = |error: io::Error| wording::cannot_write_beside(&error);
     new_file(&stem.with_extension("csv"), &health_series::csv(series)).map_err(failure)?;
     let mut endings = String::from(", .csv");
     for family in series.families() {

@@ -12,6 +12,7 @@ use holdpoint_governance::approval::ApprovalDecision;
 use holdpoint_protocol::command::Command;
 use holdpoint_protocol::snapshot::SigningView;
 use holdpoint_text::Problem;
+use holdpoint_wording::console::effects as wording;
 
 /// All identities of this console; empty if there are none yet.
 pub fn list(folder: &Path) -> Result<Vec<Operator>, IdentityError> {
@@ -22,7 +23,7 @@ pub fn list(folder: &Path) -> Result<Vec<Operator>, IdentityError> {
 }
 
 pub fn find(folder: &Path, name: &str) -> Result<Operator, Problem> {
-    let made = format!("`holdpoint identity new {name}` makes one");
+    let made = wording::makes_an_identity(name);
     Identity::find(folder, name)
         .map(|info| operator(folder, &info))
         .map_err(|error| Problem::new(error.to_string()).with_hint(made))
@@ -42,7 +43,7 @@ pub fn sign(
         (Some(question), answer) => question.answer(&identity, answer, decision.reason()),
         (None, ApprovalDecision::Reject) => decision.over().refuse(&identity, decision.reason()),
         (None, ApprovalDecision::Approve) => {
-            return Err(Problem::new("nothing was shown that could be approved"));
+            return Err(Problem::new(wording::NOTHING_SHOWN));
         }
     };
     command.map_err(|error| Problem::of(&error))
@@ -65,12 +66,12 @@ pub fn seal(
 fn open_identity(folder: &Path, name: &str, passphrase: Option<Passphrase>) -> Result<Identity, Problem> {
     let identity = Identity::open(folder, name).map_err(|error| Problem::of(&error))?;
     if passphrase.is_some() != (identity.protection() == Protection::Passphrase) {
-        let text = format!("the passphrase of {name} was set or removed meanwhile");
-        return Err(Problem::new(text).with_hint(format!("`:as {name}`, then again")));
+        let text = wording::passphrase_changed(name);
+        return Err(Problem::new(text).with_hint(wording::use_it_again(name)));
     }
     identity.unlock(passphrase.as_ref()).map_err(|error| match error {
         IdentityError::Key(KeyError::Sealed { problem: EncryptedKeyError::Passphrase, .. }) => {
-            Problem::new("wrong passphrase, nothing was signed")
+            Problem::new(wording::WRONG_PASSPHRASE)
         }
         other => Problem::of(&other),
     })

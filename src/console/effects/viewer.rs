@@ -17,6 +17,7 @@ use crate::msg::MsgKind;
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_recordings::{recording_folder, viewer};
 use holdpoint_text::{Hint, Untrusted};
+use holdpoint_wording::console::effects as wording;
 
 /// The address of the live scene if the console starts it: this machine only.
 pub(super) const LIVE: SocketAddr =
@@ -41,8 +42,8 @@ pub(super) enum ViewerScene {
 pub(super) fn files(recordings: &Path, version: &CapabilityId) -> Result<Vec<PathBuf>, String> {
     let shown = || Untrusted::new(recordings.display().to_string()).line().into_string();
     let own = recording_folder::of(recordings, version);
-    let own = own.map_err(|error| format!("cannot read {}: {error}", shown()))?;
-    if own.is_empty() { Err(format!("there is no recording of {version} in {}", shown())) } else { Ok(own) }
+    let own = own.map_err(|error| wording::cannot_read(&shown(), error))?;
+    if own.is_empty() { Err(wording::no_recording(version, &shown())) } else { Ok(own) }
 }
 
 /// Opens the viewer; the result is reported later.
@@ -61,8 +62,8 @@ pub(super) fn open(
         drop(sender.blocking_send(BackgroundResult::Message(what)));
     };
     match std::thread::Builder::new().name("viewer-start".to_owned()).spawn(work) {
-        Ok(_) => good("starting the scene viewer".to_owned()),
-        Err(error) => bad(format!("cannot start a thread for the scene viewer: {error}")),
+        Ok(_) => good(wording::STARTING_VIEWER.to_owned()),
+        Err(error) => bad(wording::no_viewer_thread(error)),
     }
 }
 
@@ -75,7 +76,7 @@ fn without_viewer(scene: &ViewerScene, why: &str, read: &ReadRecording) -> MsgKi
             Ok(recording) => MsgKind::RecordingRead { recording: Box::new(recording), why },
             Err(problem) => failed(format!("{why}; {}", problem.sentence())),
         },
-        ViewerScene::Live(_) => failed(format!("{why}; the Overview draws the arm")),
+        ViewerScene::Live(_) => failed(wording::overview_draws(why)),
     }
 }
 
@@ -92,15 +93,15 @@ fn start(scene: &ViewerScene, logs: &Path) -> Result<String, String> {
         }
         ViewerScene::Live(address) => {
             served(*address)?;
-            (vec![format!("rerun+http://{address}/proxy").into()], format!("the live scene at {address}"))
+            (vec![format!("rerun+http://{address}/proxy").into()], wording::live_scene(*address))
         }
     };
     let opened = found.open(&arguments, logs).map_err(|error| error.to_string())?;
     if opened.ended_within(FAILS_WITHIN) == Some(false) {
         let log = Untrusted::new(opened.log.display().to_string()).line().into_string();
-        return Err(format!("the scene viewer ended at once; {log} says why"));
+        return Err(wording::viewer_ended(&log));
     }
-    Ok(format!("the scene viewer {} shows {what}", found.version))
+    Ok(wording::viewer_shows(&found.version.to_string(), &what))
 }
 
 /// Waits until the live scene is served.
@@ -110,7 +111,7 @@ fn served(address: SocketAddr) -> Result<(), String> {
         match TcpStream::connect_timeout(&address, LOOK_EVERY) {
             Ok(_) => return Ok(()),
             Err(error) if Instant::now() >= until => {
-                return Err(format!("the live scene is not served at {address}: {error}"));
+                return Err(wording::not_served(address, error));
             }
             Err(_) => std::thread::sleep(LOOK_EVERY),
         }

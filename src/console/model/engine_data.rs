@@ -16,6 +16,8 @@ use holdpoint_protocol::video_frame::VideoFrame;
 use holdpoint_service::control_socket::UnverifiedOrigin;
 use holdpoint_service::engine_handle::EngineEndError;
 use holdpoint_text::Problem;
+use holdpoint_wording::console::model as wording;
+use holdpoint_wording::console::shared;
 
 /// Lines kept in the event log.
 pub const LOG_MAX: usize = 500;
@@ -68,13 +70,9 @@ impl EngineAbsence {
     /// The answer to a key that needs an engine.
     #[must_use]
     pub fn problem(self) -> Problem {
-        Problem::new("no engine is running here").with_hint(match self {
-            Self::HeldElsewhere => {
-                "another one holds the store: `holdpoint status` shows it, stop stops its arm, quit ends this console"
-            }
-            Self::Ended => {
-                "`holdpoint` in a shell starts one; `holdpoint status` shows what the store holds, quit ends this console"
-            }
+        Problem::new(shared::NO_ENGINE_HERE).with_hint(match self {
+            Self::HeldElsewhere => wording::HELD_ELSEWHERE,
+            Self::Ended => wording::START_ONE,
         })
     }
 }
@@ -106,9 +104,9 @@ impl ReconnectStatus {
     pub fn description(&self) -> String {
         let Self { tries, tries_max, result } = self;
         if tries < tries_max {
-            format!("looks for an engine again, {tries} of {tries_max}: {result}")
+            wording::looks_again(*tries, *tries_max, result)
         } else {
-            format!("no engine was found in {tries_max} looks: start `holdpoint` again ({result})")
+            wording::none_found(*tries_max, result)
         }
     }
 }

@@ -5,6 +5,7 @@
 use std::cmp::Ordering;
 
 use holdpoint_governance::record::VersionSummary;
+use holdpoint_wording::console::registry as wording;
 
 /// The column that sorts the registry's rows.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -44,7 +45,7 @@ impl SortBy {
     #[must_use]
     pub const fn label(self) -> &'static str {
         match self {
-            Self::Tree => "family and version",
+            Self::Tree => wording::FAMILY_AND_VERSION,
             Self::State => "state",
             Self::Kappa(0) => "interface",
             Self::Kappa(1) => "policy",

@@ -4,6 +4,7 @@
 
 use holdpoint_protocol::video_frame::{EnvelopeView, VideoFrame};
 use holdpoint_recordings::recording::{Recording, Series};
+use holdpoint_wording::console::replay as wording;
 
 /// Last parts of names that make a series the limit of another.
 const LIMITS: [&str; 2] = ["limit", "threshold"];
@@ -147,8 +148,8 @@ fn limit_of(name: &str) -> Option<&str> {
 fn title(name: &str) -> String {
     match name {
         "tool/speed" => "speed, m/s".to_owned(),
-        "tool/force" => "force at the pads, N".to_owned(),
-        "tool/contact" => "force on surroundings, N".to_owned(),
+        "tool/force" => wording::FORCE_AT_THE_PADS.to_owned(),
+        "tool/contact" => wording::FORCE_ON_SURROUNDINGS.to_owned(),
         "shadow/output" => "output divergence".to_owned(),
         "shadow/governance" => "governance divergence".to_owned(),
         "shadow/envelope" => "envelope divergence".to_owned(),

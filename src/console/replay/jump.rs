@@ -1,5 +1,7 @@
 //! Jump targets, parsed from typed text.
 
+use holdpoint_wording::console::replay as wording;
+
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum JumpTarget {
     /// This virtual time, ms.
@@ -12,7 +14,7 @@ pub enum JumpTarget {
 
 /// A text that is not a jump target.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("cannot jump to \"{0}\"; allowed are 12.5s, 1:02.5, t 3000, +5s and -5s")]
+#[error("{}", wording::cannot_jump(.0))]
 pub struct JumpError(String);
 
 /// Reads a target: `12.5s`, `12.5`, `1:02.5`, `1:00:00`, `t 3000`, `+5s`, `-1:00`.

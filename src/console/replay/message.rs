@@ -5,6 +5,7 @@ use std::fmt;
 use super::jump::JumpError;
 use super::views::secs;
 use crate::formatters::duration;
+use holdpoint_wording::console::replay as wording;
 
 /// The answer to a key, or a report about playing.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -43,22 +44,22 @@ impl ReplayMessage {
 impl fmt::Display for ReplayMessage {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
-            Self::NoFrameAfter => "no frame after this one",
-            Self::NoFrameBefore => "no frame before this one",
-            Self::NoEventAfter => "no event after this",
-            Self::NoEventBefore => "no event before this",
-            Self::NoDecisionAfter => "no decision after this",
-            Self::NoDecisionBefore => "no decision before this",
-            Self::NoFailure => "nothing goes wrong in this recording",
-            Self::NoCharts => "this recording holds no charts",
-            Self::GapsSkipped => "gaps are skipped while playing",
-            Self::GapsPlayed => "gaps are played through",
-            Self::End => "end of the recording; g goes to its beginning",
+            Self::NoFrameAfter => wording::NO_FRAME_AFTER,
+            Self::NoFrameBefore => wording::NO_FRAME_BEFORE,
+            Self::NoEventAfter => wording::NO_EVENT_AFTER,
+            Self::NoEventBefore => wording::NO_EVENT_BEFORE,
+            Self::NoDecisionAfter => wording::NO_DECISION_AFTER,
+            Self::NoDecisionBefore => wording::NO_DECISION_BEFORE,
+            Self::NoFailure => wording::NO_FAILURE,
+            Self::NoCharts => wording::NO_CHARTS,
+            Self::GapsSkipped => wording::GAPS_SKIPPED,
+            Self::GapsPlayed => wording::GAPS_PLAYED,
+            Self::End => wording::END,
             Self::Skipped(ms) => {
-                return write!(f, "skipped {} without frames; s plays them through", duration(*ms));
+                return f.write_str(&wording::skipped(&duration(*ms)));
             }
             Self::Outside { from_ms, to_ms } => {
-                return write!(f, "the recording goes from {} to {}", secs(*from_ms), secs(*to_ms));
+                return f.write_str(&wording::span(&secs(*from_ms), &secs(*to_ms)));
             }
             Self::NoTarget(error) => return fmt::Display::fmt(error, f),
         })

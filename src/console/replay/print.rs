@@ -7,6 +7,7 @@ use std::io::{self, Write};
 use holdpoint_protocol::clock::tick_of;
 use holdpoint_recordings::recording::Recording;
 use holdpoint_text::Untrusted;
+use holdpoint_wording::console::replay as wording;
 use holdpoint_wording::{event as event_text, seeds};
 
 /// Prints the recording's version, its events with virtual time in seconds and tick, up to `to_ms`, and its end.
@@ -16,20 +17,20 @@ use holdpoint_wording::{event as event_text, seeds};
 pub fn print(recording: &Recording, to_ms: Option<u64>, out: &mut dyn Write) -> io::Result<()> {
     let about = &recording.about;
     let against = about.predecessor.as_ref().map_or_else(String::new, |id| format!(" against {id}"));
-    let head = format!(
-        "{}{against}: profile {}, robot {}, {}, engine {}",
-        about.version,
-        about.profile,
-        about.robot,
-        seeds::named(about.seed),
-        about.engine_build
+    let head = wording::head(
+        &about.version.to_string(),
+        &against,
+        &about.profile.to_string(),
+        &about.robot,
+        &seeds::named(about.seed),
+        &about.engine_build,
     );
     writeln!(out, "{}", Untrusted::new(head).line())?;
     let is_shown = |at_ms: u64| to_ms.is_none_or(|to_ms| at_ms <= to_ms);
     for film in recording.films.iter().filter(|film| is_shown(film.from_ms)) {
         writeln!(out, "{:>8} {}", tick_of(film.from_ms), Untrusted::new(film.sentence()).line())?;
         for failure in film.failures.iter().filter(|failure| is_shown(failure.at_ms)) {
-            let text = Untrusted::new(format!("went wrong: {}", failure.text)).line();
+            let text = Untrusted::new(wording::went_wrong(&failure.text)).line();
             writeln!(out, "{:>8} {text}", tick_of(failure.at_ms))?;
         }
     }
@@ -39,18 +40,15 @@ pub fn print(recording: &Recording, to_ms: Option<u64>, out: &mut dyn Write) -> 
     let frames = recording.pictures.iter().filter(|frame| is_shown(frame.at_ms)).count();
     let all_shown = recording.span_ms().is_none_or(|(_, last_ms)| is_shown(last_ms));
     let end = match (&recording.outcome, all_shown) {
-        (_, false) => "the recording goes on".to_owned(),
+        (_, false) => wording::RECORDING_GOES_ON.to_owned(),
         (Some(outcome), true) => format!("ended: {outcome}"),
         (None, true) => match recording.rerun() {
             Some(film) => format!("re-run: {}", film.ended),
-            None => "not closed: the recording ends before the upgrade did".to_owned(),
+            None => wording::NOT_CLOSED.to_owned(),
         },
     };
     let (lost_frames, lost_events) = recording.dropped;
-    let lost = if recording.dropped == (0, 0) {
-        String::new()
-    } else {
-        format!("; dropped: {lost_frames} frames, {lost_events} events")
-    };
+    let lost =
+        if recording.dropped == (0, 0) { String::new() } else { wording::dropped(lost_frames, lost_events) };
     writeln!(out, "{}; {frames} frames{lost}", Untrusted::new(end).line())
 }

@@ -31,6 +31,8 @@ use crate::terminal::{TerminalGuard, background, panic};
 use crate::theme::Themes;
 use holdpoint_recordings::recording::Recording;
 use holdpoint_text::{ErrorDetails, ErrorReason, Hint};
+use holdpoint_wording::console::replay as wording;
+use holdpoint_wording::console::shared;
 
 /// Keys that are processed before a frame is drawn.
 const BATCH_MAX: usize = 64;
@@ -55,13 +57,13 @@ pub enum ReplayError {
     #[error(transparent)]
     Theme(#[from] ThemeError),
     /// The recording is empty.
-    #[error("the recording of \"{0}\" holds neither frames nor events")]
+    #[error("{}", wording::holds_nothing(.0))]
     Empty(String),
     /// The terminal, or what is needed beside it, cannot be used.
-    #[error("cannot use this terminal: {0}")]
+    #[error("{}", shared::cannot_use_terminal(.0))]
     Terminal(#[from] io::Error),
     /// A fault of the replay itself; its message was printed before.
-    #[error("the replay failed; nothing was changed")]
+    #[error("{}", wording::REPLAY_FAILED)]
     Failed,
 }
 
@@ -78,8 +80,8 @@ impl Hint for ReplayError {
     fn hint(&self) -> Option<Cow<'static, str>> {
         match self {
             Self::Theme(error) => error.hint(),
-            Self::Empty(_) => Some("`holdpoint explain` needs none".into()),
-            Self::Terminal(_) => Some("without one `holdpoint replay --terminal` prints the events".into()),
+            Self::Empty(_) => Some(wording::EXPLAIN_NEEDS_NONE.into()),
+            Self::Terminal(_) => Some(wording::PRINTS_WITHOUT_A_TERMINAL.into()),
             Self::Failed => None,
         }
     }

@@ -6,6 +6,7 @@ use holdpoint_governance::approval::ApprovalDecision;
 use holdpoint_governance::lifecycle::State;
 use holdpoint_governance::monitor::MonitorOutcome;
 use holdpoint_protocol::event::EventKind;
+use holdpoint_wording::console::replay as wording;
 
 /// A mark on the time bar. The most serious of a column is shown.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -20,13 +21,13 @@ pub struct TimeMark {
 
 /// The meanings of the signs, for the help.
 pub const LEGEND: [(Glyph, &str); 7] = [
-    (Glyph::Good, "decided: passed, approved or confirmed"),
-    (Glyph::Bad, "rejected, failed, fault; on the bar: went wrong"),
-    (Glyph::Warning, "decided: held or restricted; the monitor acted"),
-    (Glyph::Waiting, "people were asked"),
+    (Glyph::Good, wording::DECIDED_FOR),
+    (Glyph::Bad, wording::WENT_WRONG),
+    (Glyph::Warning, wording::DECIDED_HELD),
+    (Glyph::Waiting, wording::PEOPLE_WERE_ASKED),
     (Glyph::Up, "took over"),
     (Glyph::Returned, "rolled back"),
-    (Glyph::Neutral, "sequence not done, or a limit passed"),
+    (Glyph::Neutral, wording::NOT_DONE_OR_LIMIT_PASSED),
 ];
 
 /// The mark of an event; absent for events that only inform.

@@ -6,6 +6,8 @@ use holdpoint_protocol::snapshot::{CandidateView, Snapshot};
 use holdpoint_service::control_socket::ControlSocketError;
 use holdpoint_service::engine_handle::EngineEndError;
 use holdpoint_text::{Hint as _, Untrusted};
+use holdpoint_wording::console::run as wording;
+use holdpoint_wording::console::shared;
 
 /// Why the console ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -37,10 +39,10 @@ pub(super) fn exit_report(
     last: Option<&Snapshot>,
 ) -> ExitReport {
     let (in_order, engine) = match ended {
-        Some(Ok(())) => (true, "the engine shut down cleanly".to_owned()),
-        Some(Err(why)) if !came_up => (false, format!("the engine did not come up: {why}")),
-        Some(Err(why)) => (false, format!("the engine ended with a fault: {why}")),
-        None => (false, "the engine did not end in time; the next start recovers its work".to_owned()),
+        Some(Ok(())) => (true, shared::ENGINE_SHUT_DOWN_CLEANLY.to_owned()),
+        Some(Err(why)) if !came_up => (false, wording::did_not_come_up(why)),
+        Some(Err(why)) => (false, wording::ended_with_a_fault(why)),
+        None => (false, wording::DID_NOT_END_IN_TIME.to_owned()),
     };
     let mut parts = vec![engine];
     parts.extend(last.into_iter().flat_map(pending_work));
@@ -57,12 +59,12 @@ pub(super) fn at_work(
     ends_alone_s: Option<u64>,
 ) -> ExitReport {
     let (back, stop) = (model.in_shell(""), model.in_shell("stop"));
-    let mut text = format!("left the engine running; {back} attaches to it again, {stop} stops its arm");
+    let mut text = wording::left_running(&back, &stop);
     if let Some(secs) = ends_alone_s {
-        text.push_str(&format!("; without a console, it ends after {secs} s"));
+        text.push_str(&wording::ends_alone_after(secs));
     }
     if let Err(error) = reply {
-        text.push_str(&format!("; the request to keep it running FAILED: {}", error.sentence()));
+        text.push_str(&wording::request_failed(&error.sentence()));
     }
     let text = Untrusted::new(text).line().into_string();
     ExitReport { cause, engine_started: true, in_order: reply.is_ok(), text }
@@ -71,15 +73,14 @@ pub(super) fn at_work(
 /// The exit report if the engine has not finished its shutdown.
 pub(super) fn still_ending(model: &ConsoleModel, cause: ExitCause) -> ExitReport {
     let status = model.in_shell("status");
-    let text = format!("the engine is still shutting down; {status} shows when the store is free");
+    let text = wording::still_shutting_down(&status);
     let text = Untrusted::new(text).line().into_string();
     ExitReport { cause, engine_started: true, in_order: false, text }
 }
 
 /// The exit report if an engine in another process is gone.
 pub(super) fn ended_elsewhere(cause: ExitCause, why: &EngineEndError) -> ExitReport {
-    let text =
-        Untrusted::new(format!("the engine that this console was at is gone: {why}")).line().into_string();
+    let text = Untrusted::new(wording::engine_is_gone(why)).line().into_string();
     // Another client ended it on purpose.
     ExitReport { cause, engine_started: true, in_order: why.orderly, text }
 }
@@ -92,20 +93,16 @@ fn pending_work(snapshot: &Snapshot) -> Vec<String> {
     for stage in [Stage::Validation, Stage::Sandbox, Stage::Shadow, Stage::Activation] {
         let here = count(&|one| one.flags.running == Some(stage) && !one.flags.awaiting_approval);
         if here > 0 {
-            parts.push(format!(
-                "{} in {}: that stage is run again at the next start",
-                candidates(here),
-                stage.name()
-            ));
+            parts.push(wording::stage_runs_again(&candidates(here), stage.name()));
         }
     }
     let waiting = snapshot.prompts.len();
     if waiting > 0 {
-        parts.push(format!("{} held for approval; approvers are asked again", candidates(waiting)));
+        parts.push(wording::held_for_approval(&candidates(waiting)));
     }
     let watched = count(&|one| one.flags.provisional);
     if watched > 0 {
-        parts.push(format!("{} provisional, monitored again from the next start", candidates(watched)));
+        parts.push(wording::provisional(&candidates(watched)));
     }
     parts
 }

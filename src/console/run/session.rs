@@ -34,6 +34,7 @@ use crate::theme::Themes;
 use crate::update::update;
 use holdpoint_protocol::command::{Command, Request};
 use holdpoint_service::engine_handle::{EngineEndError, EngineHandle, EngineUpdate, StopError};
+use holdpoint_wording::console::run as wording;
 
 /// The interval of ticks without other events.
 const TICK: Duration = Duration::from_millis(500);
@@ -233,7 +234,7 @@ impl Session {
             SessionInput::JobResult(BackgroundResult::Started(started)) => self.engine_started(started),
             SessionInput::Update(Some(update)) => self.engine(update),
             SessionInput::Update(None) => {
-                self.engine(EngineUpdate::Ended(Err(EngineEndError::of("its thread is gone"))));
+                self.engine(EngineUpdate::Ended(Err(EngineEndError::of(wording::THREAD_GONE))));
             }
             SessionInput::Snapshot => {
                 let newest = self.effects.host.snapshots.borrow_and_update().clone();

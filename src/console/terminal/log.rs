@@ -11,6 +11,8 @@ use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
 use std::time::{SystemTime, UNIX_EPOCH};
 
+use holdpoint_wording::console::run as wording;
+
 /// A log of this size becomes `holdpoint.log.1` at the next start, bytes.
 pub const LOG_BYTES_MAX: u64 = 1_000_000;
 
@@ -38,7 +40,7 @@ impl LogFile {
         // An older file may have wider permissions.
         file.set_permissions(fs::Permissions::from_mode(0o600))?;
         let secs = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_secs());
-        writeln!(file, "console begins, process {}, Unix time {secs}", std::process::id())?;
+        writeln!(file, "{}", wording::log_begins(std::process::id(), secs))?;
         Ok(Self { file, path })
     }
 

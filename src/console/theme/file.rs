@@ -11,6 +11,8 @@ use toml::Spanned;
 use super::paint::{NAMES, Paint, ThemeColor};
 use super::{Theme, ThemeRole, names};
 use holdpoint_text::{ErrorDetails, ErrorReason, Hint};
+use holdpoint_wording::console::shared;
+use holdpoint_wording::console::theme as wording;
 
 /// The largest theme file, bytes.
 pub const FILE_BYTES_MAX: usize = 64 * 1024;
@@ -22,14 +24,14 @@ const PROBLEMS_MAX: usize = 8;
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum ThemeError {
     /// No theme of that name.
-    #[error("there is no theme {name:?}; allowed are {allowed}")]
+    #[error("{}", wording::no_such_theme(.name, .allowed))]
     Unknown {
         name: String,
         /// The existing names.
         allowed: String,
     },
     /// An operator has more own themes than allowed.
-    #[error("the theme {name:?} is one too many; at most {allowed} files are allowed")]
+    #[error("{}", wording::one_too_many(.name, .allowed))]
     TooMany {
         /// The first theme beyond the limit.
         name: String,
@@ -58,7 +60,7 @@ impl Hint for ThemeError {
 
     fn hint(&self) -> Option<Cow<'static, str>> {
         match self {
-            Self::Unknown { .. } => Some("`holdpoint theme list`".into()),
+            Self::Unknown { .. } => Some(wording::THEME_LIST.into()),
             Self::TooMany { .. } | Self::File { .. } => None,
         }
     }
@@ -104,21 +106,14 @@ pub fn parse(name: &str, file: &str, text: &str) -> Result<Theme, ThemeError> {
     };
     let fail = |line: usize, what: String| ThemeError::File { file: file.to_owned(), line, what };
     if text.len() > FILE_BYTES_MAX {
-        return Err(fail(
-            1,
-            format!("the file has {} bytes; at most {FILE_BYTES_MAX} are allowed", text.len()),
-        ));
+        return Err(fail(1, shared::file_too_large(text.len(), FILE_BYTES_MAX)));
     }
     let parsed: ThemeFile = toml::from_str(text)
         .map_err(|error| fail(line(&error.span().unwrap_or(0..0)), error.message().to_owned()))?;
     let mut theme = match &parsed.inherits {
         None => Theme::plain(name),
         Some(parent) => Theme::builtin(parent.get_ref()).map_err(|_| {
-            let what = format!(
-                "inherits: there is no built-in theme {:?}; allowed are {}",
-                parent.get_ref(),
-                names().join(", ")
-            );
+            let what = wording::no_builtin(parent.get_ref(), &names().join(", "));
             fail(line(&parent.span()), what)
         })?,
     };
@@ -127,8 +122,7 @@ pub fn parse(name: &str, file: &str, text: &str) -> Result<Theme, ThemeError> {
     for (role_name, entry) in &parsed.roles {
         let Some(role) = ThemeRole::parse(role_name.get_ref()) else {
             let allowed: Vec<&str> = ThemeRole::ALL.iter().map(|role| role.name()).collect();
-            let what =
-                format!("there is no role {:?}; allowed are {}", role_name.get_ref(), allowed.join(", "));
+            let what = wording::no_such_role(role_name.get_ref(), &allowed.join(", "));
             problems.push((line(&role_name.span()), what));
             continue;
         };
@@ -161,10 +155,7 @@ impl ThemeEntry {
                 ThemeValue::Text(text) => format!("{text:?}"),
                 ThemeValue::Number(number) => number.to_string(),
             };
-            let what = format!(
-                "{key}: {shown} is no color; allowed are default, 0 to 255, \"#rrggbb\" and {}",
-                NAMES.join(", ")
-            );
+            let what = wording::no_color(key, &shown, &NAMES.join(", "));
             parsed.map(Some).ok_or((value.span(), what))
         };
         let flags = [
@@ -182,7 +173,7 @@ impl ThemeEntry {
         // On a terminal whose own colors are unknown, letters on a set background may be invisible.
         if paint.background.is_some() && paint.foreground.is_none() {
             let span = self.bg.as_ref().map_or(0..0, Spanned::span);
-            return Err((span, "bg: a background needs a foreground with it; add fg".to_owned()));
+            return Err((span, wording::NEEDS_FOREGROUND.to_owned()));
         }
         Ok(paint)
     }

@@ -3,12 +3,13 @@
 //! Applies the same rules as the key itself. Must change nothing.
 
 use super::{
-    ZOOM_MAX, brakes, cell_restart, means_something, navigation, operations, selection, undo,
-    works_without_engine,
+    ZOOM_MAX, brakes, cell_restart, means_something, navigation, operations, selection, works_without_engine,
 };
 use crate::action::Action;
 use crate::model::{ConsoleModel, View};
 use holdpoint_governance::ids::CapabilityId;
+use holdpoint_wording::console::availability as wording;
+use holdpoint_wording::console::undo;
 
 /// The current state, read once for many actions.
 pub struct ActionAvailability<'a> {
@@ -38,9 +39,9 @@ impl<'a> ActionAvailability<'a> {
             }
         }
         if !means_something(model.view_state.view, action) {
-            return Some("it means nothing in this view".to_owned());
+            return Some(wording::MEANS_NOTHING_HERE.to_owned());
         }
-        let version = || self.here.as_ref().ok_or_else(|| "no version is under the cursor".to_owned());
+        let version = || self.here.as_ref().ok_or_else(|| wording::NO_VERSION.to_owned());
         let found = match action {
             A::Pause
             | A::Resume
@@ -54,12 +55,14 @@ impl<'a> ActionAvailability<'a> {
             | A::Rearm
             | A::Anchor => version().and_then(|id| operations::intent(model, action, id).map(drop)),
             A::BreakGlass => version().and_then(|id| self.break_glass(id)),
-            A::Abort => operations::abort(model).map(drop).ok_or_else(|| "nothing is under way".to_owned()),
+            A::Abort => {
+                operations::abort(model).map(drop).ok_or_else(|| wording::NOTHING_UNDER_WAY.to_owned())
+            }
             A::Go => cell_restart::may_go(model).map(drop),
             A::Acknowledge | A::Shelve | A::Unshelve | A::ResetAlarm => {
                 let rows = model.alarm_rows();
                 let alarm = rows.get(model.row()).map(|item| item.alarm());
-                let alarm = alarm.ok_or_else(|| "no alarm is under the cursor".to_owned());
+                let alarm = alarm.ok_or_else(|| wording::NO_ALARM.to_owned());
                 alarm.and_then(|alarm| selection::takes(alarm, action))
             }
             A::Sort | A::SortReverse => navigation::unsorted(model).map_or(Ok(()), |why| Err(why.to_owned())),
@@ -67,12 +70,8 @@ impl<'a> ActionAvailability<'a> {
                 navigation::not_filtered_by_state(model).map_or(Ok(()), |why| Err(why.to_owned()))
             }
             A::Undo if model.undo.last().is_none() => Err(undo::NOTHING.to_owned()),
-            A::FindNext if model.view_state.search.is_empty() => {
-                Err("nothing was searched for yet".to_owned())
-            }
-            A::Mark if selection::markable(model).is_none() => {
-                Err("nothing under the cursor can be marked".to_owned())
-            }
+            A::FindNext if model.view_state.search.is_empty() => Err(wording::NOTHING_SEARCHED.to_owned()),
+            A::Mark if selection::markable(model).is_none() => Err(wording::NOTHING_TO_MARK.to_owned()),
             A::OpenRecording if model.view_state.view != View::Overview => version().map(drop),
             _ => Ok(()),
         };
@@ -82,7 +81,7 @@ impl<'a> ActionAvailability<'a> {
     fn break_glass(&self, id: &CapabilityId) -> Result<(), String> {
         let now = self.model.engine_data.snapshot.as_ref();
         let open = now.is_some_and(|now| now.emergencies.iter().any(|question| question.version == *id));
-        if open { Ok(()) } else { Err("break-glass does not apply to it".to_owned()) }
+        if open { Ok(()) } else { Err(wording::NO_BREAK_GLASS.to_owned()) }
     }
 
     /// Whether a hint is useful: the key would have an effect here and now.

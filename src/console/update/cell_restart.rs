@@ -7,6 +7,7 @@ use crate::form::Intent;
 use crate::model::{ConsoleModel, Overlay};
 use holdpoint_protocol::command::Caller;
 use holdpoint_protocol::snapshot::StoppedView;
+use holdpoint_wording::console::cell_restart as wording;
 use holdpoint_wording::event::stop_author;
 
 /// Opens the form that starts a stopped cell.
@@ -27,17 +28,17 @@ pub(super) fn may_go(model: &ConsoleModel) -> Result<&StoppedView, String> {
     let now = model.engine_data.snapshot.as_deref();
     if let Some(why) = now.and_then(|now| now.holding.as_ref()) {
         // A halted engine refuses it.
-        return Err(format!("the engine is halted, and lets nothing work before it is started again: {why}"));
+        return Err(wording::engine_is_halted(why));
     }
-    now.and_then(|now| now.stopped.as_ref()).ok_or_else(|| "the cell is not stopped".to_owned())
+    now.and_then(|now| now.stopped.as_ref()).ok_or_else(|| wording::NOT_STOPPED.to_owned())
 }
 
 /// The consequences of starting the cell: its stops, and the version that takes control.
 fn go_lines(model: &ConsoleModel, stopped: &StoppedView) -> Vec<String> {
-    let mut lines = vec!["The arm moves again at once; make sure that the cell is empty".to_owned()];
+    let mut lines = vec![wording::ARM_MOVES_AGAIN.to_owned()];
     let prompts = model.engine_data.snapshot.iter().flat_map(|now| &now.prompts);
     let granted = prompts.filter(|prompt| prompt.granted);
-    lines.extend(granted.map(|prompt| format!("{} is approved and takes control at once", prompt.version)));
+    lines.extend(granted.map(|prompt| wording::takes_control_at_once(&prompt.version)));
     lines.extend(stop_lines(model, stopped));
     lines
 }
@@ -46,13 +47,13 @@ fn go_lines(model: &ConsoleModel, stopped: &StoppedView) -> Vec<String> {
 fn stop_lines(model: &ConsoleModel, stopped: &StoppedView) -> Vec<String> {
     let why = |reason: &str| if reason.is_empty() { String::new() } else { format!(": {reason:?}") };
     let (author, since) = (stop_author(&stopped.by, &stopped.caller), model.moment(stopped.since_ms));
-    let mut lines = vec![format!("Stopped by {author}, since {since}{}", why(&stopped.reason))];
+    let mut lines = vec![wording::stopped_by(&author, &since, &why(&stopped.reason))];
     if stopped.unnamed > 0 {
-        lines.push(format!("and {} more times, by whom the record says", stopped.unnamed));
+        lines.push(wording::stopped_again_unnamed(stopped.unnamed));
     }
     lines.extend(stopped.again.iter().map(|stop| {
         let (author, at) = (stop_author(&stop.by, &stop.caller), model.moment(stop.at_ms));
-        format!("and by {author}, at {at}{}", why(&stop.reason))
+        wording::and_by(&author, &at, &why(&stop.reason))
     }));
     lines
 }
@@ -60,7 +61,7 @@ fn stop_lines(model: &ConsoleModel, stopped: &StoppedView) -> Vec<String> {
 /// The open form's current consequences, or why it is void.
 pub(super) fn still_stopped(model: &ConsoleModel, read: (u64, u64)) -> Result<Vec<String>, String> {
     match model.engine_data.snapshot.as_ref().and_then(|snapshot| snapshot.stopped.as_ref()) {
-        None => Err("the cell has already been started".to_owned()),
+        None => Err(wording::ALREADY_STARTED.to_owned()),
         Some(stopped) if (stopped.since_ms, stopped.stops) != read => {
             let first = (&stopped.by, &stopped.caller);
             let (by, caller) = stopped.again.last().map_or(first, |stop| (&stop.by, &stop.caller));
@@ -81,7 +82,7 @@ pub(super) fn stopped_again(model: &mut ConsoleModel, author: (&str, &Caller), a
     let is_void = form.void.is_some();
     let message = restop_message(model, author, at_ms);
     if is_sent {
-        let refused = format!("{message}; your request does not include it and will be refused");
+        let refused = wording::not_included(&message);
         show_message(model, refused, true);
     } else if !is_void {
         dismiss_form(model, message);
@@ -89,5 +90,5 @@ pub(super) fn stopped_again(model: &mut ConsoleModel, author: (&str, &Caller), a
 }
 
 fn restop_message(model: &ConsoleModel, (by, caller): (&str, &Caller), at_ms: u64) -> String {
-    format!("{} has stopped it again at {}: read why first", stop_author(by, caller), model.moment(at_ms))
+    wording::stopped_it_again(&stop_author(by, caller), &model.moment(at_ms))
 }

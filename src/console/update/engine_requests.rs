@@ -6,6 +6,7 @@ use crate::model::{
     ConsoleModel, EngineState, Overlay, PendingRequest, PendingStop, RequestSubject, UndoChange,
 };
 use holdpoint_text::Hint as _;
+use holdpoint_wording::console::engine_requests as wording;
 
 /// The most requests without an answer; far below the engine's own limit.
 const PENDING_MAX: usize = 32;
@@ -14,7 +15,7 @@ const PENDING_MAX: usize = 32;
 const STOP_RETRY_MS: u64 = 1_000;
 
 /// The subject of a demonstration candidate in a request.
-pub(super) const DEMO: &str = "submit the next demonstration candidate";
+pub(super) const DEMO: &str = wording::SUBMIT_THE_NEXT;
 
 /// A new request's id; absent if too many requests wait.
 pub(super) fn request(model: &mut ConsoleModel, about: RequestSubject, what: String) -> Option<String> {
@@ -25,7 +26,7 @@ pub(super) fn request(model: &mut ConsoleModel, about: RequestSubject, what: Str
         return None;
     }
     if model.requests.pending.len() >= PENDING_MAX {
-        show_message(model, format!("{PENDING_MAX} requests wait for the engine already"), true);
+        show_message(model, wording::too_many_wait(PENDING_MAX), true);
         return None;
     }
     Some(add_pending(model, about, what))
@@ -46,8 +47,8 @@ pub(super) fn stop(model: &mut ConsoleModel) -> Vec<Effect> {
     // Without an operator the name is empty: the record names user and process beside it.
     let by = model.session.operator.as_ref().map_or_else(String::new, |operator| operator.name.clone());
     let text = match model.absence() {
-        None => "STOP: the stop is requested",
-        Some(_) => "STOP: the running engine is being asked",
+        None => wording::STOP_REQUESTED,
+        Some(_) => wording::STOP_ASKED_ELSEWHERE,
     };
     show_message(model, text, true);
     request_stop(model, by)
@@ -55,7 +56,7 @@ pub(super) fn stop(model: &mut ConsoleModel) -> Vec<Effect> {
 
 fn request_stop(model: &mut ConsoleModel, by: String) -> Vec<Effect> {
     let question = EngineQuery::Stop { by: by.clone() };
-    let id = add_pending(model, question.about(), "stop the cell".to_owned());
+    let id = add_pending(model, question.about(), wording::STOP_THE_CELL.to_owned());
     let now_ms = model.now_ms;
     let since_ms = model.engine_data.pending_stop.as_ref().map_or(now_ms, |stop| stop.since_ms);
     model.engine_data.pending_stop =
@@ -75,7 +76,7 @@ pub(super) fn resend_stop(model: &mut ConsoleModel) -> Vec<Effect> {
     let Some(by) = model.engine_data.pending_stop.as_ref().filter(is_due).map(|stop| stop.by.clone()) else {
         return Vec::new();
     };
-    show_message(model, "STOP: the engine answers again; your stop failed and is sent again", true);
+    show_message(model, wording::STOP_SENT_AGAIN, true);
     request_stop(model, by)
 }
 
@@ -137,8 +138,8 @@ fn view_query(model: &ConsoleModel) -> Option<EngineQuery> {
 
 /// Requests a check of the whole audit chain.
 pub(super) fn verify(model: &mut ConsoleModel) -> Vec<Effect> {
-    show_message(model, "checking the audit chain", false);
-    send_query(model, "check the audit chain".to_owned(), EngineQuery::Verify)
+    show_message(model, wording::CHECKING_THE_CHAIN, false);
+    send_query(model, wording::CHECK_THE_CHAIN.to_owned(), EngineQuery::Verify)
 }
 
 /// Submits a candidate: a folder, or the next demonstration candidate. If it needs a signature, a form confirms it

@@ -19,6 +19,7 @@ use holdpoint_protocol::snapshot::Snapshot;
 use holdpoint_service::control_socket::UnverifiedOrigin;
 use holdpoint_service::engine_handle::EngineEndError;
 use holdpoint_text::{Hint, Problem, Untrusted};
+use holdpoint_wording::console::engine_updates as wording;
 use holdpoint_wording::event as event_text;
 
 pub(super) fn started(model: &mut ConsoleModel) -> Vec<Effect> {
@@ -34,15 +35,15 @@ pub(super) fn ended(model: &mut ConsoleModel, how: Result<(), EngineEndError>) -
     if let Err(why) = &how {
         let came_up = model.engine_data.engine == EngineState::Running;
         let what = match (came_up, why.orderly) {
-            (true, true) => "the engine is gone",
-            (true, false) => "the engine ended",
-            (false, _) => "the engine did not come up",
+            (true, true) => wording::ENGINE_GONE,
+            (true, false) => wording::ENGINE_ENDED,
+            (false, _) => wording::ENGINE_DID_NOT_COME_UP,
         };
         show_message(model, format!("{what}: {why}"), !why.orderly);
     }
     model.engine_data.console_number = None;
     model.engine_data.engine = EngineState::Ended(how);
-    operations::dismiss_all_forms(model, "the engine is gone");
+    operations::dismiss_all_forms(model, wording::ENGINE_GONE);
     Vec::new()
 }
 
@@ -56,7 +57,7 @@ pub(super) fn attached(
     let came_back = matches!(model.engine_data.engine, EngineState::Ended(_));
     let is_same = process.is_some() && model.engine_data.process == process;
     if let Some(last) = model.engine_data.events.back().filter(|_| !is_same).cloned() {
-        let text = "(the engine that told this is gone; another one tells what follows)".to_owned();
+        let text = wording::ANOTHER_ENGINE_FOLLOWS.to_owned();
         model.engine_data.events.push_back(EventLogLine {
             seq: last.seq + 1,
             text,
@@ -77,15 +78,15 @@ pub(super) fn attached(
         model.engine_data.attached_ms = Some(model.now_ms);
         model.requests.pending.clear();
         model.requests.changes_at_query.clear();
-        model.key_log.lost("no answer: the engine was lost, and whether it was carried out is unknown");
+        model.key_log.lost(wording::ENGINE_WAS_LOST);
         let (lost, now) = if is_same {
-            let lost = "the connection to the engine was lost";
-            (lost, "the engine kept running, and this console is attached to it again")
+            let lost = wording::CONNECTION_LOST;
+            (lost, wording::ATTACHED_AGAIN)
         } else {
-            let lost = "the engine that was asked is gone";
-            (lost, "an engine runs on this store again, and this console is attached to it")
+            let lost = wording::ASKED_ENGINE_GONE;
+            (lost, wording::ATTACHED_TO_ANOTHER)
         };
-        overlays::unanswered(model, &format!("{lost}; whether your request was carried out is unknown"));
+        overlays::unanswered(model, &wording::request_in_doubt(lost));
         if let Some(stop) = &mut model.engine_data.pending_stop {
             stop.why = Some(lost.to_owned());
         }
@@ -102,9 +103,9 @@ pub(super) fn past(model: &mut ConsoleModel, events: &[Event], earlier: u64) -> 
         && let Some(first) = events.first()
     {
         let text = if earlier == 0 {
-            "(the engine began here)".to_owned()
+            wording::ENGINE_BEGAN_HERE.to_owned()
         } else {
-            format!("(the log begins here; {earlier} earlier events of this engine are on record only)")
+            wording::log_begins_here(earlier)
         };
         let seq = base.saturating_add(first.seq);
         model.engine_data.events.push_back(EventLogLine {
@@ -170,11 +171,7 @@ pub(super) fn events(model: &mut ConsoleModel, events: Vec<Event>) -> Vec<Effect
 
 /// The cell is running again, from whatever source: no text may still say that it is stopped.
 fn released(model: &mut ConsoleModel, by: &str) {
-    show_message(
-        model,
-        format!("the cell runs again: started by {}", Untrusted::new(by.to_owned()).line()),
-        false,
-    );
+    show_message(model, wording::cell_runs_again(&Untrusted::new(by.to_owned()).line().into_string()), false);
     if let Some(frame) = &mut model.engine_data.frame {
         // This is the last frame of the stop, and the next one may take long.
         Arc::make_mut(frame).stopped = false;
@@ -254,19 +251,11 @@ pub(super) fn answer(model: &mut ConsoleModel, id: &str, reply: Reply) -> Vec<Ef
             if what == engine_requests::DEMO && !overlays::is_signed(&model.engine_data) =>
         {
             let effects = engine_requests::submit(model, None);
-            show_message(
-                model,
-                format!("{text}, by another client meanwhile: the next one is submitted"),
-                false,
-            );
+            show_message(model, wording::next_is_submitted(&text), false);
             effects
         }
         Reply::Refused { code: Refusal::Exists, text, .. } if what == engine_requests::DEMO => {
-            show_message(
-                model,
-                format!("{text}, by another client meanwhile: `:demo` again takes the next one"),
-                true,
-            );
+            show_message(model, wording::next_must_be_asked_for(&text), true);
             Vec::new()
         }
         // Others ask as well: a query without a key press is repeated silently.

@@ -5,6 +5,8 @@ use super::refuse;
 use crate::audit;
 use crate::effect::Effect;
 use crate::model::{ConsoleModel, OpenedRecord, Typing};
+use holdpoint_wording::console::find_in_view as wording;
+use holdpoint_wording::console::shared;
 
 /// Moves the cursor to the next row that contains the typed text, from its place and then from the top. It stays if
 /// there is none.
@@ -28,7 +30,7 @@ pub(super) fn look(model: &mut ConsoleModel) {
 pub(super) fn next(model: &mut ConsoleModel) -> Vec<Effect> {
     let search = model.view_state.search.clone();
     if search.is_empty() {
-        return refuse(model, "nothing was searched for yet; / begins a search");
+        return refuse(model, wording::NOTHING_SEARCHED);
     }
     let needle = search.to_lowercase();
     let is_in = |text: &String| text.to_lowercase().contains(&needle);
@@ -39,7 +41,7 @@ pub(super) fn next(model: &mut ConsoleModel) -> Vec<Effect> {
     };
     let after = (at + 1..texts.len()).chain(0..=at.min(texts.len().saturating_sub(1)));
     let Some(found) = after.into_iter().find(|row| texts.get(*row).is_some_and(is_in)) else {
-        return refuse(model, &format!("{search:?} is not in this list"));
+        return refuse(model, &shared::not_in_this_list(&search));
     };
     match (&lines, &mut model.view_state.opened) {
         (Some(_), Some(opened)) => opened.scroll = found,

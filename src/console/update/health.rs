@@ -6,6 +6,7 @@ use crate::effect::Effect;
 use crate::model::{ConsoleModel, HEALTH_WIDTH, HealthViewState};
 use crate::trend::SCALE;
 use holdpoint_protocol::health::{BUCKET_WIDTHS_MS, BUCKETS_MAX, HealthQuery};
+use holdpoint_wording::console::health as wording;
 
 /// The fewest buckets in a query, however narrow the screen.
 const BUCKETS_MIN: u16 = 24;
@@ -51,8 +52,12 @@ pub(crate) fn zoom(model: &mut ConsoleModel, action: Action) -> Vec<Effect> {
         _ => Some(HEALTH_WIDTH),
     };
     let Some(next) = next else {
-        let end = if action == Action::ZoomIn { "narrower than a minute" } else { "wider than a day" };
-        show_message(model, format!("a column is no {end}"), false);
+        let end = if action == Action::ZoomIn {
+            wording::NARROWER_THAN_A_MINUTE
+        } else {
+            wording::WIDER_THAN_A_DAY
+        };
+        show_message(model, wording::column_is_no(end), false);
         return Vec::new();
     };
     model.view_state.health.width = next;
@@ -65,7 +70,7 @@ pub(crate) fn zoom(model: &mut ConsoleModel, action: Action) -> Vec<Effect> {
 /// One bucket to the left or to the right; at the right end the cursor stays with the newest.
 pub(crate) fn step(model: &mut ConsoleModel, right: bool) -> Vec<Effect> {
     let (Some(bucket), Some((series, _))) = (model.health_bucket(), model.engine_data.health.clone()) else {
-        return refuse(model, "nothing has been read yet");
+        return refuse(model, wording::NOTHING_READ_YET);
     };
     let next = if right { bucket.saturating_add(1) } else { bucket.saturating_sub(1) };
     let is_newest = next.saturating_add(1) >= series.buckets;

@@ -5,6 +5,7 @@ use crate::effect::Effect;
 use crate::form::Intent;
 use crate::model::ConsoleModel;
 use holdpoint_governance::profile::ProfileName;
+use holdpoint_wording::console::identity_offer as wording;
 
 /// Handles an unknown name. Where an unencrypted key is enough to act, the form offers to make the identity.
 pub(super) fn unknown_identity(model: &mut ConsoleModel, name: String, text: String) -> Vec<Effect> {
@@ -18,9 +19,5 @@ pub(super) fn unknown_identity(model: &mut ConsoleModel, name: String, text: Str
 }
 
 pub(super) fn lines(name: &str) -> Vec<String> {
-    vec![
-        format!("{name} is unknown here; it is made as an operator and goes on record"),
-        "Its key has no passphrase: enough to act in a simulated cell, and for no approval beside people"
-            .to_owned(),
-    ]
+    vec![wording::is_made(name), wording::NO_PASSPHRASE.to_owned()]
 }

@@ -4,11 +4,12 @@ use super::{engine_requests, refuse, show};
 use crate::action::Action;
 use crate::audit;
 use crate::effect::Effect;
-use crate::form::NO_IDENTITY_TEXT;
 use crate::model::{ConsoleModel, ListCursor, SortOrder, View};
 use crate::rows::RegistryItem;
 use crate::state_filter::StateFilter;
 use holdpoint_governance::ids::Family;
+use holdpoint_wording::console::navigation as wording;
+use holdpoint_wording::console::shared;
 
 /// How long keys for an item wait after another item moved under the cursor, ms: the user may have decided on the key
 /// before.
@@ -108,8 +109,8 @@ pub(super) fn sort(model: &mut ConsoleModel, action: Action) -> Vec<Effect> {
         _ => SortOrder { by, reversed: !reversed },
     };
     model.engine_data.registry.sort_by(sort);
-    let order = if sort.reversed { ", turned round" } else { "" };
-    super::show_message(model, format!("sorted by {}{order}", sort.by.label()), false);
+    let order = if sort.reversed { wording::TURNED_ROUND } else { "" };
+    super::show_message(model, wording::sorted_by(sort.by.label(), order), false);
     Vec::new()
 }
 
@@ -125,14 +126,12 @@ pub(super) fn next_state_filter(model: &mut ConsoleModel) -> Vec<Effect> {
 pub(super) fn filter_by_state(model: &mut ConsoleModel, filter: StateFilter) -> Vec<Effect> {
     model.view_state.state_filter = filter;
     let text = match filter {
-        StateFilter::All => "overview and registry list every version".to_owned(),
+        StateFilter::All => wording::ALL_LISTED.to_owned(),
         StateFilter::Mine if model.session.operator.is_none() => {
-            format!("{NO_IDENTITY_TEXT}: no version is known to be yours")
+            shared::who_first(wording::NONE_KNOWN_TO_BE_YOURS)
         }
-        StateFilter::Mine => {
-            "overview and registry list the versions that you submitted or that wait for you".to_owned()
-        }
-        _ => format!("overview and registry list {} versions alone", filter.name()),
+        StateFilter::Mine => wording::OWN_LISTED.to_owned(),
+        _ => wording::listed_alone(filter.name()),
     };
     super::show_message(model, text, false);
     Vec::new()
@@ -141,7 +140,7 @@ pub(super) fn filter_by_state(model: &mut ConsoleModel, filter: StateFilter) -> 
 /// Why the list that has the keys is not filtered by state; absent if it is.
 pub(super) fn not_filtered_by_state(model: &ConsoleModel) -> Option<&'static str> {
     let is_filtered = model.view_state.lists_versions();
-    (!is_filtered).then_some("only the overview's pipeline and the registry are filtered by state")
+    (!is_filtered).then_some(wording::NOT_FILTERED_BY_STATE)
 }
 
 /// Why the view's list cannot be sorted; absent if it can.
@@ -206,7 +205,7 @@ pub(super) fn jump_to_alarm(model: &mut ConsoleModel) -> Vec<Effect> {
     let effects = show(model, View::Alarms);
     match highest {
         Some(row) => set_row(model, row),
-        None => super::show_message(model, "every alarm is acknowledged", false),
+        None => super::show_message(model, wording::EVERY_ALARM_ACKNOWLEDGED, false),
     }
     effects
 }

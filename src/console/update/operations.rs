@@ -4,7 +4,7 @@ use super::{cell_restart, engine_requests, identity_offer, overlays, refuse, sel
 use crate::action::Action;
 use crate::approval_screen::ApprovalScreen;
 use crate::effect::{Effect, EngineQuery};
-use crate::form::{Abort, ConfirmedOperation, Form, Intent, NO_IDENTITY_TEXT};
+use crate::form::{Abort, ConfirmedOperation, Form, Intent};
 use crate::formatters::state_label;
 use crate::line::EditLine;
 use crate::model::{ConsoleModel, EngineLink, EngineState, Overlay, RequestSubject};
@@ -16,6 +16,8 @@ use holdpoint_governance::wall_time::WallTime;
 use holdpoint_protocol::command::Command;
 use holdpoint_protocol::snapshot::AlarmView;
 use holdpoint_text::Hint as _;
+use holdpoint_wording::console::operations as wording;
+use holdpoint_wording::console::shared;
 
 /// Sends confirmed operations one by one: an item loses its mark when its operation is sent.
 pub(super) fn carry_out(model: &mut ConsoleModel, confirmed: Vec<ConfirmedOperation>) -> Vec<Effect> {
@@ -46,10 +48,10 @@ pub(super) fn open(model: &mut ConsoleModel, intent: Intent, consequences: Vec<S
         return refuse(model, &absence.problem().sentence());
     }
     if let Some(unverified) = model.engine_data.unverified.filter(|_| !intent.allows_unverified_engine()) {
-        return refuse(model, &format!("{unverified}: nothing is signed for it"));
+        return refuse(model, &wording::nothing_is_signed(unverified));
     }
     if intent.needs_person() && model.session.operator.is_none() {
-        return refuse(model, &format!("{NO_IDENTITY_TEXT}: {}", intent.title()));
+        return refuse(model, &shared::who_first(&intent.title()));
     }
     let form = Form::new(intent, consequences).opened_at(model.now_ms);
     model.input.overlay = Some(Overlay::Form(Box::new(form)));
@@ -62,14 +64,14 @@ pub(super) fn on_version(model: &mut ConsoleModel, action: Action) -> Vec<Effect
     if action == Action::Abort {
         return match abort(model) {
             Some((what, consequences)) => open(model, Intent::Abort(what), consequences),
-            None => refuse(model, "nothing to abort is running; B rolls an active version back"),
+            None => refuse(model, wording::NOTHING_TO_ABORT),
         };
     }
     if let Some(effects) = selection::on_versions(model, action) {
         return effects;
     }
     let Some(id) = model.version_here() else {
-        return refuse(model, "there is no version under the cursor");
+        return refuse(model, shared::NO_VERSION_HERE);
     };
     match intent(model, action, &id) {
         Ok((intent, consequences)) => open(model, intent, consequences),
@@ -108,7 +110,7 @@ pub(super) fn dismiss_all_forms(model: &mut ConsoleModel, why: &str) {
 pub(super) fn dismiss_form(model: &mut ConsoleModel, why: String) {
     let now_ms = model.now_ms;
     let Some(Overlay::Form(form)) = &mut model.input.overlay else { return };
-    let text = format!("not asked: {}: {why}", form.intent.title());
+    let text = wording::not_asked(&form.intent.title(), &why);
     form.dismiss(why, now_ms);
     show_message(model, text, true);
 }
@@ -141,11 +143,7 @@ pub(super) fn now(model: &ConsoleModel, opened: &Intent) -> Result<Vec<String>, 
         Intent::Quit => return Ok(quit_lines(model)),
     };
     let (intent, lines) = intent(model, action, id)?;
-    if intent == *opened {
-        Ok(lines)
-    } else {
-        Err(format!("it would now be something else: {}", intent.title()))
-    }
+    if intent == *opened { Ok(lines) } else { Err(wording::would_be_something_else(&intent.title())) }
 }
 
 /// Opens the form that submits a candidate, where a signature is needed.
@@ -154,12 +152,12 @@ pub(super) fn register(model: &mut ConsoleModel, folder: Option<String>) -> Vec<
 }
 
 fn register_lines() -> Vec<String> {
-    vec!["It is registered and evaluated beside the active version; it acts only after its gate".to_owned()]
+    vec![wording::REGISTERED_AND_EVALUATED.to_owned()]
 }
 
 pub(super) fn alarm_now<'a>(model: &'a ConsoleModel, name: &str) -> Result<&'a AlarmView, String> {
     let alarms = model.engine_data.snapshot.as_ref().map_or(&[][..], |snapshot| &snapshot.alarms);
-    alarms.iter().find(|alarm| alarm.alarm == name).ok_or_else(|| "the alarm is normal again".to_owned())
+    alarms.iter().find(|alarm| alarm.alarm == name).ok_or_else(|| wording::ALARM_NORMAL_AGAIN.to_owned())
 }
 
 pub(super) fn intent(
@@ -168,7 +166,7 @@ pub(super) fn intent(
     id: &CapabilityId,
 ) -> Result<(Intent, Vec<String>), String> {
     let Some((state, flags)) = model.version_state(id) else {
-        return Err(format!("nothing is known about {id} yet"));
+        return Err(wording::nothing_known_about(id));
     };
     let now = format!("{id} is {}", state_label(state, &flags));
     let wrong = |what: &str| Err(format!("{now}; {what}"));
@@ -177,77 +175,74 @@ pub(super) fn intent(
     let (intent, consequence) = match action {
         Action::Pause if state.may_pause(&flags) => {
             let what = if state == State::Active {
-                "It keeps the arm, provisionally, and is monitored; it is not confirmed until it is resumed"
+                wording::PAUSED_ACTIVE_KEEPS_THE_ARM
             } else {
-                "Its stage stops; only reject, demote and resume go through"
+                wording::PAUSED_STAGE_STOPS
             };
             (Intent::Pause(of), what.to_owned())
         }
         Action::Pause if flags.paused => {
             let key = model.keymap.key(Action::Resume);
-            return wrong(&format!("it is paused already, {key} resumes it"));
+            return wrong(&wording::is_paused_already(&key));
         }
         Action::Pause => {
-            return wrong("only a candidate or a provisional version that is not paused can be paused");
+            return wrong(wording::ONLY_UNPAUSED_CAN_BE_PAUSED);
         }
         Action::Resume if state.may_resume(&flags, is_held(model, id)) => {
             let what = if state == State::Active {
-                "It is confirmed once its window is over without a trip"
+                wording::RESUMED_ACTIVE_IS_CONFIRMED
             } else {
-                "It continues from its state; this approves nothing"
+                wording::RESUMED_CONTINUES
             };
             (Intent::Resume(of), what.to_owned())
         }
-        Action::Resume => return wrong("only what is paused or on hold can be resumed"),
-        Action::Refuse if is_candidate => {
-            (Intent::Reject(of), "It never comes back under this version".to_owned())
-        }
-        Action::Refuse => return wrong("only a candidate can be rejected"),
+        Action::Resume => return wrong(wording::ONLY_PAUSED_OR_HELD_CAN_BE_RESUMED),
+        Action::Refuse if is_candidate => (Intent::Reject(of), wording::NEVER_COMES_BACK.to_owned()),
+        Action::Refuse => return wrong(wording::ONLY_A_CANDIDATE_CAN_BE_REJECTED),
         Action::Demote if state == State::Active && rollback_target(model, id).is_none() => {
-            return wrong("no version would take over; B deactivates the last version");
+            return wrong(wording::NO_VERSION_WOULD_TAKE_OVER);
         }
         Action::Demote if is_candidate || state == State::Active => {
-            (Intent::Demote(of), leaves(model, id, state, "It is evaluated again before it may act"))
+            (Intent::Demote(of), leaves(model, id, state, wording::EVALUATED_BEFORE_IT_MAY_ACT))
         }
-        Action::Demote => return wrong("only a candidate or an active version can be returned"),
+        Action::Demote => return wrong(wording::ONLY_A_CANDIDATE_OR_ACTIVE_CAN_BE_RETURNED),
         Action::Rollback if state == State::Active && rollback_target(model, id).is_none() => {
-            (Intent::Vacate(of), leaves(model, id, state, "An operator has to reactivate the family"))
+            (Intent::Vacate(of), leaves(model, id, state, wording::FAMILY_MUST_BE_REACTIVATED))
         }
         Action::Rollback if state == State::Active => {
-            (Intent::Rollback(of), leaves(model, id, state, "It never comes back under this version"))
+            (Intent::Rollback(of), leaves(model, id, state, wording::NEVER_COMES_BACK))
         }
-        Action::Rollback => return wrong("only an active version can be rolled back"),
+        Action::Rollback => return wrong(wording::ONLY_AN_ACTIVE_VERSION_CAN_BE_ROLLED_BACK),
         Action::Restrict if state == State::Active && !flags.restricted => {
-            (Intent::Restrict(of), "Its speed and force are tightened until it is settled".to_owned())
+            (Intent::Restrict(of), wording::RESTRICTED_UNTIL_SETTLED.to_owned())
         }
-        Action::Restrict => return wrong("only an active version that is not restricted can be restricted"),
+        Action::Restrict => return wrong(wording::ONLY_AN_UNRESTRICTED_ACTIVE_VERSION_CAN_BE_RESTRICTED),
         Action::Repeat if !flags.paused && flags.running.is_none() && repeats(state) => {
-            (Intent::Repeat(of), "Its sandbox is run again; gate pass and approvals are void".to_owned())
+            (Intent::Repeat(of), wording::SANDBOX_RUNS_AGAIN.to_owned())
         }
         Action::Repeat => {
-            return wrong("only a sandboxed, shadowed or demoted version at rest is evaluated again");
+            return wrong(wording::ONLY_A_VERSION_AT_REST_IS_EVALUATED_AGAIN);
         }
         Action::Release if state == State::Active && flags.restricted => {
-            let what = "It gets its full envelope; its window and its charts start over";
+            let what = wording::FULL_ENVELOPE_AGAIN;
             (Intent::Release(of), what.to_owned())
         }
-        Action::Release => return wrong("only a restricted version can be released"),
+        Action::Release => return wrong(wording::ONLY_A_RESTRICTED_VERSION_CAN_BE_RELEASED),
         Action::Continue if has_open_request(model, id) => {
-            (Intent::Continue(of), "The monitor's question is closed; its charts start over".to_owned())
+            (Intent::Continue(of), wording::MONITOR_QUESTION_CLOSED.to_owned())
         }
-        Action::Continue => return wrong("its monitor asks nothing"),
+        Action::Continue => return wrong(wording::MONITOR_ASKS_NOTHING),
         Action::Rearm if stopped(model, id) && matches!(state, State::Superseded | State::Demoted) => {
-            (Intent::Rearm(of), format!("{} acts again, under this version", id.family))
+            (Intent::Rearm(of), wording::family_acts_again(&id.family))
         }
         Action::Rearm => {
-            return wrong("only a superseded version of a stopped family can be reactivated");
+            return wrong(wording::ONLY_A_SUPERSEDED_VERSION_CAN_BE_REACTIVATED);
         }
-        Action::Anchor if matches!(state, State::Active | State::Superseded) => (
-            Intent::Anchor(of),
-            "Candidates are compared with it, too, from their next sandbox on".to_owned(),
-        ),
-        Action::Anchor => return wrong("only a version that is or was in control can be the anchor"),
-        _ => return Err(format!("{:?} is not about a version", action.name())),
+        Action::Anchor if matches!(state, State::Active | State::Superseded) => {
+            (Intent::Anchor(of), wording::COMPARED_WITH_THE_ANCHOR.to_owned())
+        }
+        Action::Anchor => return wrong(wording::ONLY_A_VERSION_IN_CONTROL_CAN_BE_THE_ANCHOR),
+        _ => return Err(wording::is_not_about_a_version(action.name())),
     };
     Ok((intent, vec![now, consequence]))
 }
@@ -266,7 +261,7 @@ pub(super) fn break_glass(model: &mut ConsoleModel) -> Vec<Effect> {
         return effects;
     }
     let Some(id) = model.version_here() else {
-        return refuse(model, "there is no version under the cursor");
+        return refuse(model, shared::NO_VERSION_HERE);
     };
     let prompt = model.engine_data.snapshot.as_ref().and_then(|snapshot| {
         let question = snapshot.emergencies.iter().find(|question| question.version == id)?;
@@ -278,7 +273,7 @@ pub(super) fn break_glass(model: &mut ConsoleModel) -> Vec<Effect> {
             model.input.typing = None;
             Vec::new()
         }
-        None => refuse(model, &format!("break-glass does not apply to {id}")),
+        None => refuse(model, &wording::no_break_glass_for(&id)),
     }
 }
 
@@ -299,11 +294,11 @@ pub(super) fn confirm_time(model: &mut ConsoleModel) -> Vec<Effect> {
 /// The time of the machine's clock, now or as it was read, and why it is not trusted; an error if it is.
 fn clock_lines(model: &ConsoleModel, read: Option<WallTime>) -> Result<(WallTime, Vec<String>), String> {
     let mismatch = model.engine_data.snapshot.as_ref().and_then(|snapshot| snapshot.clock_doubt.as_ref());
-    let mismatch = mismatch.ok_or_else(|| "the machine's clock is trusted".to_owned())?;
+    let mismatch = mismatch.ok_or_else(|| wording::CLOCK_IS_TRUSTED.to_owned())?;
     let time = read.unwrap_or(mismatch.said);
     let lines = vec![
-        format!("{}; it said {} when this was opened", mismatch.text, time.label()),
-        "Compare it with another clock; approvals, freezes and reviews then end by it".to_owned(),
+        wording::clock_when_opened(&mismatch.text, &time.label()),
+        wording::COMPARE_THE_CLOCK.to_owned(),
     ];
     Ok((time, lines))
 }
@@ -319,21 +314,18 @@ pub(super) fn note(model: &mut ConsoleModel, text: &str) -> Vec<Effect> {
 }
 
 fn note_lines() -> Vec<String> {
-    vec!["It goes on record, into the log, and into Health as a mark; it changes nothing else".to_owned()]
+    vec![wording::NOTE_GOES_ON_RECORD.to_owned()]
 }
 
 fn goal_lines(model: &ConsoleModel) -> Vec<String> {
     let now = model.engine_data.snapshot.as_ref().map_or("", |snapshot| snapshot.live.goal.as_str());
-    vec![
-        format!("The goal is now {now}; this one applies from the next sequence on"),
-        "A candidate of a family that the goal leaves out meets no task in shadow".to_owned(),
-    ]
+    vec![wording::goal_applies_next(now), wording::GOAL_LEAVES_FAMILIES_OUT.to_owned()]
 }
 
 /// Opens the form that blocks the version under the cursor for a profile, or unblocks it.
 pub(super) fn on_profile(model: &mut ConsoleModel, profile: ProfileName, close: bool) -> Vec<Effect> {
     let Some(id) = model.version_here() else {
-        return refuse(model, "there is no version under the cursor");
+        return refuse(model, shared::NO_VERSION_HERE);
     };
     let lines = profile_lines(model, &id, profile, close);
     open(model, Intent::Profile(id, profile, close), lines)
@@ -343,11 +335,9 @@ fn profile_lines(model: &ConsoleModel, id: &CapabilityId, profile: ProfileName, 
     let now = model.engine_data.snapshot.as_ref().map(|snapshot| snapshot.profile);
     let acts = model.version_state(id).is_some_and(|(state, _)| state == State::Active);
     let consequence = match (close, acts && now == Some(profile)) {
-        (true, true) => {
-            leaves(model, id, State::Active, "It is active under this profile, so it is rolled back")
-        }
-        (true, false) => format!("Under {} it is not activated; its state does not change", profile.name()),
-        (false, _) => format!("Under {} the gate looks at it again", profile.name()),
+        (true, true) => leaves(model, id, State::Active, wording::ROLLED_BACK_UNDER_THIS_PROFILE),
+        (true, false) => wording::not_activated_under(profile),
+        (false, _) => wording::gate_looks_again_under(profile),
     };
     vec![consequence]
 }
@@ -371,8 +361,8 @@ fn leaves(model: &ConsoleModel, id: &CapabilityId, state: State, otherwise: &str
         return otherwise.to_owned();
     }
     match rollback_target(model, id) {
-        Some(back) => format!("The arm stops; {back} takes over. {otherwise}"),
-        None => format!("The arm stops; {} is safe-stopped: there is no rollback target", id.family),
+        Some(back) => wording::arm_stops_and_other_takes_over(back, otherwise),
+        None => wording::arm_stops_and_family_is_safe_stopped(&id.family),
     }
 }
 
@@ -429,25 +419,25 @@ pub(super) fn abort(model: &ConsoleModel) -> Option<(Abort, Vec<String>)> {
 
 /// The consequences of an abort in the current state.
 fn abort_lines(model: &ConsoleModel, what: &Abort) -> Result<Vec<String>, String> {
-    let snapshot = model.engine_data.snapshot.as_ref().ok_or("nothing is known yet")?;
+    let snapshot = model.engine_data.snapshot.as_ref().ok_or(wording::NOTHING_KNOWN_YET)?;
     let acts = |id: &CapabilityId| snapshot.families.iter().any(|family| family.active.as_ref() == Some(id));
     let mut lines = match what {
         Abort::Active(id) | Abort::Last(id) if !acts(id) => {
-            return Err(format!("{id} is not active any more"));
+            return Err(wording::not_active_any_more(id));
         }
         Abort::Active(id) | Abort::Last(id) => {
             if matches!(what, Abort::Last(_)) == rollback_target(model, id).is_some() {
-                return Err(format!("the version that takes over from {id} has changed: look again"));
+                return Err(wording::rollback_target_changed(id));
             }
-            vec![leaves(model, id, State::Active, "It never comes back under this version")]
+            vec![leaves(model, id, State::Active, wording::NEVER_COMES_BACK)]
         }
         Abort::Candidate(id) if !is_under_way(model, id) => {
             let status = model.version_state(id);
             let status =
                 status.map_or_else(|| "gone".to_owned(), |(state, flags)| state_label(state, &flags));
-            return Err(format!("{id} is {status} by now: look again"));
+            return Err(wording::has_another_status(id, &status));
         }
-        Abort::Candidate(id) => vec![format!("{id} is paused in its state; active versions continue")],
+        Abort::Candidate(id) => vec![wording::paused_in_its_state(id)],
     };
     let versions = snapshot.candidates.iter().map(|candidate| &candidate.version);
     let rest = versions.filter(|id| is_under_way(model, id));
@@ -460,16 +450,12 @@ fn abort_lines(model: &ConsoleModel, what: &Abort) -> Result<Vec<String>, String
 /// versions beside which it was gathered.
 fn effect_of_abort(what: &Abort, id: &CapabilityId) -> String {
     match what {
-        Abort::Candidate(_) => format!("Not touched: {id}"),
-        Abort::Active(active) if active.family == id.family => {
-            format!("{id} was compared with {active}: its results are void, its sandbox has to run again")
-        }
+        Abort::Candidate(_) => wording::not_touched(id),
+        Abort::Active(active) if active.family == id.family => wording::results_are_void(id, active),
         Abort::Last(active) if active.family == id.family => {
-            format!("{id} waits: no version of {} is active that it can be compared with", id.family)
+            wording::nothing_to_be_compared_with(id, &id.family)
         }
-        Abort::Active(active) | Abort::Last(active) => {
-            format!("{id}: its sandbox has to run again if it works beside {}", active.family)
-        }
+        Abort::Active(active) | Abort::Last(active) => wording::sandbox_may_run_again(id, &active.family),
     }
 }
 
@@ -483,14 +469,14 @@ fn is_under_way(model: &ConsoleModel, id: &CapabilityId) -> bool {
 pub(super) fn on_alarm(model: &mut ConsoleModel, action: Action) -> Vec<Effect> {
     use crate::model::{HISTORY_PANE, View};
     if model.view_state.view != View::Alarms {
-        return refuse(model, "go to the alarms first (5, or ! for the highest)");
+        return refuse(model, wording::GO_TO_THE_ALARMS);
     }
     if model.view_state.pane() == HISTORY_PANE {
-        return refuse(model, "the history changes nothing; tab leads to the open alarms");
+        return refuse(model, wording::HISTORY_CHANGES_NOTHING);
     }
     let rows = model.alarm_rows();
     let Some(alarm) = rows.get(model.row()).map(|item| item.alarm().clone()) else {
-        return refuse(model, "there is no alarm under the cursor");
+        return refuse(model, wording::NO_ALARM_HERE);
     };
     let by = model.session.operator.as_ref().map_or_else(|| "console".to_owned(), |who| who.name.clone());
     match action {
@@ -523,18 +509,18 @@ pub(super) fn on_alarm(model: &mut ConsoleModel, action: Action) -> Vec<Effect> 
 pub(super) fn alarm_lines(alarm: &AlarmView, action: Action) -> Result<Vec<String>, String> {
     if action == Action::Shelve {
         if !alarm.priority.can_be_shelved() {
-            return Err("a critical alarm stays in sight: it cannot be shelved".to_owned());
+            return Err(wording::CRITICAL_STAYS_IN_SIGHT.to_owned());
         }
-        let what = "It comes back by itself; shelved alarms are counted on every screen".to_owned();
+        let what = wording::SHELVED_COMES_BACK.to_owned();
         return Ok(vec![holdpoint_wording::notice(&alarm.text), what]);
     }
     if alarm.state_below.is_present() {
-        return Err("its condition is still present: acknowledge it, and reset it when it is gone".to_owned());
+        return Err(wording::CONDITION_STILL_PRESENT.to_owned());
     }
     if !alarm.latching {
-        return Err("it does not wait for a reset".to_owned());
+        return Err(wording::WAITS_FOR_NO_RESET.to_owned());
     }
-    Ok(vec![holdpoint_wording::notice(&alarm.text), "It resumes nothing; say why it is safe".to_owned()])
+    Ok(vec![holdpoint_wording::notice(&alarm.text), wording::RESET_RESUMES_NOTHING.to_owned()])
 }
 
 /// Leaves the view, or opens the form that ends the program.
@@ -558,40 +544,38 @@ pub(super) fn quit(model: &mut ConsoleModel) -> Vec<Effect> {
 /// Ends only the console, if the engine can run without it.
 pub(super) fn detach(model: &mut ConsoleModel) -> Vec<Effect> {
     if model.engine_data.link == EngineLink::Own {
-        let text =
-            "this engine runs in this console and ends with it; start without `--in-process` to leave it";
+        let text = wording::ENGINE_IS_IN_THIS_CONSOLE;
         show_message(model, text.to_owned(), true);
         return Vec::new();
     }
     if model.engine_data.engine == EngineState::Starting {
-        return refuse(model, "the engine is being started: wait a moment");
+        return refuse(model, wording::ENGINE_IS_BEING_STARTED);
     }
     vec![Effect::Detach]
 }
 
 /// The consequences for the engine when the program ends.
 fn quit_lines(model: &ConsoleModel) -> Vec<String> {
-    let mut lines = vec!["The engine shuts down cleanly; this approves and activates nothing".to_owned()];
+    let mut lines = vec![wording::ENGINE_SHUTS_DOWN.to_owned()];
     let others = model.engine_data.other_consoles().count();
     if others > 0 {
-        lines.push(format!("{others} more at this engine lose it"));
+        lines.push(wording::others_lose_the_engine(others));
     }
     if model.engine_data.link == EngineLink::Attached {
-        lines.push("This is the last console; `:detach` leaves the engine running".to_owned());
+        lines.push(wording::LAST_CONSOLE.to_owned());
     }
     for candidate in model.engine_data.snapshot.iter().flat_map(|snapshot| &snapshot.candidates) {
         if let Some(progress) = &candidate.progress {
-            lines.push(format!(
-                "{} is in {} ({} of {}): that stage is run again at the next start",
-                candidate.version,
+            lines.push(wording::stage_runs_again(
+                &candidate.version,
                 progress.stage.name(),
                 progress.done,
-                progress.budget
+                progress.budget,
             ));
         } else if candidate.flags.awaiting_approval {
-            lines.push(format!("{} waits for approval: approvers are asked again", candidate.version));
+            lines.push(wording::approvers_are_asked_again(&candidate.version));
         } else if candidate.flags.provisional {
-            lines.push(format!("{} is provisional: its window starts over", candidate.version));
+            lines.push(wording::window_starts_over(&candidate.version));
         }
     }
     lines

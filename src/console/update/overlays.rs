@@ -14,6 +14,8 @@ use holdpoint_approvals::Passphrase;
 use holdpoint_approvals::keyfile::Protection;
 use holdpoint_governance::approval::ApprovalDecision;
 use holdpoint_text::is_visible;
+use holdpoint_wording::console::overlays as wording;
+use holdpoint_wording::console::shared;
 
 pub(super) fn palette_key(model: &mut ConsoleModel, key: KeyEvent) -> Vec<Effect> {
     let Some(Overlay::Palette(palette)) = &mut model.input.overlay else { return Vec::new() };
@@ -104,7 +106,7 @@ fn approval_action(model: &mut ConsoleModel, action: Option<Action>) -> Vec<Effe
             let (now_ms, snapshot) = (model.now_ms, model.engine_data.snapshot.clone());
             let read = snapshot.is_some_and(|snapshot| prompt.reread(&snapshot, now_ms));
             if !read {
-                show_message(model, "the question is closed", true);
+                show_message(model, shared::QUESTION_CLOSED, true);
                 model.input.overlay = None;
             }
             Vec::new()
@@ -219,9 +221,9 @@ fn close_stale(model: &mut ConsoleModel) {
     let text = match &model.input.overlay {
         Some(Overlay::Approval(prompt)) if prompt.closed => None,
         Some(Overlay::Approval(prompt)) if prompt.seen.granted => {
-            Some(format!("{} is approved and {}", prompt.seen.version, takeover_time(prompt.stopped)))
+            Some(wording::approved_and(&prompt.seen.version, takeover_time(prompt.stopped)))
         }
-        _ => Some("undecided: it waits, and is on hold from its deadline".to_owned()),
+        _ => Some(wording::UNDECIDED.to_owned()),
     };
     model.input.overlay = None;
     if let Some(text) = text {
@@ -301,7 +303,7 @@ pub(super) fn guard_again(model: &mut ConsoleModel) {
 /// Closes a form without effect, and says so to an operator who may believe that it was confirmed.
 fn leave_undone(model: &mut ConsoleModel) {
     let Some(Overlay::Form(form)) = &model.input.overlay else { return };
-    let text = format!("nothing was done: {}", form.intent.cancelled_text());
+    let text = wording::nothing_was_done(form.intent.cancelled_text());
     model.input.overlay = None;
     show_message(model, text, false);
 }
@@ -323,7 +325,7 @@ fn confirm(model: &mut ConsoleModel) -> Vec<Effect> {
     if let Intent::Identity(name) = &form.intent {
         let name = name.clone();
         model.input.overlay = None;
-        show_message(model, format!("making the identity {name}"), false);
+        show_message(model, wording::making_identity(&name), false);
         return vec![Effect::MakeIdentity(name)];
     }
     let confirmed = match form.confirm(model.session.operator.as_ref()) {

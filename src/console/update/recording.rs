@@ -12,21 +12,22 @@ use crate::replay::speed::Speed;
 use crate::replay::timeline::Timeline;
 use crate::replay::update::{ReplayEffect, ReplayMsg, ReplayMsgKind, update};
 use holdpoint_recordings::recording::Recording;
+use holdpoint_wording::console::recording as wording;
 
 /// Opens a recording, and says why no viewer shows it. What lies over the view, or is typed, stays.
 pub(super) fn open(model: &mut ConsoleModel, recording: Recording, why: &str) {
     let version = recording.about.version.to_string();
     if model.input.overlay.is_some() || model.input.typing.is_some() {
-        let text = format!("the recording of {version} is read; ask for it again to see it");
+        let text = wording::read_while_busy(&version);
         return show_message(model, text, false);
     }
     if recording.span_ms().is_none() {
-        let text = format!("the recording of {version} has neither frames nor events yet");
+        let text = wording::holds_nothing_yet(&version);
         return show_message(model, text, true);
     }
     let replay = ReplayModel::new(Timeline::new(recording), Speed::default());
     model.input.overlay = Some(Overlay::Replay(Box::new(replay)));
-    show_message(model, format!("{why}; this terminal replays it"), false);
+    show_message(model, wording::replayed_here(why), false);
 }
 
 /// Keys of the replay. The arm can be stopped meanwhile, unless a jump target is typed.

@@ -11,6 +11,7 @@ use crate::model::{ConsoleModel, HISTORY_PANE, ItemKey, UndoableAction, View};
 use crate::rows::AlarmItem;
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_protocol::snapshot::AlarmView;
+use holdpoint_wording::console::selection as wording;
 
 /// The most versions that one question names.
 const TOGETHER_MAX: usize = 20;
@@ -47,7 +48,7 @@ pub(super) fn mark(model: &mut ConsoleModel) -> Vec<Effect> {
             }
             announce_selection(model);
         }
-        _ => return refuse(model, "there is nothing under the cursor that can be marked"),
+        _ => return refuse(model, wording::NOTHING_TO_MARK),
     }
     let last = model.row_count().saturating_sub(1);
     navigation::set_row(model, (at + 1).min(last));
@@ -58,13 +59,13 @@ pub(super) fn mark(model: &mut ConsoleModel) -> Vec<Effect> {
 fn announce_selection(model: &mut ConsoleModel) {
     let key = |action| model.keymap.key(action);
     let text = match model.view_state.marked_versions.len() {
-        0 => "nothing is marked".to_owned(),
-        count => format!(
-            "{count} marked: {} rejects, {} pauses, {} copies them, {} takes the marks away",
-            key(Action::Refuse),
-            key(Action::Pause),
-            key(Action::Copy),
-            key(Action::Back)
+        0 => wording::NOTHING_MARKED.to_owned(),
+        count => wording::marked(
+            count,
+            &key(Action::Refuse),
+            &key(Action::Pause),
+            &key(Action::Copy),
+            &key(Action::Back),
         ),
     };
     show_message(model, text, false);
@@ -105,7 +106,7 @@ pub(super) fn on_versions(model: &mut ConsoleModel, action: Action) -> Option<Ve
         Action::Demote | Action::Rollback | Action::Restrict => None,
         _ => {
             let (count, key) = (marked.len(), model.keymap.key(Action::Back));
-            let why = format!("{count} are marked, and this acts on one alone: {key} takes the marks away");
+            let why = wording::acts_on_one(count, &key);
             Some(refuse(model, &why))
         }
     }
@@ -115,14 +116,14 @@ pub(super) fn on_versions(model: &mut ConsoleModel, action: Action) -> Option<Ve
 fn together(model: &mut ConsoleModel, action: Action, marked: &[CapabilityId]) -> Vec<Effect> {
     let room = usize::from(model.size.1).saturating_sub(QUESTION_ROWS).min(TOGETHER_MAX);
     if marked.len() > room {
-        let why = format!("{} are marked, and one question on this screen names {room}", marked.len());
+        let why = wording::too_many(marked.len(), room);
         return refuse(model, &why);
     }
     let mut each = Vec::new();
     for id in marked {
         match operations::intent(model, action, id) {
             Ok((intent, _)) => each.push(intent),
-            Err(why) => return refuse(model, &format!("{why}: take its mark away")),
+            Err(why) => return refuse(model, &wording::take_its_mark_away(&why)),
         }
     }
     let intent = match <[Intent; 1]>::try_from(each) {
@@ -199,7 +200,7 @@ pub(super) fn acknowledge(model: &mut ConsoleModel, by: &str) -> Vec<Effect> {
     }
     if marked.is_empty() {
         model.view_state.marked.clear();
-        return refuse(model, "every alarm that was marked is acknowledged already");
+        return refuse(model, wording::ALL_ACKNOWLEDGED);
     }
     effects
 }
@@ -208,10 +209,10 @@ pub(super) fn acknowledge(model: &mut ConsoleModel, by: &str) -> Vec<Effect> {
 pub(super) fn takes(alarm: &AlarmView, action: Action) -> Result<(), String> {
     match action {
         Action::Acknowledge if alarm.acknowledged_by.is_some() => {
-            Err("it is already acknowledged".to_owned())
+            Err(wording::ALREADY_ACKNOWLEDGED.to_owned())
         }
         Action::Acknowledge => Ok(()),
-        Action::Unshelve if alarm.shelf.is_none() => Err("it is not shelved".to_owned()),
+        Action::Unshelve if alarm.shelf.is_none() => Err(wording::NOT_SHELVED.to_owned()),
         Action::Unshelve => Ok(()),
         _ => operations::alarm_lines(alarm, action).map(drop),
     }

@@ -10,6 +10,8 @@ use crate::commands::{self, ConsoleCommand};
 use crate::effect::{Effect, EngineQuery};
 use crate::line::EditLine;
 use crate::model::{CompletionMenu, ConsoleModel, Overlay, Typing, View};
+use holdpoint_wording::console::shared;
+use holdpoint_wording::console::text_entry as wording;
 
 const HISTORY_MAX: usize = 100;
 
@@ -103,7 +105,7 @@ fn finish(model: &mut ConsoleModel) -> Vec<Effect> {
         Some(Typing::Find(line)) => {
             line.text().clone_into(&mut model.view_state.search);
             if !find_in_view::is_there(model, line.text()) {
-                show_message(model, format!("{:?} is not in this list", line.text()), true);
+                show_message(model, shared::not_in_this_list(line.text()), true);
             }
             Vec::new()
         }
@@ -140,7 +142,7 @@ fn finish(model: &mut ConsoleModel) -> Vec<Effect> {
 
 fn run(model: &mut ConsoleModel, command: ConsoleCommand) -> Vec<Effect> {
     if model.settings.read_only && command.changes_something() {
-        show_message(model, "this console is read-only", true);
+        show_message(model, shared::READ_ONLY, true);
         return Vec::new();
     }
     match command {
@@ -156,28 +158,25 @@ fn run(model: &mut ConsoleModel, command: ConsoleCommand) -> Vec<Effect> {
                 return vec![Effect::UseTheme(name)];
             }
             let known = model.themes.join(", ");
-            show_message(model, format!("there is no theme {name:?}; there are {known}"), true);
+            show_message(model, wording::no_such_theme(&name, &known), true);
             Vec::new()
         }
         ConsoleCommand::StateFilter(filter) => super::navigation::filter_by_state(model, filter),
         ConsoleCommand::Pace(times) => {
-            engine_requests::send_query(model, "change the pace".to_owned(), EngineQuery::Pace(times))
+            engine_requests::send_query(model, wording::CHANGE_THE_PACE.to_owned(), EngineQuery::Pace(times))
         }
         ConsoleCommand::PaceNow => {
             let pace = model.engine_data.snapshot.as_ref().map(|now| now.live.pace);
             let text = match pace {
-                None => "no engine has told a pace yet".to_owned(),
-                Some(None) => "the live cell runs as fast as it computes; `:pace N` changes it".to_owned(),
-                Some(Some(times)) => {
-                    format!("the live cell runs {times} simulated seconds a second; `:pace N` changes it")
-                }
+                None => wording::NO_PACE_YET.to_owned(),
+                Some(times) => wording::pace(times),
             };
             show_message(model, text, false);
             Vec::new()
         }
         ConsoleCommand::Drift(drift) => {
             let question = EngineQuery::Drift(drift);
-            engine_requests::send_query(model, "let a drift set in".to_owned(), question)
+            engine_requests::send_query(model, wording::LET_A_DRIFT_SET_IN.to_owned(), question)
         }
         ConsoleCommand::Profile(profile, close) => super::operations::on_profile(model, profile, close),
         ConsoleCommand::Goal(goal) => super::operations::goal(model, goal),
@@ -275,7 +274,7 @@ pub(super) fn paste(model: &mut ConsoleModel, text: &str) -> Vec<Effect> {
             } else if let Some(line) = form.line_mut() {
                 line.paste(text);
             } else {
-                show_message(model, "pasted text is ignored here", false);
+                show_message(model, wording::PASTE_IGNORED, false);
             }
         }
         (None, Some(Overlay::Approval(prompt))) if prompt.signing.is_some() => {
@@ -284,7 +283,7 @@ pub(super) fn paste(model: &mut ConsoleModel, text: &str) -> Vec<Effect> {
             }
         }
         (None, Some(Overlay::Approval(_))) => {
-            show_message(model, "a prompt takes no pasted text: type it", true);
+            show_message(model, wording::NO_PASTE_IN_A_PROMPT, true);
         }
         (None, Some(Overlay::Replay(replay))) if replay.typing.is_some() => {
             if let Some(line) = &mut replay.typing {
@@ -302,7 +301,7 @@ pub(super) fn paste(model: &mut ConsoleModel, text: &str) -> Vec<Effect> {
             )
             | None,
         ) => {
-            show_message(model, "pasted text is ignored here", false);
+            show_message(model, wording::PASTE_IGNORED, false);
         }
     }
     Vec::new()

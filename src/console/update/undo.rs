@@ -10,9 +10,7 @@ use crate::form::DismissedForm;
 use crate::model::{ConsoleModel, ItemKey, UndoChange, UndoableAction};
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_protocol::command::Command;
-
-/// Why there is nothing to undo.
-pub(super) const NOTHING: &str = "no shelving, hold, mark or goal of this console is left to undo";
+use holdpoint_wording::console::undo as wording;
 
 /// What an accepted command does to the actions that can be undone.
 pub(super) fn change(model: &ConsoleModel, command: &Command) -> Option<UndoChange> {
@@ -66,10 +64,10 @@ pub(super) fn undo(model: &mut ConsoleModel) -> Vec<Effect> {
     });
     let is_open = |change: &Option<UndoChange>| matches!(change, Some(UndoChange::Adds(_)));
     if let Some(pending) = model.requests.pending.values().find(|pending| is_open(&pending.undo)) {
-        let why = format!("{}: the engine has not answered yet, so nothing is undone", pending.what);
+        let why = wording::not_answered_yet(&pending.what);
         return refuse(model, &why);
     }
-    let Some((action, done_ms)) = model.undo.last().cloned() else { return refuse(model, NOTHING) };
+    let Some((action, done_ms)) = model.undo.last().cloned() else { return refuse(model, wording::NOTHING) };
     if let UndoableAction::Mark(item) = &action {
         unmark(model, item);
         model.undo.remove(&action);
@@ -77,15 +75,13 @@ pub(super) fn undo(model: &mut ConsoleModel) -> Vec<Effect> {
     }
     // The comparison needs a snapshot from after the action.
     if model.engine_data.snapshot_ms <= done_ms {
-        return not_undone(model, &action, "the engine has not shown its result yet: wait a moment");
+        return not_undone(model, &action, wording::RESULT_NOT_SHOWN);
     }
     let undone = match &action {
         UndoableAction::Shelve(alarm) => unshelve(model, alarm),
         UndoableAction::Hold(id) => resume(model, id),
         UndoableAction::Goal { set, before } => previous_goal(model, set, before),
-        UndoableAction::Acknowledge(alarm) => {
-            Err(format!("{alarm}: an acknowledgment records that you saw the alarm, and has no reverse"))
-        }
+        UndoableAction::Acknowledge(alarm) => Err(wording::acknowledgment_has_no_reverse(alarm)),
         UndoableAction::Mark(_) => Ok(Vec::new()),
     };
     undone.unwrap_or_else(|why| {
@@ -99,7 +95,7 @@ fn not_undone(model: &mut ConsoleModel, action: &UndoableAction, why: &str) -> V
     if matches!(action, UndoableAction::Hold(_) | UndoableAction::Goal { .. }) {
         model.input.refused_form = Some(DismissedForm::new(String::new(), model.now_ms));
     }
-    refuse(model, &format!("not undone: {why}"))
+    refuse(model, &wording::not_undone(why))
 }
 
 fn unmark(model: &mut ConsoleModel, item: &ItemKey) {
@@ -114,7 +110,7 @@ fn unmark(model: &mut ConsoleModel, item: &ItemKey) {
         }
         _ => return,
     };
-    show_message(model, format!("undone: {name} is not marked any more"), false);
+    show_message(model, wording::not_marked_any_more(&name), false);
 }
 
 fn unshelve(model: &mut ConsoleModel, alarm: &str) -> Result<Vec<Effect>, String> {
@@ -122,12 +118,12 @@ fn unshelve(model: &mut ConsoleModel, alarm: &str) -> Result<Vec<Effect>, String
     let view = operations::alarm_now(model, alarm).map_err(|why| format!("{alarm}: {why}"))?;
     selection::takes(view, Action::Unshelve).map_err(|why| format!("{alarm}: {why}"))?;
     if let Some((other, _, _)) = view.shelf.as_ref().filter(|(shelved_by, _, _)| *shelved_by != by) {
-        return Err(format!("{alarm} is shelved by {other} now"));
+        return Err(wording::shelved_by_another(alarm, other));
     }
     let question = EngineQuery::Unshelve { alarm: alarm.to_owned(), by };
     let effects = engine_requests::send_query(model, format!("unshelve {alarm}"), question);
     if !effects.is_empty() {
-        show_message(model, format!("undo: unshelve {alarm}: asked"), false);
+        show_message(model, wording::unshelve_asked(alarm), false);
     }
     Ok(effects)
 }
@@ -140,9 +136,7 @@ fn resume(model: &mut ConsoleModel, id: &CapabilityId) -> Result<Vec<Effect>, St
 fn previous_goal(model: &mut ConsoleModel, set: &str, before: &str) -> Result<Vec<Effect>, String> {
     let now = goal_now(model);
     if now != set {
-        return Err(format!(
-            "the goal is {now} now, and no longer {set}; `:goal {before}` sets the one before it"
-        ));
+        return Err(wording::goal_has_changed(now, set, before));
     }
     Ok(operations::goal(model, before.to_owned()))
 }

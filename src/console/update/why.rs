@@ -12,6 +12,7 @@ use crate::player::Player;
 use crate::rows::CandidateItem;
 use holdpoint_governance::decision::Dimension;
 use holdpoint_protocol::film::{Film, FilmRequest, FilmSubject};
+use holdpoint_wording::console::why as wording;
 
 /// Opens the explanation of the item under the cursor of the candidate view. Returns whether there is one.
 pub(crate) fn open(model: &mut ConsoleModel) -> bool {
@@ -81,7 +82,7 @@ fn request_episode(model: &mut ConsoleModel) -> Vec<Effect> {
     match detail.and_then(|detail| detail.why.get(at)).and_then(|why| why.film) {
         Some(request) => watch(model, version, request),
         None => {
-            show_message(model, "there is no re-run for this check", true);
+            show_message(model, wording::NO_RERUN, true);
             Vec::new()
         }
     }
@@ -93,11 +94,11 @@ fn watch(
     request: FilmRequest,
 ) -> Vec<Effect> {
     if model.requests.pending.values().any(|pending| pending.about == RequestSubject::Film) {
-        show_message(model, "a re-run is already in progress", false);
+        show_message(model, wording::RERUN_IN_PROGRESS, false);
         return Vec::new();
     }
-    show_message(model, "working it again", false);
-    engine_requests::send_query(model, format!("see {version} work"), EngineQuery::Film { version, request })
+    show_message(model, wording::WORKING_AGAIN, false);
+    engine_requests::send_query(model, wording::see_it_work(&version), EngineQuery::Film { version, request })
 }
 
 /// Takes in a film and shows it if the operator still waits there.
@@ -108,7 +109,7 @@ pub(super) fn film(model: &mut ConsoleModel, film: Box<Film>) {
         _ => false,
     };
     if !waits {
-        return show_message(model, "the re-run is ready; ask for it again to see it", false);
+        return show_message(model, wording::RERUN_READY, false);
     }
     let back = match model.input.overlay.take() {
         Some(Overlay::Why(screen)) => screen,
@@ -137,7 +138,7 @@ pub(super) fn film_key(model: &mut ConsoleModel, key: KeyEvent, action: Option<A
         (KeyCode::Char('m') | KeyCode::Enter, _) => {
             let fails = player.to_failure();
             if !fails {
-                show_message(model, "nothing goes wrong in it", false);
+                show_message(model, wording::NOTHING_GOES_WRONG, false);
             }
         }
         (KeyCode::Char(']'), _) => player.to_mark(true),
@@ -175,11 +176,7 @@ fn adjacent_piece(model: &mut ConsoleModel, forward: bool) -> Vec<Effect> {
                 FilmSubject::Drill => "failed drill",
                 FilmSubject::Episode | FilmSubject::Confirmation | FilmSubject::Alone => "episode",
             };
-            show_message(
-                model,
-                format!("this is the {} {what}", if forward { "last" } else { "first" }),
-                false,
-            );
+            show_message(model, wording::first_or_last(if forward { "last" } else { "first" }, what), false);
             Vec::new()
         }
     }

@@ -19,17 +19,19 @@ use crate::widgets::pen::{Pen, below, cut};
 use crate::widgets::row::{Row, wrap};
 use holdpoint_governance::calendar;
 use holdpoint_protocol::health::AlarmStep;
+use holdpoint_wording::console::alarms as wording;
+use holdpoint_wording::console::shared;
 
 /// Lines for the one under the cursor.
 const DETAIL_ROWS: u16 = 9;
 
 pub fn draw(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
     let spells = model.alarm_spells();
-    let inside = pen.pane(area, "Alarms of the last 30 days", true, &place(spells.len(), model.row()));
+    let inside = pen.pane(area, wording::LAST_30_DAYS, true, &place(spells.len(), model.row()));
     if spells.is_empty() {
         let text = match &model.engine_data.alarm_history {
-            None => "The record is being read",
-            Some(_) => "No alarm was raised in the last 30 days",
+            None => shared::RECORD_IS_BEING_READ,
+            Some(_) => wording::NONE_IN_30_DAYS,
         };
         pen.text(inside, 0, ThemeRole::Muted, text);
         return;

@@ -31,7 +31,9 @@ use holdpoint_governance::alarms::{AlarmKey, AlarmState, AlarmSummary, FLOOD_STA
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_protocol::health::AlarmEpisode;
 use holdpoint_protocol::snapshot::AlarmView;
-use holdpoint_wording::{alarm as wording, notice};
+use holdpoint_wording::console::alarms as wording;
+use holdpoint_wording::console::shared;
+use holdpoint_wording::{alarm as alarm_wording, notice};
 
 /// Columns of the priority: number, sign, word, and the mark with a blank on both sides.
 const PRIORITY: usize = 10;
@@ -50,10 +52,10 @@ impl ConsoleView for AlarmsBehavior {
             action: "alarms",
             keys: &["5"],
             help: "Alarms",
-            tour: "Space says that you have seen an alarm, and resumes nothing",
+            tour: wording::TOUR,
             panes: &["Open", "History"],
             scopes: &[Scope::Alarms],
-            fixed_order: Some("alarms stand in the order of attention"),
+            fixed_order: Some(wording::ORDER_OF_ATTENTION),
             queries_by_pane: true,
             is_about_version: false,
         }
@@ -200,7 +202,7 @@ fn draw(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
     let title = title(summary);
     let inside = pen.pane(area, &title, true, &place(items.len(), model.row()));
     if items.is_empty() {
-        pen.text(inside, 0, ThemeRole::Muted, "No alarm is open");
+        pen.text(inside, 0, ThemeRole::Muted, wording::NO_ALARM_OPEN);
         return;
     }
     let look = pen.look;
@@ -236,9 +238,9 @@ fn title(summary: Option<&AlarmSummary>) -> String {
         let recent = usize::try_from(recent).unwrap_or(usize::MAX);
         // The engine tells no more apart.
         let more = if recent > FLOOD_START { "more than " } else { "" };
-        format!(", {more}{} in 10 min (1 to 2 are normal)", recent.min(FLOOD_START))
+        wording::rate(more, recent.min(FLOOD_START))
     });
-    let flood = if summary.flood { " in a flood, critical ones apart" } else { "" };
+    let flood = if summary.flood { wording::IN_A_FLOOD } else { "" };
     format!("Alarms{flood}{rate}")
 }
 
@@ -264,7 +266,7 @@ fn row(item: AlarmItem<'_>, marked: bool, since: usize, model: &ConsoleModel, lo
     if let AlarmItem::Group { count, .. } = item {
         let is_open = model.view_state.opened_groups.contains(&alarm.subject);
         let glyph = look.glyph(if is_open { Glyph::Open } else { Glyph::Closed });
-        text = format!("{glyph} {count} alarms, the first: {text}");
+        text = wording::group(glyph, count, &text);
     }
     // Beside the priority: all marked alarms are acknowledged together.
     let mark = if marked { format!(" {}", look.glyph(Glyph::Marked)) } else { String::new() };
@@ -285,34 +287,27 @@ fn detail_rows(item: AlarmItem<'_>, model: &ConsoleModel, look: &Look, width: us
     let text = crate::widgets::row::wrap(&notice(&alarm.text), width, 2);
     let mut rows: Vec<Row> = text.iter().map(|line| Row::of(ThemeRole::Text, line)).collect();
     if let Ok(key) = alarm.alarm.parse::<AlarmKey>() {
-        let (then, look_at) = (wording::consequence(key.kind()), wording::look_at(key.kind()));
-        rows.push(Row::of(ThemeRole::Text, &format!("without action: {then}")));
-        rows.push(Row::of(ThemeRole::Text, &format!("look at: {look_at}")));
+        let (then, look_at) = (alarm_wording::consequence(key.kind()), alarm_wording::look_at(key.kind()));
+        rows.push(Row::of(ThemeRole::Text, &shared::without_action(then)));
+        rows.push(Row::of(ThemeRole::Text, &shared::look_at(look_at)));
     }
     let since = duration(model.engine_ms().saturating_sub(alarm.since_ms));
     let times = if alarm.raises == 1 { "once".to_owned() } else { format!("{} times", alarm.raises) };
-    let chatter = if alarm.chattering { ", chattering: shown as one" } else { "" };
-    rows.push(Row::of(
-        ThemeRole::Muted,
-        &format!("about {}, for {since}, raised {times}{chatter}", alarm.subject),
-    ));
+    let chatter = if alarm.chattering { wording::CHATTERING } else { "" };
+    rows.push(Row::of(ThemeRole::Muted, &wording::about(&alarm.subject, &since, &times, chatter)));
     rows.push(Row::of(ThemeRole::Text, &attention(alarm)));
     if let Some((by, why, until)) = &alarm.shelf {
         let back = until.as_deadline(model.time());
         let below = StateMark::alarm_state(alarm.state_below).label;
-        rows.push(Row::of(
-            ThemeRole::Text,
-            &format!("shelved by {by} until {back}, then {below} again: {why}"),
-        ));
+        rows.push(Row::of(ThemeRole::Text, &wording::shelved(by, &back, below, why)));
     }
     if alarm.latching {
         let latched = look.glyph(Glyph::Latched);
-        rows.push(Row::of(ThemeRole::Muted, &format!("{latched} stays until it is reset with a reason")));
+        rows.push(Row::of(ThemeRole::Muted, &wording::stays_until_reset(latched)));
     }
     if let AlarmItem::Group { count, .. } = item {
         let [open, acknowledge] = [Action::Open, Action::Acknowledge].map(|action| model.keymap.key(action));
-        let more =
-            format!("{count} alarms of {}: {open} shows each, {acknowledge} acknowledges all", alarm.subject);
+        let more = wording::group_keys(count, &alarm.subject, &open, &acknowledge);
         rows.push(Row::of(ThemeRole::Warning, &more));
     }
     rows
@@ -320,8 +315,8 @@ fn detail_rows(item: AlarmItem<'_>, model: &ConsoleModel, look: &Look, width: us
 
 fn attention(alarm: &AlarmView) -> String {
     match (&alarm.acknowledged_by, alarm.state) {
-        (Some(by), _) => format!("acknowledged by {by}; acknowledging resumes nothing"),
-        (None, AlarmState::ReturnedUnacknowledged) => "the condition is gone; not acknowledged".to_owned(),
+        (Some(by), _) => wording::acknowledged(by),
+        (None, AlarmState::ReturnedUnacknowledged) => wording::CONDITION_GONE.to_owned(),
         (
             None,
             AlarmState::Normal
@@ -329,6 +324,6 @@ fn attention(alarm: &AlarmView) -> String {
             | AlarmState::Acknowledged
             | AlarmState::Latched
             | AlarmState::Shelved,
-        ) => "not acknowledged".to_owned(),
+        ) => wording::NOT_ACKNOWLEDGED.to_owned(),
     }
 }

@@ -29,6 +29,8 @@ use crate::widgets::pen::{Pen, cut};
 use crate::widgets::row::{Row, wrap};
 use holdpoint_governance::approval::ApprovalDecision;
 use holdpoint_wording::approval::LineMark;
+use holdpoint_wording::console::approval_screen as wording;
+use holdpoint_wording::console::shared;
 
 /// The most lines of one sentence below the decision.
 const WRAPPED_MAX: usize = 5;
@@ -142,13 +144,13 @@ fn hanging(line: &str, lines: (usize, usize), width: usize) -> Vec<TextRow> {
 /// The visible part of the text, in words.
 fn extent(model: &ConsoleModel, first: usize, room: usize, count: usize) -> String {
     if count <= room {
-        return "all of it".to_owned();
+        return wording::ALL_OF_IT.to_owned();
     }
     let (down, up) = (model.keymap.key(Action::PageDown), model.keymap.key(Action::PageUp));
     let last = (first + room).min(count);
     let hidden = count - last;
-    let more = if hidden > 0 { format!("{hidden} more below: {down}") } else { format!("end, back: {up}") };
-    format!("lines {} to {last} of {count}, {more}", first + 1)
+    let more = if hidden > 0 { shared::more_below(hidden, &down) } else { wording::end_and_back(&up) };
+    wording::lines_shown(first + 1, last, count, &more)
 }
 
 /// The other operators who have this request open; empty if there are none.
@@ -161,9 +163,9 @@ fn readers(model: &ConsoleModel, prompt: &ApprovalScreen) -> String {
     let names: Vec<String> = here.map(|one| crate::formatters::console_label(one, own)).collect();
     match names.as_slice() {
         [] => String::new(),
-        [one] => format!("{one} is reading this"),
-        [one, two] => format!("{one} and {two} are reading this"),
-        [one, two, more @ ..] => format!("{one}, {two} and {} more are reading this", more.len()),
+        [one] => wording::one_reads(one),
+        [one, two] => wording::two_read(one, two),
+        [one, two, more @ ..] => wording::several_read(one, two, more.len()),
     }
 }
 
@@ -177,22 +179,22 @@ fn footer(model: &ConsoleModel, prompt: &ApprovalScreen, pen: &Pen<'_>, width: u
         let why = prompt
             .answered
             .as_ref()
-            .map_or_else(|| "nothing is left to decide here".to_owned(), ClosingAnswer::description);
+            .map_or_else(|| wording::NOTHING_LEFT_TO_DECIDE.to_owned(), ClosingAnswer::description);
         let text = format!("{} CLOSED{since}: {why}", pen.look.glyph(Glyph::Warning));
         rows.extend(wrapped(ThemeRole::Stale, &text, width));
         rows.extend(refused(prompt, width));
         let leaves = Row::of(ThemeRole::Key, "Enter").with(ThemeRole::Text, " or ");
         let back = model.keymap.key(Action::Back);
-        rows.push(leaves.with(ThemeRole::Key, &back).with(ThemeRole::Text, " leaves it"));
+        rows.push(leaves.with(ThemeRole::Key, &back).with(ThemeRole::Text, wording::LEAVES_IT));
         return rows;
     }
     if let Some(stale) = prompt.stale.as_ref().filter(|_| !prompt.closed) {
         let key = model.keymap.key(Action::Reread);
-        let text = format!(
-            "{} STALE: {} at {}; press {key} to read it again",
+        let text = wording::press_to_read_again(
             pen.look.glyph(Glyph::Warning),
             stale.what,
-            seconds(stale.at_ms)
+            &seconds(stale.at_ms),
+            &key,
         );
         rows.extend(wrapped(ThemeRole::Stale, &text, width));
     }
@@ -203,18 +205,15 @@ fn footer(model: &ConsoleModel, prompt: &ApprovalScreen, pen: &Pen<'_>, width: u
     let (unread, all) = (prompt.unread(), prompt.text().len());
     if unread > 0 && prompt.stale.is_none() {
         let key = model.keymap.key(Action::PageDown);
-        let text = format!(
-            "{} {unread} of {all} lines unread: {key} shows the next",
-            pen.look.glyph(Glyph::Warning)
-        );
+        let text = wording::lines_unread(pen.look.glyph(Glyph::Warning), unread, all, &key);
         rows.push(Row::of(ThemeRole::Warning, &text));
     }
     if let Some(signing) = &prompt.signing {
         let signs = match signing.what {
             ApprovalDecision::Approve => " Sign  ",
-            ApprovalDecision::Reject => " Sign and reject  ",
+            ApprovalDecision::Reject => wording::SIGN_AND_REJECT,
         };
-        rows.extend(signing_rows(model, signing, (signs, " back to the question"), pen, width));
+        rows.extend(signing_rows(model, signing, (signs, wording::BACK_TO_THE_QUESTION), pen, width));
         return rows;
     }
     rows.push(fields(prompt, pen, width));
@@ -239,7 +238,7 @@ fn footer(model: &ConsoleModel, prompt: &ApprovalScreen, pen: &Pen<'_>, width: u
             .with(ThemeRole::Key, "Enter")
             .with(ThemeRole::Text, " or ")
             .with(ThemeRole::Key, &key(Action::Back))
-            .with(ThemeRole::Text, if prompt.seen.granted { " leaves it so" } else { " Later" }),
+            .with(ThemeRole::Text, if prompt.seen.granted { wording::LEAVES_IT_SO } else { " Later" }),
     );
     rows
 }
@@ -252,13 +251,13 @@ pub(super) fn signing_rows<W>(
     pen: &Pen<'_>,
     width: usize,
 ) -> Vec<Row> {
-    let who = model.session.operator.as_ref().map_or("no operator", |who| who.name.as_str());
-    let head = format!("Passphrase of {who}: ");
+    let who = model.session.operator.as_ref().map_or(wording::NO_OPERATOR, |who| who.name.as_str());
+    let head = wording::passphrase_of(who);
     let room = width.saturating_sub(head.width() + 1);
     let mut row =
         Row::of(ThemeRole::Focus, &head).with(ThemeRole::Text, &"*".repeat(signing.secret.len().min(room)));
     if signing.request_id.is_some() {
-        row = Row::of(ThemeRole::Muted, "the passphrase is being checked");
+        row = Row::of(ThemeRole::Muted, wording::PASSPHRASE_CHECKED);
     }
     let mut rows = vec![row];
     if let Some(problem) = &signing.problem {
@@ -306,7 +305,8 @@ fn missing(model: &ConsoleModel, prompt: &ApprovalScreen, width: usize) -> Vec<R
     let rest = |all: &[DecisionObstacle]| {
         all.iter().copied().filter(|block| !both.contains(block)).collect::<Vec<_>>()
     };
-    let groups = [("First", both.clone()), ("to sign", rest(&approve)), ("to reject", rest(&reject))];
+    let groups =
+        [("First", both.clone()), (wording::TO_SIGN, rest(&approve)), (wording::TO_REJECT, rest(&reject))];
     let parts: Vec<String> = groups
         .iter()
         .filter(|(_, blocks)| !blocks.is_empty())
@@ -320,7 +320,7 @@ fn missing(model: &ConsoleModel, prompt: &ApprovalScreen, width: usize) -> Vec<R
 
 /// Why the last key did nothing.
 fn refused(prompt: &ApprovalScreen, width: usize) -> Vec<Row> {
-    let text = prompt.refused.map(|block| format!("That key did nothing: {}", block.hint()));
+    let text = prompt.refused.map(|block| wording::key_did_nothing(block.hint()));
     text.map_or_else(Vec::new, |text| wrapped(ThemeRole::Problem, &text, width))
 }
 

@@ -27,6 +27,7 @@ use crate::widgets::row::{Row, wrap};
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_protocol::snapshot::{CandidateView, EscalationView};
 use holdpoint_text::Untrusted;
+use holdpoint_wording::console::approvals as wording;
 
 /// View 6.
 pub struct ApprovalsBehavior;
@@ -38,11 +39,11 @@ impl ConsoleView for ApprovalsBehavior {
             brief_title: "Approve",
             action: "approvals",
             keys: &["6", "a"],
-            help: "Approvals that wait",
-            tour: "What waits for a person: enter opens it, and never approves",
+            help: wording::HELP,
+            tour: wording::TOUR,
             panes: &["List"],
             scopes: &[Scope::Version],
-            fixed_order: Some("what waits stands in the order of its deadlines"),
+            fixed_order: Some(wording::ORDER_OF_DEADLINES),
             queries_by_pane: false,
             is_about_version: false,
         }
@@ -85,14 +86,14 @@ impl ConsoleView for ApprovalsBehavior {
                 model.view_state.chosen = Some(row.version().clone());
                 return update::show(model, View::Candidate);
             }
-            None => return update::refuse(model, "nothing waits for people"),
+            None => return update::refuse(model, wording::NOTHING_WAITS),
         };
         match prompt {
             Some(prompt) => {
                 model.input.overlay = Some(Overlay::Approval(Box::new(prompt)));
                 Vec::new()
             }
-            None => update::refuse(model, "the candidate is gone"),
+            None => update::refuse(model, wording::CANDIDATE_GONE),
         }
     }
 
@@ -109,9 +110,9 @@ fn draw(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
     let items = model.waiting_rows();
     let height = u16::try_from(items.len() + 2).unwrap_or(u16::MAX).clamp(3, (area.height / 2).max(3));
     let (upper, lower) = cut(area, height);
-    let inside = pen.pane(upper, "Waits for people", true, &place(items.len(), model.row()));
+    let inside = pen.pane(upper, wording::WAITS_FOR_PEOPLE, true, &place(items.len(), model.row()));
     if items.is_empty() {
-        pen.text(inside, 0, ThemeRole::Muted, "Nothing waits for a person");
+        pen.text(inside, 0, ThemeRole::Muted, wording::NOTHING_WAITS_FOR_A_PERSON);
         return;
     }
     let width = usize::from(inside.width.saturating_sub(GUTTER));
@@ -125,8 +126,7 @@ fn draw(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
         WaitingRow::Standing(candidate) => standing_rows(model, candidate),
         WaitingRow::Approval(question) => {
             let key = model.keymap.key(Action::Open);
-            let mut lines =
-                vec![(ThemeRole::Waiting, format!("{key} opens the whole decision; it approves nothing"))];
+            let mut lines = vec![(ThemeRole::Waiting, wording::opens_the_decision(&key))];
             let safe = |line: &String| Untrusted::new(line.clone()).line().into_string();
             let now = model.engine_data.snapshot.as_deref();
             let status = now.and_then(|now| Some(now.status(model.candidate(&question.version)?)));
@@ -146,7 +146,7 @@ fn draw(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
     pen.rows(inside, 0, &rows);
     if hidden > 0 && inside.height > 0 {
         let last = inside.height - 1;
-        let more = format!("{} more lines in the prompt", hidden + 1);
+        let more = wording::more_lines(hidden + 1);
         pen.clear(Rect { y: inside.y + last, height: 1, ..inside });
         pen.row(inside, last, &Row::of(ThemeRole::Muted, &more));
     }
@@ -158,11 +158,11 @@ fn standing_rows(model: &ConsoleModel, candidate: &CandidateView) -> Vec<(ThemeR
     let status = now.status(candidate);
     let open = model.keymap.key(Action::Open);
     let act = standing(status.condition).map_or_else(String::new, |(_, action)| {
-        format!("; {}: {}, here and there", model.keymap.key(action), action.name())
+        wording::act_here_and_there(&model.keymap.key(action), action.name())
     });
     let told = holdpoint_wording::version_status(&candidate.version, &status);
     vec![
-        (ThemeRole::Waiting, format!("{open} opens its card{act}")),
+        (ThemeRole::Waiting, wording::opens_its_card(&open, &act)),
         (ThemeRole::Text, Untrusted::new(told).line().into_string()),
     ]
 }
@@ -170,23 +170,18 @@ fn standing_rows(model: &ConsoleModel, candidate: &CandidateView) -> Vec<(ThemeR
 /// A monitor's question in sentences.
 fn monitor_question_rows(model: &ConsoleModel, question: &EscalationView) -> Vec<(ThemeRole, String)> {
     let key = |action| model.keymap.key(action);
-    let mut lines = vec![(
-        ThemeRole::Waiting,
-        format!("The monitor of {} cannot decide by itself and asks a person", question.version),
-    )];
+    let mut lines = vec![(ThemeRole::Waiting, wording::monitor_asks(&question.version))];
     lines.extend(question.reasons.iter().map(|reason| (ThemeRole::Text, reason_line(reason))));
     let left = time_left(question.deadline_ms, model.engine_ms());
     let by = model.moment(question.deadline_ms);
-    lines.push((ThemeRole::Warning, format!("No answer by {by}, in {left}: it is rolled back")));
+    lines.push((ThemeRole::Warning, wording::no_answer_by(&by, &left)));
     lines.push((
         ThemeRole::Text,
-        format!(
-            "{} continues, {} releases it if it is restricted, {} rolls it back, {} tightens its envelope; each asks \
-             for a reason",
-            key(Action::Continue),
-            key(Action::Release),
-            key(Action::Rollback),
-            key(Action::Restrict)
+        wording::monitor_keys(
+            &key(Action::Continue),
+            &key(Action::Release),
+            &key(Action::Rollback),
+            &key(Action::Restrict),
         ),
     ));
     lines

@@ -25,6 +25,7 @@ use crate::widgets::row::{Row, wrap};
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::metrics::store_metrics::ObservedCounts;
 use holdpoint_governance::record::AuditRecord;
+use holdpoint_wording::console::audit as wording;
 
 /// The most lines for the record under the cursor.
 const DETAIL_ROWS_MAX: u16 = 8;
@@ -43,7 +44,7 @@ impl ConsoleView for AuditBehavior {
             action: "audit",
             keys: &["7"],
             help: "Audit log",
-            tour: "Each record has the hash of the one before; v checks them",
+            tour: wording::TOUR,
             panes: &["Events", "People", "Alarms", "Store", "All"],
             scopes: &[Scope::Version],
             fixed_order: Some(ORDER_OF_TIME),
@@ -142,10 +143,10 @@ fn draw(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
         let page = &model.engine_data.audit;
         let text = match (page.head, page.rows.is_empty(), model.filter().is_empty()) {
             // Every store has a first record.
-            (0, ..) => "No record has been read yet",
-            (_, true, true) => "There is no record of this kind",
-            (_, false, true) => "No record of this kind among those that were read",
-            (_, _, false) => "No record fits the filter",
+            (0, ..) => wording::NO_RECORD_READ,
+            (_, true, true) => wording::NO_RECORD_OF_THIS_KIND,
+            (_, false, true) => wording::NO_RECORD_OF_THIS_KIND_READ,
+            (_, _, false) => wording::NO_RECORD_FITS,
         };
         pen.text(below(inside, at), 0, ThemeRole::Muted, text);
         return;
@@ -212,7 +213,7 @@ fn line(row: &AuditItem<'_>, columns: &AuditColumns) -> Row {
 /// The text of a row; for a run, the number of its records.
 fn summary(row: &AuditItem<'_>) -> String {
     if row.count > 1 {
-        return format!("{} records of sealed telemetry, the newest: {}", row.count, sentence(row.record));
+        return wording::run_of_telemetry(row.count, &sentence(row.record));
     }
     sentence(row.record)
 }
@@ -228,8 +229,8 @@ fn raw(model: &ConsoleModel, record: &AuditRecord, pen: &mut Pen<'_>, area: Rect
     let lines = audit::raw(record);
     let scroll = model.view_state.opened.map_or(0, |opened| opened.scroll).min(lines.len().saturating_sub(1));
     let key = model.keymap.key(Action::Back);
-    let right = format!("line {} of {}, {key} closes", scroll + 1, lines.len());
-    let inside = pen.pane(area, &format!("Record {} as it was written", record.seq), true, &right);
+    let right = wording::raw_place(scroll + 1, lines.len(), &key);
+    let inside = pen.pane(area, &wording::raw_title(record.seq), true, &right);
     let width = usize::from(inside.width);
     let shown = lines.iter().skip(scroll).take(usize::from(inside.height));
     let rows: Vec<Row> = shown
@@ -260,12 +261,9 @@ fn counted(observed: &ObservedCounts) -> Option<String> {
     if *activations == 0 && *episodes == 0 {
         return None;
     }
-    let mut text = format!(
-        "since this engine began: {activations} let in, {unsafe_activations} unsafe; {episodes} tasks, {violations} \
-         violations"
-    );
+    let mut text = wording::counted(*activations, *unsafe_activations, *episodes, *violations);
     if *rollbacks > 0 {
-        text.push_str(&format!("; {recovered} of {rollbacks} rolled back safely"));
+        text.push_str(&wording::rolled_back_safely(*recovered, *rollbacks));
     }
     Some(text)
 }
@@ -274,29 +272,16 @@ fn counted(observed: &ObservedCounts) -> Option<String> {
 fn verified(model: &ConsoleModel, pen: &Pen<'_>) -> Row {
     let key = model.keymap.key(Action::Verify);
     match &model.engine_data.verified {
-        None => Row::of(
-            ThemeRole::Unknown,
-            &format!("{} chain not checked yet: ", pen.look.glyph(Glyph::Unknown)),
-        )
-        .with(ThemeRole::Key, &key)
-        .with(ThemeRole::Text, " checks it"),
+        None => Row::of(ThemeRole::Unknown, &wording::chain_not_checked(pen.look.glyph(Glyph::Unknown)))
+            .with(ThemeRole::Key, &key)
+            .with(ThemeRole::Text, wording::CHECKS_IT),
         Some(verified) if verified.holds => Row::of(
             ThemeRole::Good,
-            &format!(
-                "{} chain holds, {} records checked: {}",
-                pen.look.glyph(Glyph::Good),
-                verified.records,
-                verified.text
-            ),
+            &wording::chain_holds(pen.look.glyph(Glyph::Good), verified.records, &verified.text),
         ),
         Some(verified) => Row::of(
             ThemeRole::Bad,
-            &format!(
-                "{} CHAIN BROKEN after {} records: {}",
-                pen.look.glyph(Glyph::Bad),
-                verified.records,
-                verified.text
-            ),
+            &wording::chain_broken(pen.look.glyph(Glyph::Bad), verified.records, &verified.text),
         ),
     }
 }
@@ -304,7 +289,7 @@ fn verified(model: &ConsoleModel, pen: &Pen<'_>) -> Row {
 fn record(model: &ConsoleModel, row: &AuditItem<'_>, pen: &mut Pen<'_>, area: Rect) {
     let of = row.record;
     let key = model.keymap.key(Action::Open);
-    let right = format!("hash {}, {key} shows it raw", of.hash.short());
+    let right = wording::hash_and_key(&of.hash.short(), &key);
     let inside = pen.pane(area, &format!("Record {}", of.seq), false, &right);
     let head = format!("{}, {} {}", record_moment(of), of.kind, of.subject);
     let at = pen.text(inside, 0, ThemeRole::Title, &head);

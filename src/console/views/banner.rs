@@ -15,6 +15,7 @@ use crate::theme::StateMark;
 use crate::widgets::pen::Pen;
 use crate::widgets::row::Row;
 use holdpoint_governance::calendar;
+use holdpoint_wording::console::banner as wording;
 
 /// The width from which the views' line names the other consoles.
 pub const OTHERS_NAMED_FROM: u16 = 100;
@@ -81,50 +82,47 @@ fn warnings(model: &ConsoleModel, pen: &Pen<'_>, width: usize) -> Row {
             say(ThemeRole::Running, &format!("{} starting", pen.look.glyph(Glyph::Running)));
         }
         EngineState::Running => {}
-        EngineState::Ended(Ok(())) => say(ThemeRole::Problem, "ENGINE ENDED"),
+        EngineState::Ended(Ok(())) => say(ThemeRole::Problem, wording::ENGINE_ENDED),
         EngineState::Ended(Err(why)) if why.in_use => {
-            say(
-                ThemeRole::Problem,
-                &format!("NO ENGINE HERE: another one holds the store{}", seeking(model)),
-            );
+            say(ThemeRole::Problem, &wording::held_elsewhere(&seeking(model)));
         }
         EngineState::Ended(Err(why)) if why.orderly && model.engine_data.snapshot.is_none() => {
-            say(ThemeRole::Stale, &format!("NO ENGINE{}: {why}", seeking(model)));
+            say(ThemeRole::Stale, &wording::no_engine(&seeking(model), why));
         }
         EngineState::Ended(Err(why)) if why.orderly => {
-            say(ThemeRole::Stale, &format!("ENGINE ENDED{}: {why}", seeking(model)));
+            say(ThemeRole::Stale, &wording::engine_ended(&seeking(model), why));
         }
         EngineState::Ended(Err(why)) => {
             // An engine in another process that gave no reason: the time since its last data is enough.
             let unsaid = model.engine_data.link == EngineLink::Attached && !why.from_engine;
             let last = model.engine_data.snapshot.as_ref().filter(|_| unsaid);
             let rest = match last {
-                Some(last) => format!(", last heard {}", seconds(last.at_ms)),
+                Some(last) => wording::last_heard(&seconds(last.at_ms)),
                 // The age of the data stands behind it.
                 None if why.from_engine => format!(": {}", super::short(&why.to_string(), width / 3)),
                 None => format!(": {why}"),
             };
-            say(ThemeRole::Problem, &format!("ENGINE GONE{}{rest}", seeking(model)));
+            say(ThemeRole::Problem, &wording::engine_gone(&seeking(model), &rest));
         }
     }
     if let Some(reading) = model.engine_data.snapshot.as_ref().and_then(|snapshot| snapshot.reading) {
-        say(ThemeRole::Stale, &format!("NOT VERIFIED YET {} of {} records", reading.read, reading.of));
+        say(ThemeRole::Stale, &wording::not_verified_yet(reading.read, reading.of));
     }
     if let Some(age_ms) = model.stale_ms() {
         say(ThemeRole::Stale, &format!("{} STALE {}", pen.look.glyph(Glyph::Waiting), duration(age_ms)));
     }
     if let Some(seen) = model.last_seen() {
-        say(ThemeRole::Stale, &format!("last seen {seen}"));
+        say(ThemeRole::Stale, &wording::last_seen(&seen));
     }
     if let Some(why) = model.engine_data.snapshot.as_ref().and_then(|snapshot| snapshot.holding.as_deref()) {
         let why = super::short(why, width / 4);
-        say(ThemeRole::Held, &format!("{} ENGINE HALTED {why}", pen.look.glyph(Glyph::Paused)));
+        say(ThemeRole::Held, &wording::engine_halted(pen.look.glyph(Glyph::Paused), &why));
     }
     if model.engine_data.snapshot.as_ref().is_some_and(|snapshot| snapshot.unauthorized.is_some()) {
-        say(ThemeRole::Held, &format!("{} PROFILE NOT AUTHORIZED", pen.look.glyph(Glyph::Paused)));
+        say(ThemeRole::Held, &wording::not_authorized(pen.look.glyph(Glyph::Paused)));
     }
     if model.engine_data.snapshot.as_ref().is_some_and(|snapshot| snapshot.clock_doubt.is_some()) {
-        say(ThemeRole::Held, &format!("{} TIME NOT CONFIRMED", pen.look.glyph(Glyph::Paused)));
+        say(ThemeRole::Held, &wording::time_not_confirmed(pen.look.glyph(Glyph::Paused)));
     }
     // An unreviewed break-glass activation is shown on every screen, even if its alarm is acknowledged.
     for family in model.engine_data.snapshot.iter().flat_map(|snapshot| &snapshot.families) {
@@ -135,7 +133,7 @@ fn warnings(model: &ConsoleModel, pen: &Pen<'_>, width: usize) -> Row {
     }
     if let Some(frozen) = &model.view_state.frozen {
         let glyph = pen.look.glyph(Glyph::Paused);
-        say(ThemeRole::Stale, &format!("{glyph} frozen since {}", seconds(frozen.at_ms)));
+        say(ThemeRole::Stale, &wording::frozen_since(glyph, &seconds(frozen.at_ms)));
     }
     row
 }
@@ -161,9 +159,9 @@ fn clocks(model: &ConsoleModel) -> Vec<Row> {
 fn seeking(model: &ConsoleModel) -> String {
     match &model.engine_data.reconnect {
         Some(seeking) if seeking.tries < seeking.tries_max => {
-            format!(" (looks again {}/{})", seeking.tries, seeking.tries_max)
+            wording::looks_again(seeking.tries, seeking.tries_max)
         }
-        Some(_) => " (no more looks: start `holdpoint` again)".to_owned(),
+        Some(_) => wording::NO_MORE_LOOKS.to_owned(),
         None => String::new(),
     }
 }
@@ -172,13 +170,13 @@ fn seeking(model: &ConsoleModel) -> String {
 fn identity(model: &ConsoleModel) -> Vec<Row> {
     let who = match &model.session.operator {
         Some(who) => Row::of(ThemeRole::Text, &format!("  {} ({})", super::short(&who.name, 24), who.role)),
-        None => Row::of(ThemeRole::Warning, "  no name: `:as NAME`"),
+        None => Row::of(ThemeRole::Warning, wording::NO_NAME),
     };
     let mut pieces = vec![who];
     // If the views' line has no room, the other consoles are counted here.
     let others = model.engine_data.other_consoles().count();
     if others > 0 && model.size.0 < OTHERS_NAMED_FROM {
-        pieces.push(Row::of(ThemeRole::Text, &format!("  and {others} more")));
+        pieces.push(Row::of(ThemeRole::Text, &wording::others(others)));
     }
     if let Some(snapshot) = &model.engine_data.snapshot {
         pieces.push(Row::of(

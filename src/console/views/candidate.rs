@@ -32,7 +32,9 @@ use holdpoint_governance::lifecycle::State;
 use holdpoint_governance::record::{AuditRecord, RecordKind};
 use holdpoint_protocol::detail::Detail;
 use holdpoint_protocol::snapshot::CandidateView;
-use holdpoint_wording::{alarm as wording, counted_try, notice, version_status};
+use holdpoint_wording::console::candidate as wording;
+use holdpoint_wording::console::shared;
+use holdpoint_wording::{alarm as alarm_wording, counted_try, notice, version_status};
 use serde::Deserialize;
 
 const DIFFERENCE: usize = 1;
@@ -62,8 +64,8 @@ impl ConsoleView for CandidateBehavior {
             brief_title: "Candid.",
             action: "candidate",
             keys: &["3"],
-            help: "Candidate: every check and its evidence",
-            tour: "Why it is in this state; tab leads on to the evidence",
+            help: wording::HELP,
+            tour: wording::TOUR,
             panes: &["Checks", "Difference", "Sandbox", "Drills", "Timeline", "Audit"],
             scopes: &[Scope::Version],
             fixed_order: Some(ORDER_OF_TIME),
@@ -143,17 +145,12 @@ impl ConsoleView for CandidateBehavior {
 
 fn draw(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
     let Some(subject) = model.subject() else {
-        pen.text(
-            area,
-            0,
-            ThemeRole::Muted,
-            "No candidate yet: choose a version in the registry, or submit one (`:demo`)",
-        );
+        pen.text(area, 0, ThemeRole::Muted, wording::NO_CANDIDATE);
         return;
     };
     let Some(detail) = model.subject_detail() else {
         let glyph = pen.look.glyph(Glyph::Running);
-        pen.text(area, 0, ThemeRole::Muted, &format!("{glyph} Asking the engine about {subject}"));
+        pen.text(area, 0, ThemeRole::Muted, &wording::asking_the_engine(glyph, &subject));
         return;
     };
     let head = heading(model, detail, pen.look, usize::from(area.width), pen.fit);
@@ -216,12 +213,11 @@ fn heading(model: &ConsoleModel, detail: &Detail, look: &Look, width: usize, fit
         let parent = detail.parent.as_ref().map_or_else(|| "nothing".to_owned(), ToString::to_string);
         rows.push(Row::of(
             ThemeRole::Muted,
-            &format!(
-                "digest {}  evidence {}  made from {}  registered {}",
-                detail.digest.short(),
-                detail.evidence.map_or_else(|| "none yet".to_owned(), |digest| digest.short()),
-                short(&parent, 24),
-                model.moment(detail.registered_ms)
+            &wording::origin(
+                &detail.digest.short(),
+                &detail.evidence.map_or_else(|| "none yet".to_owned(), |digest| digest.short()),
+                &short(&parent, 24),
+                &model.moment(detail.registered_ms),
             ),
         ));
     }
@@ -242,7 +238,7 @@ fn waived_line(model: &ConsoleModel, detail: &Detail) -> Option<String> {
     let below = below_limit(&detail.dimensions);
     let people = used_approvals(&detail.audit);
     (!below.is_empty() && !people.is_empty())
-        .then(|| format!("admitted below its limit: {}; waived by {}", below.join(", "), people.join(", ")))
+        .then(|| wording::admitted_and_waived(&below.join(", "), &people.join(", ")))
 }
 
 /// The people whose approvals the newest activation used, by the version's records, newest first.
@@ -290,10 +286,10 @@ fn without_rows(model: &ConsoleModel, detail: &Detail, pane: usize, look: &Look)
         }
         let (priority, since) = (priority_label(look, alarm.priority), model.moment(alarm.since_ms));
         lines.push(format!("{priority} since {since}: {}", notice(&alarm.text)));
-        lines.push(format!("  without action: {}", wording::consequence(key.kind())));
-        lines.push(format!("  look at: {}", wording::look_at(key.kind())));
+        lines.push(format!("  {}", shared::without_action(alarm_wording::consequence(key.kind()))));
+        lines.push(format!("  {}", shared::look_at(alarm_wording::look_at(key.kind()))));
     }
-    lines.push(format!("{} shows how its live tasks go", model.keymap.key(Action::Show(View::Health))));
+    lines.push(wording::shows_live_tasks(&model.keymap.key(Action::Show(View::Health))));
     lines
 }
 
@@ -306,29 +302,25 @@ fn is_commissioned(model: &ConsoleModel, detail: &Detail) -> bool {
 fn nothing(model: &ConsoleModel, detail: &Detail, pane: usize) -> String {
     let current = model.version_state(&detail.version);
     match (pane, &detail.against) {
-        (DIFFERENCE, Some(against)) => format!("No field of manifest or parameters differs from {against}"),
+        (DIFFERENCE, Some(against)) => wording::no_field_differs(against),
         (DIFFERENCE, None) => match current.map(|(state, _)| state) {
             Some(State::Active | State::Superseded | State::RolledBack) => {
-                "It took over from no other version, so there is nothing that it differs from".to_owned()
+                wording::TOOK_OVER_FROM_NONE.to_owned()
             }
-            _ => format!("Nothing to compare with: no version of {} is active", detail.version.family),
+            _ => wording::nothing_to_compare_with(&detail.version.family),
         },
-        (TIMELINE, _) => "No decision has been made about it yet".to_owned(),
-        (AUDIT, _) => "No record about it has been read".to_owned(),
-        _ if is_commissioned(model, detail) => {
-            "It was commissioned with the cell: no evaluation compared it with another version".to_owned()
-        }
+        (TIMELINE, _) => wording::NO_DECISION_YET.to_owned(),
+        (AUDIT, _) => wording::NO_RECORD_READ.to_owned(),
+        _ if is_commissioned(model, detail) => wording::COMMISSIONED.to_owned(),
         (place, _) => {
             let what = match place {
-                SANDBOX => "No sandbox episode",
-                DRILLS => "No recovery drill",
-                _ => "No check",
+                SANDBOX => wording::NO_SANDBOX_EPISODE,
+                DRILLS => wording::NO_RECOVERY_DRILL,
+                _ => wording::NO_CHECK,
             };
             match current {
-                Some((state, _)) if state.is_terminal() => {
-                    format!("{what} of it is on record: it was {} before", state.name())
-                }
-                _ => format!("{what} of it has run yet"),
+                Some((state, _)) if state.is_terminal() => wording::nothing_on_record(what, state.name()),
+                _ => wording::nothing_ran_yet(what),
             }
         }
     }
@@ -393,6 +385,6 @@ fn timeline(model: &ConsoleModel, rows: &[CandidateItem<'_>], pen: &mut Pen<'_>,
         }
     }
     if rows.is_empty() {
-        pen.text(area, 0, ThemeRole::Muted, "No decision yet");
+        pen.text(area, 0, ThemeRole::Muted, wording::NO_DECISION);
     }
 }

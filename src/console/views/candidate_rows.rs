@@ -11,6 +11,7 @@ use holdpoint_governance::outcome::DimensionOutcome;
 use holdpoint_protocol::detail::{DrillView, FieldDiff, MeasuredValue};
 use holdpoint_protocol::event::DimensionResult;
 use holdpoint_protocol::explanation::DecisionExplanation;
+use holdpoint_wording::console::candidate as wording;
 use holdpoint_wording::explanation::permission_use;
 use serde_json::Value;
 
@@ -26,7 +27,7 @@ pub fn item(model: &ConsoleModel, item: &CandidateItem<'_>, look: &Look, width: 
         CandidateItem::Measure(measure) => vec![measured(measure, width)],
         CandidateItem::Reason(reason) => text(ThemeRole::Text, &reason_line(reason), width),
         CandidateItem::Unproven(reason, measure) => {
-            let caveat = format!("not established: {}", change(measure.interval.unwrap_or_default()));
+            let caveat = wording::not_established(&change(measure.interval.unwrap_or_default()));
             text(ThemeRole::Text, &format!("{}; {caveat}", reason_line(reason)), width)
         }
         CandidateItem::Condition(condition) => {
@@ -36,7 +37,7 @@ pub fn item(model: &ConsoleModel, item: &CandidateItem<'_>, look: &Look, width: 
         }
         CandidateItem::Untested(what) => {
             let glyph = look.glyph(Glyph::Unknown);
-            text(ThemeRole::Unknown, &format!("{glyph} not tested: {what}"), width)
+            text(ThemeRole::Unknown, &wording::not_tested(glyph, what), width)
         }
         CandidateItem::Difference(difference) => differs(difference, width),
         CandidateItem::Mode(mode) => {
@@ -83,7 +84,7 @@ fn dimension(result: &DimensionResult, look: &Look, width: usize) -> Row {
         .cell(role, result.outcome.name(), 13);
     let bar = width.saturating_sub(row.width() + tail.width()).min(24);
     row = if is_declared {
-        row.cell(ThemeRole::Muted, "not measured yet", bar)
+        row.cell(ThemeRole::Muted, wording::NOT_MEASURED_YET, bar)
     } else {
         row.and(against_limit(look, result.kappa, result.threshold, bar))
     };
@@ -98,7 +99,7 @@ fn dimension(result: &DimensionResult, look: &Look, width: usize) -> Row {
 fn worsened(measure: &MeasuredValue, look: &Look, width: usize) -> Row {
     let mut row = values(measure, width);
     let Some([low, high]) = measure.interval else {
-        row.push(ThemeRole::Muted, "  not compared");
+        row.push(ThemeRole::Muted, wording::NOT_COMPARED);
         return row;
     };
     row.push(ThemeRole::Muted, &format!(" {}", change([low, high])));
@@ -115,11 +116,11 @@ fn worsened(measure: &MeasuredValue, look: &Look, width: usize) -> Row {
 /// An interval of a worsening without signs: a negative one is an improvement.
 fn change([low, high]: [f64; 2]) -> String {
     if high < 0.0 {
-        format!("better by {:.3}..{:.3}", -high, -low)
+        wording::better_by(-high, -low)
     } else if low < 0.0 {
-        format!("{:.3} better to {high:.3} worse", -low)
+        wording::better_to_worse(-low, high)
     } else {
-        format!("worse by {low:.3}..{high:.3}")
+        wording::worse_by(low, high)
     }
 }
 
@@ -184,7 +185,7 @@ fn drilled(drill: &DrillView, look: &Look, width: usize) -> Row {
         .cell(ThemeRole::Text, drill.kind.name(), 12)
         .cell_right(ThemeRole::Value, &format!("{passed} of {all}"), 12)
         .with(ThemeRole::Text, " ");
-    let tail = Row::of(ThemeRole::Muted, &format!(" active {active_passed} of {active_all} (the line)"));
+    let tail = Row::of(ThemeRole::Muted, &wording::drills_of_the_active(active_passed, active_all));
     let bar = width.saturating_sub(row.width() + tail.width()).min(24);
     row.and(against_limit(look, share(drill.candidate), limit, bar)).and(tail)
 }
@@ -214,7 +215,7 @@ fn decision_rows(
         say(ThemeRole::Text, &format!("{sign} {code}: {}{measured}", reason.text));
     }
     for change in &decision.change {
-        say(ThemeRole::Text, &format!("would change it: {change}"));
+        say(ThemeRole::Text, &wording::would_change_it(change));
     }
     for text in decision.permissions.iter().flat_map(permission_use) {
         say(ThemeRole::Text, &format!("permissions: {text}"));

@@ -15,10 +15,10 @@ use crate::widgets::list::{GUTTER, place};
 use crate::widgets::pen::Pen;
 use crate::widgets::row::Row;
 use holdpoint_governance::ids::CapabilityId;
+use holdpoint_wording::console::shared;
 
 /// Why a list in the order of time cannot be sorted.
-pub(super) const ORDER_OF_TIME: &str =
-    "this list stands in the order in which things happened; the registry can be sorted";
+pub(super) const ORDER_OF_TIME: &str = shared::ORDER_OF_TIME;
 
 /// The facts of a view that never change.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -13,6 +13,7 @@ use crate::look::ThemeRole;
 use crate::model::{ConsoleModel, EventLogLine, EventScreen};
 use crate::widgets::pen::Pen;
 use crate::widgets::row::{Row, wrap};
+use holdpoint_wording::console::event_log as wording;
 use holdpoint_wording::event::LINE_WIDTH_MAX;
 
 /// The widest window of one event, columns.
@@ -26,7 +27,7 @@ pub fn draw(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect, focused: bool) 
     let rows = model.event_log_rows();
     if rows.is_empty() {
         let filtered = !model.event_log_filter().is_empty();
-        let text = if filtered { "No line fits the filter" } else { "Nothing has happened yet" };
+        let text = if filtered { wording::NO_LINE_FITS } else { wording::NOTHING_HAPPENED };
         pen.text(area, 0, ThemeRole::Muted, text);
         return;
     }
@@ -43,7 +44,7 @@ pub fn draw(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect, focused: bool) 
 /// What precedes the text of a line that stands for several sequences.
 fn count(line: &EventLogLine) -> String {
     let EventLogLine { sequences, done, .. } = line;
-    if *sequences > 1 { format!("{sequences} sequences, {done} done, the last: ") } else { String::new() }
+    if *sequences > 1 { wording::sequences(*sequences, *done) } else { String::new() }
 }
 
 /// The whole text of an event, wrapped for its window on a screen of this width.
@@ -62,7 +63,7 @@ pub fn draw_in_full(model: &ConsoleModel, screen: &EventScreen, pen: &mut Pen<'_
     let hidden = lines.len().saturating_sub(room);
     let first = screen.scroll.min(hidden);
     let right = if first < hidden {
-        format!("{} shows more", model.keymap.key(Action::Down))
+        wording::shows_more(&model.keymap.key(Action::Down))
     } else {
         format!("{} closes", model.keymap.key(Action::Back))
     };

@@ -16,6 +16,8 @@ use holdpoint_governance::lifecycle::State;
 use holdpoint_protocol::snapshot::{
     CandidateView, FamilyView, LiveView, Snapshot, current_progress, is_at_work, re_evaluation,
 };
+use holdpoint_wording::console::families as wording;
+use holdpoint_wording::console::shared;
 
 /// The longest trend, signs.
 const TREND_MAX: usize = 30;
@@ -27,7 +29,7 @@ const NAME_MIN: usize = 16;
 #[must_use]
 pub fn rows(model: &ConsoleModel, pen: &Pen<'_>, width: usize) -> Vec<Row> {
     let Some(snapshot) = model.engine_data.snapshot.as_deref() else {
-        return vec![Row::of(ThemeRole::Muted, "The engine is starting")];
+        return vec![Row::of(ThemeRole::Muted, shared::ENGINE_STARTING)];
     };
     let name_width =
         snapshot.families.iter().map(|family| family.family.to_string().len()).max().unwrap_or(0);
@@ -70,7 +72,7 @@ fn row(now: &Snapshot, family: &FamilyView, pen: &Pen<'_>, name_width: usize, wi
         .with(ThemeRole::Text, " ");
     let mut behind = Row::new();
     if let Some(progress) = own(now, family).and_then(re_evaluation) {
-        behind.push(ThemeRole::Warning, &format!("  re-evaluated, {} of {}", progress.done, progress.budget));
+        behind.push(ThemeRole::Warning, &wording::re_evaluated(progress.done, progress.budget));
     } else if let Some((worked, needed)) = family.provisional {
         let so_far =
             if worked < needed { format!("{worked} of {needed}") } else { after_window(now, family) };
@@ -79,7 +81,7 @@ fn row(now: &Snapshot, family: &FamilyView, pen: &Pen<'_>, name_width: usize, wi
     let name_room = width.saturating_sub(row.width() + behind.width()).max(NAME_MIN);
     match &family.active {
         Some(active) => row.push(ThemeRole::Title, &super::cut_middle(&active.to_string(), name_room)),
-        None => row.push(ThemeRole::Bad, "no active version"),
+        None => row.push(ThemeRole::Bad, wording::NO_ACTIVE_VERSION),
     }
     if let Some(pinned) = &family.pinned {
         behind.push(ThemeRole::Muted, &format!("  back: {}", pinned.version));
@@ -97,23 +99,23 @@ fn after_window(now: &Snapshot, family: &FamilyView) -> String {
     let flags = family.flags.unwrap_or_default();
     if flags.paused || flags.restricted {
         // The next step is a person's, and shown beside it.
-        return "window over".to_owned();
+        return wording::WINDOW_OVER.to_owned();
     }
     let own = own(now, family);
     let is_other = |candidate: &&CandidateView| Some(&candidate.version) != family.active.as_ref();
     let other = now.candidates.iter().filter(is_other).find(|other| is_at_work(other));
     match (own.and_then(current_progress), other) {
-        (Some(progress), _) => format!("in confirmation, {} of {}", progress.done, progress.budget),
-        (None, Some(other)) => format!("waits for its confirmation, behind {}", other.version),
-        (None, None) => "waits for its confirmation".to_owned(),
+        (Some(progress), _) => wording::in_confirmation(progress.done, progress.budget),
+        (None, Some(other)) => wording::waits_behind(&other.version),
+        (None, None) => wording::WAITS_FOR_CONFIRMATION.to_owned(),
     }
 }
 
 fn live(live: &LiveView, pen: &Pen<'_>, width: usize) -> Row {
     let Some(share) = live.recent_success else {
-        return Row::of(ThemeRole::Muted, "no sequence yet");
+        return Row::of(ThemeRole::Muted, wording::NO_SEQUENCE);
     };
-    let tail = format!("  {:.0} % of the last {}", share * 100.0, live.recent);
+    let tail = wording::success(share * 100.0, live.recent);
     let head = "success ";
     let room = width.saturating_sub(head.len() + tail.len()).min(TREND_MAX);
     Row::of(ThemeRole::Muted, head).and(outcomes(pen.look, &live.outcomes, room)).with(ThemeRole::Text, &tail)

@@ -22,6 +22,7 @@ use crate::widgets::row::{Row, wrap};
 use holdpoint_body::TICK_SECS;
 use holdpoint_protocol::film::{FilmFrame, FilmedRun};
 use holdpoint_protocol::video_frame::VideoFrame;
+use holdpoint_wording::console::film as wording;
 
 /// Lines from which the charts of speed and force have a place.
 const CHARTS_HEIGHT_MIN: u16 = 16;
@@ -55,7 +56,7 @@ fn head(player: &Player, pen: &mut Pen<'_>, area: Rect) -> u16 {
     pen.row(area, 0, &row.to_column(width.saturating_sub(place.width())).and(place));
     let mut height = 1;
     let unlike = [&film.candidate, &film.active].into_iter().any(|run| run.as_recorded == Some(false));
-    let unlike = unlike.then(|| "this re-run differs from the record".to_owned());
+    let unlike = unlike.then(|| wording::DIFFERS_FROM_THE_RECORD.to_owned());
     for warning in film.doubts.iter().chain(&unlike) {
         let text = format!("{} {warning}", pen.look.glyph(Glyph::Warning));
         height += pen.text(area, height, ThemeRole::Warning, &text);
@@ -68,12 +69,12 @@ fn run(player: &Player, own: bool, pen: &mut Pen<'_>, area: Rect) {
     let (run, name) = if own { (&film.candidate, "Candidate") } else { (&film.active, "Active") };
     let checked = match run.as_recorded {
         Some(true) => "as recorded",
-        Some(false) => "NOT AS RECORDED",
+        Some(false) => wording::NOT_AS_RECORDED,
         None => "",
     };
     let inside = pen.pane(area, &format!("{name} {}", run.version), own, checked);
     let Some(frame) = run.frame_at(player.tick()) else {
-        pen.text(inside, 0, ThemeRole::Unknown, &format!("No frame: it {}", run.ended));
+        pen.text(inside, 0, ThemeRole::Unknown, &wording::no_frame(&run.ended));
         return;
     };
     let taken = draw_summary(player, run, pen, inside);

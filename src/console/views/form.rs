@@ -18,6 +18,8 @@ use crate::look::{Glyph, ThemeRole};
 use crate::model::ConsoleModel;
 use crate::widgets::pen::Pen;
 use crate::widgets::row::{Row, wrap};
+use holdpoint_wording::console::form as wording;
+use holdpoint_wording::console::shared;
 
 /// The most rows of one consequence: more than the longest reason has.
 const WRAPPED_MAX: usize = 200;
@@ -44,11 +46,7 @@ pub fn draw(model: &ConsoleModel, form: &Form, pen: &mut Pen<'_>, area: Rect) {
     if visible.first + visible.room < visible.count && upper.height > 0 {
         let hidden = visible.count - visible.first - visible.room;
         let key = model.keymap.key(Action::PageDown);
-        pen.row(
-            upper,
-            upper.height - 1,
-            &Row::of(ThemeRole::Warning, &format!("{hidden} more below: {key}")),
-        );
+        pen.row(upper, upper.height - 1, &Row::of(ThemeRole::Warning, &shared::more_below(hidden, &key)));
     }
     pen.rows(lower, 0, &foot);
 }
@@ -92,25 +90,26 @@ fn body(form: &Form, width: usize) -> Vec<Row> {
 
 /// The rest of a void form: the reason, the typed text, and the key that closes it.
 fn dismissed_footer(form: &Form, why: &str, pen: &Pen<'_>, width: usize) -> Vec<Row> {
-    let text = format!("{} NOT ASKED, and no longer possible: {why}", pen.look.glyph(Glyph::Warning));
+    let text = wording::not_asked_any_more(pen.look.glyph(Glyph::Warning), why);
     let mut rows: Vec<Row> =
         wrap(&text, width, 3).iter().map(|line| Row::of(ThemeRole::Problem, line)).collect();
     if !form.reason.text().is_empty() {
         let typed = Row::new().cell(ThemeRole::Muted, "Typed", 9);
         rows.push(typed.and(field(pen, &form.reason, width.saturating_sub(9), false)));
     }
-    rows.push(
-        Row::of(ThemeRole::Key, "Esc")
-            .with(ThemeRole::Text, " closes this, a moment after the last key; other keys do nothing here"),
-    );
+    rows.push(Row::of(ThemeRole::Key, "Esc").with(ThemeRole::Text, wording::ONLY_THIS_KEY_CLOSES));
     rows
 }
 
 fn footer_of(model: &ConsoleModel, form: &Form, pen: &Pen<'_>, width: usize) -> Vec<Row> {
     match &form.signing {
-        Some(signing) => {
-            super::approval_screen::signing_rows(model, signing, (" Sign  ", " back to the form"), pen, width)
-        }
+        Some(signing) => super::approval_screen::signing_rows(
+            model,
+            signing,
+            (" Sign  ", wording::BACK_TO_THE_FORM),
+            pen,
+            width,
+        ),
         None => footer(model, form, pen, width),
     }
 }
@@ -152,7 +151,7 @@ fn footer(model: &ConsoleModel, form: &Form, pen: &Pen<'_>, width: usize) -> Vec
             .with(ThemeRole::Key, "n")
             .with(ThemeRole::Text, " or ")
             .with(ThemeRole::Key, "Esc")
-            .with(ThemeRole::Text, " leaves everything as it is");
+            .with(ThemeRole::Text, wording::LEAVES_AS_IT_IS);
         rows.push(row);
     }
     rows
@@ -162,7 +161,7 @@ fn footer(model: &ConsoleModel, form: &Form, pen: &Pen<'_>, width: usize) -> Vec
 fn confirming_button(pen: &Pen<'_>, form: &Form, guarded: bool) -> Row {
     let has_keys = form.focus == FormFocus::Confirm;
     if has_keys && guarded {
-        let text = format!("{}({}, in a moment)", pen.look.glyph(Glyph::Here), form.intent.verb());
+        let text = wording::in_a_moment(pen.look.glyph(Glyph::Here), form.intent.verb());
         return Row::of(ThemeRole::KeyOff, &text);
     }
     button(pen, form.intent.verb(), has_keys)

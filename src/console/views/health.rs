@@ -34,6 +34,8 @@ use holdpoint_governance::ids::{CapabilityId, Family};
 use holdpoint_protocol::health::{
     HealthClock, HealthMark, HealthPoint, HealthSeries, MarkKind, Trend, together,
 };
+use holdpoint_wording::console::health as wording;
+use holdpoint_wording::console::shared;
 
 /// Lines of one family at least: its heading and two of dots.
 const FAMILY_ROWS: u16 = 3;
@@ -64,8 +66,8 @@ impl ConsoleView for HealthBehavior {
             brief_title: "Health",
             action: "health",
             keys: &["8"],
-            help: "Health: success, violations, time and force over hours and days",
-            tour: "Better or worse, and since when: tab turns on, + and - zoom",
+            help: wording::HELP,
+            tour: wording::TOUR,
             panes: &["Success", "Violations", "Time", "Force"],
             scopes: &[Scope::Version, Scope::Charts],
             fixed_order: Some(ORDER_OF_TIME),
@@ -148,7 +150,7 @@ impl ConsoleView for HealthBehavior {
     fn draw_small(&self, model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
         let area = super::frozen(model, pen, area);
         let Some(series) = model.health() else {
-            pen.row(area, 0, &Row::of(ThemeRole::Muted, "The record is being read"));
+            pen.row(area, 0, &Row::of(ThemeRole::Muted, shared::RECORD_IS_BEING_READ));
             return;
         };
         let quantity = HealthQuantity::of(model.view_state.pane());
@@ -161,7 +163,7 @@ fn draw(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
     let area = super::frozen(model, pen, area);
     let Some(series) = model.health() else {
         pen.row(area, 0, &head);
-        pen.text(below(area, 1), 0, ThemeRole::Muted, "The record is being read");
+        pen.text(below(area, 1), 0, ThemeRole::Muted, shared::RECORD_IS_BEING_READ);
         return;
     };
     let quantity = HealthQuantity::of(model.view_state.pane());
@@ -207,7 +209,7 @@ fn extent(series: &HealthSeries) -> [String; 2] {
     };
     let all = series.bucket_ms.saturating_mul(u64::from(series.buckets));
     let (all, each) = (span(all), span(series.bucket_ms));
-    [format!("the last {all}, a column is {each}, {clock}"), format!("{all}, {each} a column, {clock}")]
+    [wording::span(&all, &each, clock), format!("{all}, {each} a column, {clock}")]
 }
 
 fn span(ms: u64) -> String {
@@ -230,9 +232,7 @@ fn draw_families(
     area: Rect,
 ) {
     if series.points.is_empty() {
-        let text = "No live task of this span is on record. Tasks are kept of versions that came in through the gate, \
-                    from then on; those of a family's first version are not.";
-        let lines = wrap(text, usize::from(area.width), usize::from(area.height));
+        let lines = wrap(wording::NO_LIVE_TASK, usize::from(area.width), usize::from(area.height));
         let rows: Vec<Row> = lines.iter().map(|line| Row::of(ThemeRole::Muted, line)).collect();
         pen.rows(area, 0, &rows);
         return;
@@ -251,9 +251,9 @@ fn draw_families(
             Some((tasks, done, [low, high])) => {
                 let share = 100.0 * done as f64 / tasks as f64;
                 // For every quantity, this is the success rate.
-                format!("done {share:.1} % of {tasks} [{:.0}, {:.0}]", 100.0 * low, 100.0 * high)
+                wording::done_share(share, tasks, 100.0 * low, 100.0 * high)
             }
-            None => "no task".to_owned(),
+            None => wording::NO_TASK.to_owned(),
         };
         // In the smallest windows the view's own title names the quantity.
         let title = if pen.fit == Fit::Tiny {
@@ -499,7 +499,7 @@ fn under(model: &ConsoleModel, series: &HealthSeries, width: usize, height: usiz
             (series.time_text(series.start_ms(bucket)), series.time_text(series.start_ms(bucket + 1)));
         let points: Vec<&HealthPoint> = series.at(&family, bucket).collect();
         if points.is_empty() {
-            say(ThemeRole::Muted, &format!("{start} to {end}: no task of {family} on record"), 1);
+            say(ThemeRole::Muted, &wording::no_task_on_record(&start, &end, &family.to_string()), 1);
         }
         let each = if height < WHOLE_FROM && !marks.is_empty() { 1 } else { 2 };
         for point in &points {
@@ -525,8 +525,8 @@ fn under(model: &ConsoleModel, series: &HealthSeries, width: usize, height: usiz
     }
     match marks.len() - shown {
         0 => {}
-        1 => say(ThemeRole::Muted, "and one mark more in this column"),
-        more => say(ThemeRole::Muted, &format!("and {more} marks more in this column")),
+        1 => say(ThemeRole::Muted, wording::ONE_MARK_MORE),
+        more => say(ThemeRole::Muted, &wording::marks_more(more)),
     }
     rows.extend(left_out);
     rows
@@ -534,22 +534,9 @@ fn under(model: &ConsoleModel, series: &HealthSeries, width: usize, height: usiz
 
 /// The results of one version in a bucket, with both clocks.
 fn values(series: &HealthSeries, point: &HealthPoint, start: &str) -> String {
-    let HealthPoint { version, tasks, succeeded, success: [low, high], violated, near, .. } = point;
-    let share = 100.0 * *succeeded as f64 / (*tasks).max(1) as f64;
-    // On record, a task with a violation counts as near a limit, too.
-    let close = near.saturating_sub(*violated);
     let engine = match series.clock {
-        HealthClock::Wall => format!(" (engine {})", seconds(point.at_ms[0])),
-        HealthClock::Virtual => String::new(),
+        HealthClock::Wall => Some(seconds(point.at_ms[0])),
+        HealthClock::Virtual => None,
     };
-    format!(
-        "{start}{engine} {version}: {succeeded} of {tasks} done, {share:.1} % [{:.0}, {:.0}]; {violated} with \
-         a violation, {close} close to a limit; {:.1} s, p95 {:.1}; {:.1} N, p95 {:.1}",
-        100.0 * low,
-        100.0 * high,
-        point.time_s[0],
-        point.time_s[1],
-        point.force_n[0],
-        point.force_n[1]
-    )
+    wording::results(point, start, engine.as_deref())
 }

@@ -4,6 +4,7 @@
 
 use crate::trend::SCALE;
 use holdpoint_protocol::health::{HealthPoint, together};
+use holdpoint_wording::console::health as wording;
 
 /// Columns of a number at the axis.
 pub(super) const LABEL_WIDTH: usize = SCALE as usize - 2;
@@ -68,10 +69,10 @@ impl HealthQuantity {
     /// The meaning of the dots and the band.
     pub(super) const fn legend(self) -> &'static str {
         match self {
-            Self::Success => "% done, band: 95 % interval",
-            Self::Violations => "% with a violation, band: with those close to a limit",
-            Self::Time => "s, median, band: to the 95th percentile",
-            Self::Force => "N, median of the largest, band: to the 95th percentile",
+            Self::Success => wording::SUCCESS,
+            Self::Violations => wording::VIOLATIONS,
+            Self::Time => wording::TIME,
+            Self::Force => wording::FORCE,
         }
     }
 }

@@ -14,6 +14,7 @@ use crate::update::availability::ActionAvailability;
 use crate::widgets::pen::{Fit, Pen, below};
 use crate::widgets::row::{Row, wrap};
 use holdpoint_governance::approval::ApprovalDecision;
+use holdpoint_wording::console::hints as wording;
 
 /// The most lines of an answer.
 const NOTICE_ROWS: u16 = 8;
@@ -175,7 +176,7 @@ fn own_keys(model: &ConsoleModel) -> Option<Vec<(&'static str, &'static str)>> {
             let run = if watched.player.runs() { "pause" } else { "play" };
             Some(vec![
                 ("space", run),
-                ("m", "moment it fails"),
+                ("m", wording::MOMENT_IT_FAILS),
                 ("esc", "back"),
                 (". ,", "step"),
                 ("[ ]", "events"),
@@ -269,7 +270,7 @@ fn keys(model: &ConsoleModel, actions: &[Action], width: usize) -> Row {
         }
     }
     let off = actions.iter().any(|action| action.changes_something());
-    let why = Row::of(ThemeRole::KeyOff, "(off: read-only)");
+    let why = Row::of(ThemeRole::KeyOff, wording::OFF_READ_ONLY);
     let row = row.and(tail);
     if model.settings.read_only && off && row.width() + why.width() <= width { row.and(why) } else { row }
 }
@@ -292,21 +293,21 @@ fn label(model: &ConsoleModel, action: Action) -> String {
     let own = model.view_state.view.behavior().hint_label(model, action);
     match (action, &model.input.overlay, own) {
         (Action::NextPane, Some(_), _) => "next field",
-        (Action::Open, Some(Overlay::Palette(_)), _) => "runs it",
-        (Action::Open, Some(_), _) => "presses the button",
+        (Action::Open, Some(Overlay::Palette(_)), _) => wording::RUNS_IT,
+        (Action::Open, Some(_), _) => wording::PRESSES_THE_BUTTON,
         (Action::Back, Some(Overlay::Approval(prompt)), _) if prompt.focus != ApprovalFocus::Later => {
-            "leave the field"
+            wording::LEAVE_THE_FIELD
         }
         (Action::Back, Some(Overlay::Approval(prompt)), _) if prompt.closed || prompt.seen.granted => "close",
-        (Action::Back, Some(Overlay::Approval(_)), _) => "decide later",
+        (Action::Back, Some(Overlay::Approval(_)), _) => wording::DECIDE_LATER,
         (Action::Back, Some(_), _) => "close",
         (Action::PageDown, _, _) => "more",
         (Action::JumpToAlarm, _, _) => "alarm",
         (Action::CommandLine, _, _) => "command",
         (Action::OpenRecording, _, _) => "recording",
         (Action::ResetAlarm, _, _) => "reset",
-        (Action::Go, _, _) => "start the cell",
-        (Action::Freeze, _, _) if model.view_state.frozen.is_some() => "let run",
+        (Action::Go, _, _) => wording::START_THE_CELL,
+        (Action::Freeze, _, _) if model.view_state.frozen.is_some() => wording::LET_RUN,
         (Action::Resume, _, _) => "resume",
         (Action::Quit, None, _) if model.absence().is_some() => "quit",
         (_, None, Some(own)) => own,

@@ -16,6 +16,7 @@ use crate::model::{ConsoleModel, KeyLogEntry};
 use crate::widgets::list::place;
 use crate::widgets::pen::{Pen, below, cut};
 use crate::widgets::row::Row;
+use holdpoint_wording::console::key_log as wording;
 
 /// The widest list, columns.
 const WIDTH_MAX: u16 = 96;
@@ -29,7 +30,7 @@ pub fn draw(model: &ConsoleModel, cursor: usize, pen: &mut Pen<'_>, area: Rect) 
     let cursor = cursor.min(entries.len().saturating_sub(1));
     let inside = super::window(pen, area, WIDTH_MAX, area.height, "Keys", &place(entries.len(), cursor));
     if entries.is_empty() {
-        pen.text(inside, 0, ThemeRole::Muted, "No key has done anything yet");
+        pen.text(inside, 0, ThemeRole::Muted, wording::NO_KEY_YET);
         return;
     }
     let (list, detail) = cut(inside, inside.height.saturating_sub(DETAIL_ROWS.min(inside.height / 2)));
@@ -59,8 +60,8 @@ fn line(entry: &KeyLogEntry) -> Row {
 fn answer(entry: &KeyLogEntry) -> String {
     match (entry.answer.as_str(), entry.is_waiting()) {
         ("", false) => String::new(),
-        ("", true) => "the engine has not answered yet".to_owned(),
-        (text, false) => format!("the engine: {text}"),
-        (text, true) => format!("the engine: {text}; more answers are missing"),
+        ("", true) => wording::NOT_ANSWERED_YET.to_owned(),
+        (text, false) => wording::engine_answered(text),
+        (text, true) => wording::more_answers_missing(text),
     }
 }

@@ -13,13 +13,15 @@ use crate::action::Action;
 use crate::look::ThemeRole;
 use crate::model::{ConsoleModel, EngineAbsence, EngineState};
 use crate::widgets::pen::{Pen, below};
+use holdpoint_wording::console::no_engine as wording;
+use holdpoint_wording::console::shared;
 
 pub fn draw(model: &ConsoleModel, absence: EngineAbsence, pen: &mut Pen<'_>, area: Rect) {
-    let mut rest = pen.pane(area, "No engine is running here", true, "");
+    let mut rest = pen.pane(area, shared::NO_ENGINE_HERE_TITLE, true, "");
     let why = match &model.engine_data.engine {
         EngineState::Ended(Err(why)) => why.to_string(),
         EngineState::Ended(Ok(())) | EngineState::Starting | EngineState::Running => {
-            "It has ended".to_owned()
+            wording::HAS_ENDED.to_owned()
         }
     };
     let mut say = |role: ThemeRole, text: &str| {
@@ -31,7 +33,7 @@ pub fn draw(model: &ConsoleModel, absence: EngineAbsence, pen: &mut Pen<'_>, are
         say(ThemeRole::Stale, &seeking.description());
     }
     say(ThemeRole::Text, "");
-    say(ThemeRole::Title, "What works from here:");
+    say(ThemeRole::Title, wording::WHAT_WORKS);
     let keys = |action| model.keymap.keys(action).join(" or ");
     say(
         ThemeRole::Text,
@@ -39,22 +41,11 @@ pub fn draw(model: &ConsoleModel, absence: EngineAbsence, pen: &mut Pen<'_>, are
             "{}: {}",
             keys(Action::Stop),
             match absence {
-                EngineAbsence::HeldElsewhere =>
-                    "stops the arm; the running engine is asked, and its answer is shown",
-                EngineAbsence::Ended => "asks any running engine of this store to stop the arm",
+                EngineAbsence::HeldElsewhere => wording::STOPS_ELSEWHERE,
+                EngineAbsence::Ended => wording::ASKS_ANY,
             }
         ),
     );
-    say(
-        ThemeRole::Text,
-        &format!("{}: ends this console, with exit code 2; no other engine ends by it", keys(Action::Quit)),
-    );
-    say(
-        ThemeRole::Text,
-        &format!(
-            "in a shell, {} shows the state, and {} stops the arm as well",
-            model.in_shell("status"),
-            model.in_shell("stop")
-        ),
-    );
+    say(ThemeRole::Text, &wording::ends_this_console(&keys(Action::Quit)));
+    say(ThemeRole::Text, &wording::in_a_shell(&model.in_shell("status"), &model.in_shell("stop")));
 }

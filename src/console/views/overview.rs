@@ -32,6 +32,7 @@ use crate::widgets::pen::{Fit, Hit, Pen, below, cut};
 use crate::widgets::row::Row;
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_protocol::snapshot::CandidateView;
+use holdpoint_wording::console::overview as wording;
 
 const PIPELINE_PANE: usize = 0;
 const ROBOT_PANE: usize = 1;
@@ -60,8 +61,8 @@ impl ConsoleView for OverviewBehavior {
             brief_title: "Overview",
             action: "overview",
             keys: &["1"],
-            help: "Overview: robot, active versions, pipeline",
-            tour: "Candidates walk seven stages beside the live arm; X stops it",
+            help: wording::HELP,
+            tour: wording::TOUR,
             panes: &["Pipeline", "Robot", "Events"],
             scopes: &[Scope::Version, Scope::Charts],
             fixed_order: Some(ORDER_OF_TIME),
@@ -143,8 +144,8 @@ impl ConsoleView for OverviewBehavior {
 
     fn hint_label(&self, model: &ConsoleModel, action: Action) -> Option<&'static str> {
         match action {
-            Action::Quit if !model.ends_engine() => Some("leave it on"),
-            Action::Quit if model.engine_data.link == EngineLink::Attached => Some("end engine"),
+            Action::Quit if !model.ends_engine() => Some(wording::LEAVE_IT_ON),
+            Action::Quit if model.engine_data.link == EngineLink::Attached => Some(wording::END_ENGINE),
             Action::Quit => Some("quit"),
             _ => None,
         }
@@ -280,8 +281,8 @@ fn checks_under_cursor(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
         return;
     };
     let key = model.keymap.key(Action::Open);
-    let title = format!("Checks of {}", candidate.version);
-    let inside = pen.pane(area, &title, false, &format!("{key} opens all of it"));
+    let title = wording::checks_of(&candidate.version);
+    let inside = pen.pane(area, &title, false, &wording::opens_all(&key));
     let (look, width) = (pen.look, usize::from(inside.width));
     let dimensions = candidate.dimensions.iter().map(CandidateItem::Dimension);
     let reasons = candidate.reasons.iter().map(CandidateItem::Reason);
@@ -292,7 +293,7 @@ fn checks_under_cursor(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
         .flat_map(|row| super::candidate_rows::item(model, &row, look, width))
         .collect();
     if rows.is_empty() {
-        pen.text(inside, 0, ThemeRole::Muted, "Nothing of it has been checked yet");
+        pen.text(inside, 0, ThemeRole::Muted, wording::NOTHING_CHECKED);
         return;
     }
     pen.rows(inside, 0, &rows);
@@ -315,10 +316,10 @@ fn event_log_pane(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
     // A filtered list must not look complete.
     let filter = model.event_log_filter();
     let right = if filter.is_empty() {
-        "newest first".to_owned()
+        wording::NEWEST_FIRST.to_owned()
     } else {
         let (shown, all) = (model.event_log_rows().len(), model.event_log().len());
-        format!("{shown} of {all} lines with {:?}, newest first", super::short(filter, 24))
+        wording::lines_filtered(shown, all, &super::short(filter, 24))
     };
     pen.hit(area, Hit::Pane(EVENT_LOG_PANE));
     let inside = pen.pane(area, "Events", focused, &right);
@@ -367,7 +368,7 @@ pub fn waiting_row(model: &ConsoleModel, item: &WaitingRow<'_>, pen: &Pen<'_>, w
     match item {
         WaitingRow::MonitorQuestion(question) => {
             let head = Row::of(ThemeRole::Waiting, &format!("{glyph} question "));
-            let left = format!("  rolled back in {}", time_left(question.deadline_ms, now_ms));
+            let left = wording::rolled_back_in(&time_left(question.deadline_ms, now_ms));
             let room = name_room(width, &head, &left);
             let name = super::cut_middle(&question.version.to_string(), room);
             head.with(ThemeRole::Text, &name).with(ThemeRole::Muted, &left)

@@ -17,6 +17,7 @@ use crate::update::availability::ActionAvailability;
 use crate::widgets::list::place;
 use crate::widgets::pen::{Pen, below};
 use crate::widgets::row::Row;
+use holdpoint_wording::console::palette as wording;
 
 /// The widest palette, columns.
 const WIDTH_MAX: u16 = 96;
@@ -25,8 +26,7 @@ const WIDTH_MAX: u16 = 96;
 pub fn draw(model: &ConsoleModel, palette: &Palette, pen: &mut Pen<'_>, area: Rect) {
     let rows = palette.rows();
     let cursor = palette.cursor.min(rows.len().saturating_sub(1));
-    let inside =
-        super::window(pen, area, WIDTH_MAX, area.height, "Keys and commands", &place(rows.len(), cursor));
+    let inside = super::window(pen, area, WIDTH_MAX, area.height, wording::TITLE, &place(rows.len(), cursor));
     let line = Row::of(ThemeRole::Key, &format!("{} ", pen.look.glyph(Glyph::Here))).and(field(
         pen,
         &palette.line,
@@ -36,7 +36,7 @@ pub fn draw(model: &ConsoleModel, palette: &Palette, pen: &mut Pen<'_>, area: Re
     pen.row(inside, 0, &line);
     let list = below(inside, 1);
     if rows.is_empty() {
-        pen.text(list, 0, ThemeRole::Muted, "Nothing fits; Backspace widens the search");
+        pen.text(list, 0, ThemeRole::Muted, wording::NOTHING_FITS);
         return;
     }
     let possible = ActionAvailability::of(model);

@@ -33,6 +33,8 @@ use holdpoint_governance::version_status::{VersionCondition, VersionStatus};
 use holdpoint_governance::wall_time::WallTime;
 use holdpoint_protocol::snapshot::{CandidateView, ProgressView, Snapshot, current_progress};
 use holdpoint_protocol::work_unit::PartCount;
+use holdpoint_wording::console::pipeline as wording;
+use holdpoint_wording::console::shared;
 
 /// Rows for the conditions of an early end.
 const EARLY_ROWS_MAX: usize = 3;
@@ -220,7 +222,7 @@ fn queue_line(model: &ConsoleModel, width: usize) -> Option<Row> {
         row.push(ThemeRole::Text, &format!(": next {}  ", names(first)));
         if !settled.is_empty() {
             let active = settled.iter().filter(|one| one.state == State::Active).count();
-            let done = Row::of(ThemeRole::Muted, &format!("DONE {}, {active} in control", settled.len()));
+            let done = Row::of(ThemeRole::Muted, &wording::done_and_in_control(settled.len(), active));
             if row.width() + done.width() <= width {
                 row = row.and(done);
             }
@@ -247,7 +249,7 @@ pub fn extent(model: &ConsoleModel, cursor: usize, title: &str, width: u16) -> S
     };
     let filter_text = |width| super::short(filter, width);
     let wordings = [
-        format!("{here} with {:?}, {all} in all", filter_text(24)),
+        wording::place_in_filter_of_all(&here, &filter_text(24), all),
         format!("{here} with {:?}", filter_text(24)),
         format!("{here} with {:?}", filter_text(6)),
     ];
@@ -258,20 +260,20 @@ pub fn extent(model: &ConsoleModel, cursor: usize, title: &str, width: u16) -> S
 /// The first steps if there is no candidate yet.
 fn nothing(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
     if !model.filter().is_empty() || model.view_state.state_filter != StateFilter::All {
-        pen.text(area, 0, ThemeRole::Muted, "No candidate fits the filter");
+        pen.text(area, 0, ThemeRole::Muted, wording::NO_CANDIDATE_FITS);
         return;
     }
     if model.engine_data.snapshot.is_none() {
-        pen.text(area, 0, ThemeRole::Muted, "The engine is starting");
+        pen.text(area, 0, ThemeRole::Muted, shared::ENGINE_STARTING);
         return;
     }
     let keys = model.keymap.key(Action::Help);
     let lines = [
-        (ThemeRole::Title, "No candidate yet. To see one judged:".to_owned()),
+        (ThemeRole::Title, wording::NO_CANDIDATE.to_owned()),
         (ThemeRole::Text, String::new()),
-        (ThemeRole::Text, "  :demo          a demonstration candidate".to_owned()),
-        (ThemeRole::Text, "  :register DIR  the candidate in a folder".to_owned()),
-        (ThemeRole::Text, format!("  {keys:<14} the keys of this view")),
+        (ThemeRole::Text, wording::DEMO.to_owned()),
+        (ThemeRole::Text, wording::REGISTER.to_owned()),
+        (ThemeRole::Text, wording::keys_of_this_view(&keys)),
     ];
     let mut at = 0;
     for (role, line) in lines {
@@ -318,15 +320,15 @@ fn rows(
     } else if let (Some(progress), Some(why)) = (current_progress(candidate), still) {
         // Time passes, but says nothing about the end.
         let PartCount { done, budget } = progress.unit_count();
-        rows.push(muted(&format!("stands still at {done} of {budget} {}: {why}", progress.what)));
+        rows.push(muted(&wording::stands_still_at(done, budget, &progress.what.to_string(), why)));
     } else if let Some(progress) = current_progress(candidate) {
         rows.extend(running(progress, headway, now_ms, look, width, chosen));
     } else if let Some(stage) = candidate.flags.running.filter(|_| !candidate.flags.paused) {
         let name = stage.name();
         rows.push(match still {
-            _ if candidate.flags.awaiting_approval => muted("people are asked"),
-            Some(why) => muted(&format!("{name} stands still: {why}")),
-            None => muted(&format!("{name} begins; nothing has run yet")),
+            _ if candidate.flags.awaiting_approval => muted(wording::PEOPLE_ARE_ASKED),
+            Some(why) => muted(&wording::stage_stands_still(name, why)),
+            None => muted(&wording::stage_begins(name)),
         });
     } else if let Some(status) = status.filter(|status| !status.is_limited()) {
         let is_rejected = status.condition == VersionCondition::Rejected;
@@ -425,7 +427,7 @@ fn running(
     let time = match headway.and_then(|headway| headway.remaining_ms(view, now_ms)) {
         Some((least_ms, most_ms)) => match [least_ms, most_ms].map(duration) {
             [least, most] if least == most => format!("{elapsed}, {most} left"),
-            [least, most] => format!("{elapsed}, {least} to {most} left"),
+            [least, most] => wording::between_left(&elapsed, &least, &most),
         },
         None => elapsed,
     };
@@ -445,7 +447,7 @@ fn running(
         head.push(ThemeRole::Text, &time);
     }
     // The bar and the time are those of the whole stage.
-    let whole = format!("; {} of {} in all", view.done, view.budget);
+    let whole = wording::whole_stage(view.done, view.budget);
     if view.part.is_some() && head.width() + whole.len() <= width {
         head.push(ThemeRole::Muted, &whole);
     }

@@ -28,6 +28,7 @@ use holdpoint_governance::decision::Dimension;
 use holdpoint_governance::ids::{CapabilityId, Family};
 use holdpoint_governance::record::{VersionGroup, VersionSummary};
 use holdpoint_governance::version_status::{RecordedChanges, StatusFacts, VersionStatus};
+use holdpoint_wording::console::registry as wording;
 
 /// Lines for the description of the version under the cursor.
 const DETAIL_ROWS: u16 = 4;
@@ -81,8 +82,8 @@ impl ConsoleView for RegistryBehavior {
             brief_title: "Registry",
             action: "registry",
             keys: &["2"],
-            help: "Registry: families and versions",
-            tour: "Bars: the four values against their limits; l opens a family",
+            help: wording::HELP,
+            tour: wording::TOUR,
             panes: &["All", "Active", "Candidates", "History"],
             scopes: &[Scope::Version],
             fixed_order: None,
@@ -264,7 +265,7 @@ fn draw(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
     let area = below(area, 1);
     if items.is_empty() {
         let is_filtered = !model.filter().is_empty() || model.view_state.state_filter != StateFilter::All;
-        let text = if is_filtered { "No version fits the filter" } else { "No version of this kind" };
+        let text = if is_filtered { wording::NO_VERSION_FITS } else { wording::NONE_OF_THIS_KIND };
         pen.text(area, 0, ThemeRole::Muted, text);
         return;
     }
@@ -325,7 +326,7 @@ fn header(columns: &RegistryColumns, has_age: bool, sort: SortOrder, look: &Look
     }
     row.cell(ThemeRole::Muted, age, AGE_WIDTH + 3)
         .cell(ThemeRole::Muted, &heading(SortBy::Author, "made by"), columns.by)
-        .with(ThemeRole::Muted, "why it stands there")
+        .with(ThemeRole::Muted, wording::WHY_IT_STANDS_THERE)
 }
 
 /// The author, and the deciding reason, for a wide screen.
@@ -421,7 +422,7 @@ fn age(age_ms: u64) -> String {
 fn detail(model: &ConsoleModel, item: Option<&RegistryItem<'_>>, pen: &mut Pen<'_>, area: Rect) {
     let Some(RegistryItem::Version(row)) = item else {
         pen.pane(area, "Family", false, "");
-        let text = "l opens the branch, h closes it; the family stands for its active version";
+        let text = wording::BRANCH_KEYS;
         pen.text(below(area, 1), 0, ThemeRole::Muted, text);
         return;
     };
@@ -429,14 +430,13 @@ fn detail(model: &ConsoleModel, item: Option<&RegistryItem<'_>>, pen: &mut Pen<'
     let limits = model.engine_data.registry.page.thresholds;
     let mut sentence = Row::of(
         ThemeRole::Text,
-        &format!(
-            "{} for {}; {}by {}, {}, estimated risk {}",
-            state_label(row.state, &row.flags),
-            duration(model.engine_ms().saturating_sub(row.changed_ms)),
+        &wording::detail(
+            &state_label(row.state, &row.flags),
+            &duration(model.engine_ms().saturating_sub(row.changed_ms)),
             if model.engine_data.registry.page.anchors.contains(&row.version) { "anchor, " } else { "" },
-            super::short(&row.author, 24),
+            &super::short(&row.author, 24),
             origin(row.provenance),
-            row.risk
+            row.risk,
         ),
     );
     let limits = DIMENSIONS.into_iter().zip(limits);

@@ -20,6 +20,7 @@ use crate::widgets::row::Row;
 use holdpoint_body::TaskKind;
 use holdpoint_governance::lifecycle::{State, VersionFlags};
 use holdpoint_protocol::video_frame::{ArmView, Region, Scenery, VideoFrame, WorldPoint};
+use holdpoint_wording::console::robot as wording;
 
 const SCENERY: Ink = Ink { role: ThemeRole::Scenery, ascii: ".", dashed: false };
 /// What stands on the table; in ASCII its outline must differ from the table's.
@@ -52,7 +53,7 @@ const BELOW_ROWS_MIN: u16 = 10;
 /// Draws the robot pane's inside.
 pub fn draw(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
     let Some(frame) = model.engine_data.frame.as_deref() else {
-        let missing = "No frame: the live cell has sent none yet, or it is not a simulated one";
+        let missing = wording::NO_FRAME;
         pen.text(area, 0, ThemeRole::Muted, missing);
         return;
     };
@@ -127,7 +128,7 @@ fn description_rows(scene: &RobotScene<'_>, states: Vec<Row>, apart: bool, pen: 
     }
     if frame.unexpected_contact {
         alarming =
-            alarming.with(ThemeRole::Contact, &format!("{} unexpected contact", look.glyph(Glyph::Warning)));
+            alarming.with(ThemeRole::Contact, &wording::unexpected_contact(look.glyph(Glyph::Warning)));
     }
     if alarming.width() > 0 && apart {
         rows.push(std::mem::take(&mut alarming));
@@ -139,7 +140,7 @@ fn description_rows(scene: &RobotScene<'_>, states: Vec<Row>, apart: bool, pen: 
     let held = if frame.body.held { "holding" } else { "empty" };
     // The last speed of an engine that is silent is not the present one.
     if let Some(seen) = &scene.last_seen {
-        alarming = Row::of(ThemeRole::Stale, &format!("last seen {seen}: ")).and(alarming);
+        alarming = Row::of(ThemeRole::Stale, &wording::last_seen(seen)).and(alarming);
     }
     rows.push(
         // A version's name begins with its task.
@@ -153,7 +154,7 @@ fn description_rows(scene: &RobotScene<'_>, states: Vec<Row>, apart: bool, pen: 
         let held = if twin.body.held { ", holding" } else { "" };
         rows.push(
             Row::of(ThemeRole::Twin, &format!("twin, dashed: {}{held}", twin.version))
-                .with(ThemeRole::Muted, "; it drives nothing"),
+                .with(ThemeRole::Muted, wording::DRIVES_NOTHING),
         );
     }
     rows

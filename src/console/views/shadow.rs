@@ -30,6 +30,7 @@ use holdpoint_governance::lifecycle::{Stage, State};
 use holdpoint_protocol::monitor_chart::ChartView;
 use holdpoint_protocol::snapshot::{CandidateView, Disagreement, MonitorView, ShadowView};
 use holdpoint_record::rationale::remedy::is_in_favor;
+use holdpoint_wording::console::shadow as wording;
 
 const CHARTS: usize = 0;
 
@@ -58,8 +59,8 @@ impl ConsoleView for ShadowBehavior {
             brief_title: "Shadow",
             action: "shadow",
             keys: &["4"],
-            help: "Shadow: twin against live",
-            tour: "The twin against the live arm on the same sequences; f freezes",
+            help: wording::HELP,
+            tour: wording::TOUR,
             panes: &["Charts", "Disagreements", "Monitors"],
             scopes: &[Scope::Version, Scope::Charts],
             fixed_order: Some(ORDER_OF_TIME),
@@ -140,7 +141,7 @@ impl ConsoleView for ShadowBehavior {
 /// The three distances in words.
 fn small_distances(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
     let Some(version) = model.subject() else {
-        pen.text(area, 0, ThemeRole::Muted, "No candidate yet, and so no twin");
+        pen.text(area, 0, ThemeRole::Muted, wording::NO_TWIN);
         return;
     };
     let mut rows = vec![Row::of(ThemeRole::Title, &version.to_string())];
@@ -165,7 +166,7 @@ fn draw(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
     let candidates = model.charted().map_or(&[][..], |snapshot| &snapshot.candidates);
     let candidate = candidates.iter().find(|candidate| Some(&candidate.version) == subject.as_ref());
     let Some(subject) = &subject else {
-        pen.text(area, 0, ThemeRole::Muted, "No candidate yet, and so no twin");
+        pen.text(area, 0, ThemeRole::Muted, wording::NO_TWIN);
         return;
     };
     let shadow = candidate.and_then(|candidate| candidate.shadow.as_ref());
@@ -206,7 +207,7 @@ fn draw(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
             pen.hit(lower, Hit::Pane(DISAGREEMENTS));
             let inside = pen.pane(
                 lower,
-                "Disagreements, newest first",
+                wording::DISAGREEMENTS,
                 focused,
                 &place(rows, if focused { model.row() } else { 0 }),
             );
@@ -222,7 +223,7 @@ fn extent(model: &ConsoleModel, candidate: Option<&CandidateView>, shadow: Optio
     let range = if shown == shadow.series.len() {
         "all shown".to_owned()
     } else {
-        format!("the last {shown} shown, zoom {}", 1u64 << model.view_state.zoom.min(32))
+        wording::last_shown(shown, 1u64 << model.view_state.zoom.min(32))
     };
     let budget = candidate
         .and_then(|candidate| candidate.progress.as_ref())
@@ -265,16 +266,16 @@ fn absent_series(model: &ConsoleModel) -> String {
     let Some(ours) = ours else {
         let state = subject.and_then(|version| model.version_state(&version));
         return match state {
-            Some((State::Active, _)) => "It is active, and no twin runs beside it".to_owned(),
-            Some(_) | None => "No shadow of it is in memory".to_owned(),
+            Some((State::Active, _)) => wording::ACTIVE_HAS_NO_TWIN.to_owned(),
+            Some(_) | None => wording::NOT_IN_MEMORY.to_owned(),
         };
     };
     let done = stages_done(ours.state, ours.left, ours.ran, &ours.flags);
     if done > stage_place(Stage::Shadow) {
         let key = model.keymap.key(Action::OpenRecording);
-        return format!("Its shadow is over, not in memory: {key} opens the recording");
+        return wording::shadow_is_over(&key);
     }
-    "No sequence has been shadowed yet".to_owned()
+    wording::NO_SEQUENCE_YET.to_owned()
 }
 
 /// How a distance is judged: by its mean, or by the values that replace a single number.
@@ -282,8 +283,8 @@ fn distance_verdict(place: usize, limit: Option<f64>) -> String {
     match limit {
         Some(limit) => format!("at most {limit:.2}"),
         // These values, not the mean, can reject a version.
-        None if place == GOVERNANCE => "signals judged in pairs".to_owned(),
-        None => "no limit of its own".to_owned(),
+        None if place == GOVERNANCE => wording::JUDGED_IN_PAIRS.to_owned(),
+        None => wording::NO_LIMIT.to_owned(),
     }
 }
 
@@ -306,7 +307,7 @@ fn monitors(model: &ConsoleModel) -> &[MonitorView] {
 }
 
 fn monitor_pane(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
-    let inside = pen.pane(area, "Monitors of active versions", model.view_state.pane() == MONITORS, "");
+    let inside = pen.pane(area, wording::MONITORS, model.view_state.pane() == MONITORS, "");
     monitor_rows(model, pen, inside);
 }
 
@@ -316,7 +317,7 @@ fn monitor_rows(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
     let width = usize::from(area.width);
     let mut rows = Vec::new();
     if monitors(model).is_empty() {
-        let text = "No version is provisional or restricted, so no monitor's window is open";
+        let text = wording::NO_MONITOR_OPEN;
         pen.text(area, 0, ThemeRole::Muted, text);
         return;
     }
@@ -325,7 +326,7 @@ fn monitor_rows(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
             format!("{} of {} tasks", monitor.episodes, monitor.needed)
         } else {
             // The monitor continues after the provisional window.
-            format!("{} tasks, window of {} over", monitor.episodes, monitor.needed)
+            wording::window_over(monitor.episodes, monitor.needed)
         };
         if monitor.restricted {
             summary.push_str(", restricted");
@@ -428,8 +429,8 @@ fn list(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect, focused: bool) {
         let sequences = ours.and_then(|candidate| candidate.shadow.as_ref()).map_or(0, |shadow| shadow.n);
         let text = match sequences {
             0 => absent_series(model),
-            1 => "The one sequence so far ended alike in twin and live world".to_owned(),
-            n => format!("All {n} sequences so far ended alike in twin and live world"),
+            1 => wording::ONE_SEQUENCE_ALIKE.to_owned(),
+            n => wording::all_sequences_alike(n),
         };
         pen.text(area, 0, ThemeRole::Muted, &text);
         return;

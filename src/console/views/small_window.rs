@@ -20,6 +20,7 @@ use crate::waiting_rows::WaitingRow;
 use crate::widgets::pen::{Pen, above, below};
 use crate::widgets::row::Row;
 use holdpoint_protocol::snapshot::Snapshot;
+use holdpoint_wording::console::small_window as wording;
 
 /// Lines from which the view itself is shown, in short.
 const VIEW_ROWS_MIN: usize = 6;
@@ -101,12 +102,7 @@ fn body(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
     }
     match &model.input.overlay {
         Some(_) if area.height < OVERLAY_HEIGHT_MIN => {
-            pen.text(
-                area,
-                0,
-                ThemeRole::Warning,
-                "Make the window larger to read what is open, or leave it with Esc",
-            );
+            pen.text(area, 0, ThemeRole::Warning, wording::MAKE_IT_LARGER);
             return;
         }
         Some(Overlay::Approval(open)) => return approval_screen::draw(model, open, pen, area),
@@ -144,7 +140,7 @@ fn attention(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) -> Rect {
     let rows: Vec<Row> = alarms.chain(rows).collect();
     let taken = pen.rows(area, 0, &rows);
     if taken == 0 && height < VIEW_ROWS_MIN {
-        pen.text(area, 0, ThemeRole::Muted, "Nothing waits");
+        pen.text(area, 0, ThemeRole::Muted, wording::NOTHING_WAITS);
         return below(area, 1);
     }
     below(area, taken)
@@ -175,7 +171,7 @@ fn view(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
 /// Draws a list, one line for each row.
 pub(super) fn draw_rows(model: &ConsoleModel, rows: &[Row], pen: &mut Pen<'_>, area: Rect) {
     if rows.is_empty() {
-        pen.text(area, 0, ThemeRole::Muted, "Nothing here yet");
+        pen.text(area, 0, ThemeRole::Muted, wording::NOTHING_HERE_YET);
         return;
     }
     pen.list(area, rows.len(), Some(model.row()), |index, _| rows.get(index).cloned().unwrap_or_default());

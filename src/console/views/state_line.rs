@@ -17,6 +17,7 @@ use crate::widgets::pen::Pen;
 use crate::widgets::row::Row;
 use holdpoint_governance::lifecycle::{State, VersionFlags};
 use holdpoint_protocol::snapshot::Snapshot;
+use holdpoint_wording::console::state_line as wording;
 
 /// A state that overrides what the rest of the screen says.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -99,23 +100,15 @@ fn text(model: &ConsoleModel, now: &Snapshot, state: OverridingState) -> String 
     let seen = model.last_seen().unwrap_or_default();
     let stop = key(Action::Stop);
     match state {
-        OverridingState::Absent(EngineAbsence::HeldElsewhere) => {
-            format!(
-                "NO ENGINE HERE: another one holds the store and may move the arm; {stop} asks it to stop"
-            )
-        }
+        OverridingState::Absent(EngineAbsence::HeldElsewhere) => wording::held_elsewhere(&stop),
         OverridingState::Absent(EngineAbsence::Ended) => {
             if model.engine_data.engine.ended_orderly() {
-                format!(
-                    "ENGINE ENDED, last seen {seen}: no version drives the arm, and nothing here stops it"
-                )
+                wording::ended(&seen)
             } else {
-                format!("ENGINE GONE, last seen {seen}: the arm may move; use its physical stop")
+                wording::gone(&seen)
             }
         }
-        OverridingState::Silent => {
-            format!("ENGINE SILENT since {seen}: the arm may move; press {stop}, or its physical stop")
-        }
+        OverridingState::Silent => wording::silent(&seen, &stop),
         OverridingState::Stopped => {
             let who = status::stopped(model).unwrap_or_default();
             // The last stop is the one to ask about.
@@ -123,21 +116,19 @@ fn text(model: &ConsoleModel, now: &Snapshot, state: OverridingState) -> String 
             let first = stopped.map_or("", |stop| stop.reason.as_str());
             let why = stopped.and_then(|stop| stop.again.last()).map_or(first, |last| last.reason.as_str());
             let why = if why.is_empty() { String::new() } else { format!(", {why:?}") };
-            format!("{who}: {} starts the cell{why}", key(Action::Go))
+            wording::starts_the_cell(&who, &key(Action::Go), &why)
         }
         OverridingState::Unverified => {
             let reading = now.reading.map_or_else(String::new, |reading| reading.to_string());
-            format!("STARTING, {reading}; only {stop} works")
+            wording::starting(&reading, &stop)
         }
-        OverridingState::Holding => {
-            format!("ENGINE HALTED, no version is evaluated: {}", now.holding.as_deref().unwrap_or_default())
-        }
+        OverridingState::Holding => wording::halted(now.holding.as_deref().unwrap_or_default()),
         OverridingState::Unauthorized => {
-            format!("PROFILE NOT AUTHORIZED: {}", now.unauthorized.as_deref().unwrap_or_default())
+            wording::not_authorized(now.unauthorized.as_deref().unwrap_or_default())
         }
         OverridingState::ClockDoubt => {
             let why = now.clock_doubt.as_ref().map_or("", |doubt| doubt.text.as_str());
-            format!("TIME NOT CONFIRMED, nothing is activated: {why}")
+            wording::time_not_confirmed(why)
         }
     }
 }
@@ -149,7 +140,7 @@ fn driving(model: &ConsoleModel, now: &Snapshot) -> Row {
     }
     let version = model.engine_data.frame.as_ref().and_then(|frame| frame.version.as_ref());
     let mut row = match version {
-        None => Row::of(ThemeRole::Good, " RUNNING").with(ThemeRole::Text, " no version drives the arm now"),
+        None => Row::of(ThemeRole::Good, " RUNNING").with(ThemeRole::Text, wording::NOTHING_DRIVES),
         Some(version) => {
             let family = now.families.iter().find(|family| family.active.as_ref() == Some(version));
             let flags = family.and_then(|family| family.flags).unwrap_or_default();

@@ -16,6 +16,8 @@ use holdpoint_governance::alarms::{AlarmState, AlarmSummary, Priority};
 use holdpoint_governance::lifecycle::{State, VersionFlags};
 use holdpoint_protocol::command::Caller;
 use holdpoint_protocol::snapshot::Snapshot;
+use holdpoint_wording::console::shared;
+use holdpoint_wording::console::status as wording;
 
 /// Columns reserved for the text of an alarm, before counts are dropped.
 const TEXT_MIN: usize = 26;
@@ -30,7 +32,7 @@ pub fn draw(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
     let waits = paused.unwrap_or_default().and(waiting(model, pen.look));
     let Some(snapshot) = &model.engine_data.snapshot else {
         let absent = model.absence().is_some();
-        let text = if absent { "No engine is running here" } else { "No data from the engine yet" };
+        let text = if absent { shared::NO_ENGINE_HERE_TITLE } else { wording::NO_DATA_YET };
         pen.row(
             area,
             0,
@@ -91,13 +93,13 @@ pub fn stopped(model: &ConsoleModel) -> Option<String> {
     };
     let first = model.moment(stopped.since_ms);
     Some(match stopped.again.last() {
-        None => format!("STOPPED by {} since {first}", by(&stopped.by, &stopped.caller)),
+        None => wording::stopped_by(&by(&stopped.by, &stopped.caller), &first),
         Some(last) => {
             let between = stopped.unnamed + stopped.again.len() as u64 - 1;
             let more = if between > 0 { format!(" and {between} more") } else { String::new() };
             let again = model.moment(last.at_ms);
             let (stopped, last) = (by(&stopped.by, &stopped.caller), by(&last.by, &last.caller));
-            format!("STOPPED by {stopped} {first}, {last} {again}{more}")
+            wording::stopped_again(&stopped, &first, &last, &again, &more)
         }
     })
 }
@@ -130,7 +132,7 @@ fn head(model: &ConsoleModel, snapshot: &Snapshot, look: &Look) -> Row {
 /// That no alarm is open, as of when if the data is old.
 #[must_use]
 pub fn no_alarm(model: &ConsoleModel) -> String {
-    model.last_seen().map_or_else(|| "no alarm".to_owned(), |seen| format!("last seen {seen}: no alarm"))
+    model.last_seen().map_or_else(|| "no alarm".to_owned(), |seen| wording::no_alarm_last_seen(&seen))
 }
 
 fn head_text(model: &ConsoleModel, snapshot: &Snapshot) -> String {

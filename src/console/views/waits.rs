@@ -22,6 +22,7 @@ use holdpoint_governance::alarms::AlarmState;
 use holdpoint_governance::decision::lead_reason;
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_protocol::snapshot::{ApprovalRequestView, RequestKind, Snapshot};
+use holdpoint_wording::console::waits as wording;
 use unicode_width::UnicodeWidthStr as _;
 
 /// The widest name of a version in its column.
@@ -60,11 +61,7 @@ pub fn items(model: &ConsoleModel) -> Vec<WaitingItem> {
             items.push(WaitingItem {
                 what: "review",
                 subject: review.version.to_string(),
-                text: format!(
-                    "until {}{}; one person activated it",
-                    review.until.as_deadline(model.time()),
-                    if review.overdue { "" } else { ", then it is rolled back" }
-                ),
+                text: wording::review_until(&review.until.as_deadline(model.time()), review.overdue),
                 action: Action::Show(View::Approvals),
             });
         }
@@ -72,10 +69,7 @@ pub fn items(model: &ConsoleModel) -> Vec<WaitingItem> {
             items.push(WaitingItem {
                 what: "stopped",
                 subject: family.family.to_string(),
-                text: format!(
-                    "no version works until one is reactivated ({})",
-                    model.keymap.key(Action::Rearm)
-                ),
+                text: wording::no_version_works(&model.keymap.key(Action::Rearm)),
                 action: Action::Show(View::Registry),
             });
         }
@@ -102,7 +96,7 @@ fn waiting_item(model: &ConsoleModel, now: &Snapshot, row: &WaitingRow<'_>) -> W
         WaitingRow::MonitorQuestion(question) => {
             let left = time_left(question.deadline_ms, model.engine_ms());
             let why = lead_reason(&question.reasons).map(holdpoint_wording::line).unwrap_or_default();
-            ("answer", format!("or it is rolled back in {left}: {why}"), Action::Show(View::Approvals))
+            ("answer", wording::or_rolled_back(&left, &why), Action::Show(View::Approvals))
         }
         WaitingRow::Approval(prompt) => {
             (verb(prompt), signatures(model, prompt), Action::Show(View::Approvals))
@@ -155,7 +149,7 @@ pub fn draw(model: &ConsoleModel, items: &[WaitingItem], pen: &mut Pen<'_>, area
         return;
     }
     let key = model.keymap.key(Action::Show(View::Approvals));
-    let inside = pen.pane(area, &format!("Waits for you ({})", items.len()), false, &format!("{key} opens"));
+    let inside = pen.pane(area, &wording::waits_for_you(items.len()), false, &format!("{key} opens"));
     let (width, height) = (usize::from(inside.width), usize::from(inside.height));
     let shown = if items.len() > height { height.saturating_sub(1) } else { items.len() };
     let subject_width = items.iter().map(|item| item.subject.width()).max().unwrap_or(0).min(SUBJECT_MAX);
@@ -182,7 +176,7 @@ pub fn draw(model: &ConsoleModel, items: &[WaitingItem], pen: &mut Pen<'_>, area
             }
         }
         let counts: Vec<String> = counts.iter().map(|(what, count)| format!("{count} {what}")).collect();
-        let more = format!("and {} more: {}", others.len(), counts.join(", "));
+        let more = wording::others(others.len(), &counts.join(", "));
         rows.push(Row::of(ThemeRole::Waiting, &more));
     }
     pen.rows(inside, 0, &rows);

@@ -13,6 +13,7 @@ use crate::widgets::bar::progress;
 use crate::widgets::row::{Row, wrap};
 use holdpoint_protocol::event::DimensionResult;
 use holdpoint_protocol::snapshot::{CandidateView, MonitorView, Snapshot};
+use holdpoint_wording::console::watched as wording;
 
 /// The most lines of the conditions, and of the limits.
 const LINES_MAX: usize = 2;
@@ -24,8 +25,8 @@ pub fn rows(now: &Snapshot, candidate: &CandidateView, look: &Look, width: usize
     let mut rows = Vec::new();
     if let Some((worked, needed)) = family.and_then(|family| family.provisional) {
         let bar = (width / 4).clamp(6, 24);
-        let then = if worked < needed { ", then it is confirmed" } else { "" };
-        let count = format!(" {worked} of {needed} tasks{then}");
+        let then = if worked < needed { wording::THEN_CONFIRMED } else { "" };
+        let count = wording::tasks_watched(worked, needed, then);
         let row = progress(look, u64::from(worked), u64::from(needed), bar).with(ThemeRole::Text, &count);
         rows.push(row);
     }
@@ -35,26 +36,21 @@ pub fn rows(now: &Snapshot, candidate: &CandidateView, look: &Look, width: usize
     let monitor = now.live.monitors.iter().find(|monitor| monitor.version == candidate.version);
     if let Some(monitor) = monitor {
         let back = family.and_then(|family| family.pinned.as_ref());
-        let back =
-            back.map_or_else(|| "deactivates it".to_owned(), |version| format!("rolls it back to {version}"));
-        let then = if monitor.coupled {
-            format!("the first warning {back}, without a question")
-        } else {
-            format!("a trip {back}")
-        };
+        let back = back.map_or_else(|| wording::DEACTIVATES_IT.to_owned(), wording::rolls_it_back_to);
+        let then = if monitor.coupled { wording::first_warning(&back) } else { format!("a trip {back}") };
         let near = nearest(monitor);
         if !near.is_empty() {
             let is_past = near.iter().any(|(_, share)| *share >= 1.0);
             let role = if is_past { ThemeRole::Past } else { ThemeRole::Text };
             let near: Vec<String> =
                 near.iter().map(|(name, share)| format!("{name} {:.0} %", share * 100.0)).collect();
-            rows.extend(wrapped(role, &format!("of their limits: {}; {then}", near.join(", "))));
+            rows.extend(wrapped(role, &wording::of_their_limits(&near.join(", "), &then)));
         }
     }
     let below = below_limit(&candidate.dimensions);
     if !below.is_empty() {
         let glyph = look.glyph(Glyph::Warning);
-        let text = format!("{glyph} admitted below its limit: {}", below.join(", "));
+        let text = wording::admitted_below(glyph, &below.join(", "));
         rows.extend(wrapped(ThemeRole::Warning, &text));
     }
     let conditions: Vec<String> =

@@ -21,6 +21,7 @@ use crate::theme::state_mark::of_dimension;
 use crate::widgets::pen::{Pen, below};
 use crate::widgets::row::{Row, safe, wrap};
 use holdpoint_protocol::detail::{Detail, FindingVerdict, RationaleFinding, RationaleView};
+use holdpoint_wording::console::why as wording;
 
 /// The most lines of one text.
 const LINES_MAX: usize = 6;
@@ -36,7 +37,7 @@ pub fn draw(model: &ConsoleModel, screen: &WhyScreen, pen: &mut Pen<'_>, area: R
     pen.clear(area);
     let detail = model.subject_detail().filter(|detail| detail.version == screen.version);
     let Some((detail, why)) = detail.and_then(|detail| Some((detail, detail.why.get(screen.at)?))) else {
-        pen.text(area, 0, ThemeRole::Muted, "There is no such check any more; esc goes back");
+        pen.text(area, 0, ThemeRole::Muted, wording::NO_SUCH_CHECK);
         return;
     };
     let width = usize::from(area.width);
@@ -90,21 +91,21 @@ pub fn rows(detail: &Detail, why: &RationaleView, look: &Look, width: usize) -> 
     push_text(&mut rows, ThemeRole::Value, "", &sentence(&why.decisive), width);
     if !why.change.is_empty() {
         rows.push(Row::new());
-        rows.push(Row::of(ThemeRole::Title, "To pass, this would have to change"));
+        rows.push(Row::of(ThemeRole::Title, wording::TO_PASS));
         for text in &why.change {
             push_text(&mut rows, ThemeRole::Text, "  ", text, width);
         }
     }
     if !why.findings.is_empty() {
         rows.push(Row::new());
-        rows.push(Row::of(ThemeRole::Title, "Measured, the most serious first; more is worse"));
+        rows.push(Row::of(ThemeRole::Title, wording::MEASURED));
         for finding in &why.findings {
             push_finding(&mut rows, finding, look, width);
         }
     }
     if !detail.differences.is_empty() {
         rows.push(Row::new());
-        rows.push(Row::of(ThemeRole::Title, "Differences of the two versions"));
+        rows.push(Row::of(ThemeRole::Title, wording::DIFFERENCES));
         let arrow = look.glyph(Glyph::Arrow);
         for one in &detail.differences {
             let text =
@@ -144,8 +145,8 @@ fn push_finding(rows: &mut Vec<Row>, finding: &RationaleFinding, look: &Look, wi
     };
     let weight = match finding.weight {
         Some(weight) if weight > 0.0 && weight < 1_000.0 => format!("{weight:>5.1} x tolerated"),
-        Some(weight) if weight > 0.0 => "far beyond".to_owned(),
-        Some(_) => "no worse".to_owned(),
+        Some(weight) if weight > 0.0 => wording::FAR_BEYOND.to_owned(),
+        Some(_) => wording::NO_WORSE.to_owned(),
         None => String::new(),
     };
     // If the weight would leave no room, it stands before the text.

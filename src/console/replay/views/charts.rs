@@ -18,6 +18,7 @@ use crate::replay::charts::LimitedSeries;
 use crate::replay::model::ReplayModel;
 use crate::widgets::pen::{Pen, above, below, cut};
 use crate::widgets::row::Row;
+use holdpoint_wording::console::replay as wording;
 
 /// Lines that a chart needs with its heading.
 const HEIGHT_MIN: u16 = 4;
@@ -31,7 +32,7 @@ const HEIGHT_MAX: u16 = 12;
 pub fn draw(model: &ReplayModel, pen: &mut Pen<'_>, area: Rect) {
     let Some((place, group)) = model.shown_charts() else {
         let inside = pen.pane(area, "Charts", false, "");
-        pen.text(inside, 0, ThemeRole::Muted, "This recording holds no charts");
+        pen.text(inside, 0, ThemeRole::Muted, wording::NO_CHARTS_HERE);
         return;
     };
     let count = model.timeline.groups().len();
@@ -79,7 +80,7 @@ fn value_line(chart: &LimitedSeries, model: &ReplayModel, pen: &Pen<'_>, width: 
     let is_past = judged.zip(limit).is_some_and(|(judged, limit)| chart.is_past(judged, limit));
     let counts = is_past && model.timeline.ends_badly(model.cursor.at_ms);
     let (role, text) = match judged {
-        None => (ThemeRole::Unknown, format!("{} no value yet", pen.look.glyph(Glyph::Unknown))),
+        None => (ThemeRole::Unknown, wording::no_value_yet(pen.look.glyph(Glyph::Unknown))),
         Some(judged) if counts => {
             (ThemeRole::Past, format!("{} {what}{judged:.3}", pen.look.glyph(Glyph::Warning)))
         }

@@ -17,6 +17,7 @@ use crate::widgets::list::{GUTTER, place};
 use crate::widgets::pen::{Pen, cut};
 use crate::widgets::row::{Row, wrap};
 use holdpoint_recordings::recording::FilmSpan;
+use holdpoint_wording::console::replay as wording;
 use holdpoint_wording::event as event_text;
 
 /// The height from which there is a list.
@@ -40,11 +41,11 @@ pub fn draw(model: &ReplayModel, pen: &mut Pen<'_>, area: Rect) {
     let right = match model.cursor.event {
         Some(event) => place(count, event),
         None if count == 0 => String::new(),
-        None => format!("before the first of {count}"),
+        None => wording::before_the_first(count),
     };
     let inside = pen.pane(area, "Events", false, &right);
     if count == 0 {
-        pen.text(inside, 0, ThemeRole::Muted, "No event was recorded");
+        pen.text(inside, 0, ThemeRole::Muted, wording::NO_EVENT_RECORDED);
         return;
     }
     let whole = full_event_rows(model, inside);
@@ -74,7 +75,8 @@ fn failures(film: &FilmSpan, model: &ReplayModel, pen: &mut Pen<'_>, area: Rect)
     let right = last.map_or_else(String::new, |last| place(count, last));
     let inside = pen.pane(area, "Failures", false, &right);
     if count == 0 {
-        let text = if film.ended.is_empty() { "No failure was recorded" } else { "Nothing went wrong" };
+        let text =
+            if film.ended.is_empty() { wording::NO_FAILURE_RECORDED } else { wording::NOTHING_WENT_WRONG };
         pen.text(inside, 0, ThemeRole::Muted, text);
         return;
     }

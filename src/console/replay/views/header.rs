@@ -17,6 +17,7 @@ use crate::views::short;
 use crate::widgets::pen::Pen;
 use crate::widgets::row::Row;
 use holdpoint_protocol::clock::tick_of;
+use holdpoint_wording::console::replay as wording;
 
 /// Columns that the note about the failure needs at least.
 const NOTE_WIDTH_MIN: usize = 28;
@@ -48,12 +49,12 @@ fn went_wrong(model: &ReplayModel, pen: &Pen<'_>, room: usize) -> Row {
         None => ("  ", None),
     };
     let (role, glyph, text) = match (model.timeline.went_wrong(model.cursor.at_ms), rerun) {
-        (Some((at_ms, "")), _) => (ThemeRole::Bad, Glyph::Bad, format!("went wrong at {}", secs(at_ms))),
+        (Some((at_ms, "")), _) => (ThemeRole::Bad, Glyph::Bad, wording::went_wrong_at(&secs(at_ms))),
         (Some((at_ms, text)), _) => {
-            (ThemeRole::Bad, Glyph::Bad, format!("went wrong at {}: {text}", secs(at_ms)))
+            (ThemeRole::Bad, Glyph::Bad, wording::went_wrong_with(&secs(at_ms), text))
         }
         (None, Some(film)) if !film.ended.is_empty() => {
-            (ThemeRole::Good, Glyph::Good, "nothing went wrong".to_owned())
+            (ThemeRole::Good, Glyph::Good, wording::NOTHING_WRONG.to_owned())
         }
         (None, _) => return Row::new(),
     };
@@ -135,7 +136,7 @@ fn outcome(model: &ReplayModel, pen: &Pen<'_>) -> Row {
             Row::of(ThemeRole::Muted, "ended: ")
                 .with(role, &format!("{} {}", pen.look.glyph(glyph), short(&outcome.to_string(), 24)))
         }
-        None => Row::of(ThemeRole::Unknown, &format!("{} not closed", pen.look.glyph(Glyph::Unknown))),
+        None => Row::of(ThemeRole::Unknown, &wording::not_closed(pen.look.glyph(Glyph::Unknown))),
     }
 }
 
@@ -143,10 +144,7 @@ fn outcome(model: &ReplayModel, pen: &Pen<'_>) -> Row {
 fn version_status(model: &ReplayModel, pen: &Pen<'_>) -> Row {
     let status = model.timeline.version_status(model.cursor);
     let Some(state) = status.state else {
-        return Row::of(
-            ThemeRole::Unknown,
-            &format!("{} state not recorded yet", pen.look.glyph(Glyph::Unknown)),
-        );
+        return Row::of(ThemeRole::Unknown, &wording::state_not_recorded(pen.look.glyph(Glyph::Unknown)));
     };
     let mark = StateMark::version(state, &status.flags);
     let row = Row::of(mark.role, &pen.look.mark_label(mark));

@@ -8,6 +8,7 @@ use crate::replay::time_mark::LEGEND;
 use crate::views::window;
 use crate::widgets::pen::Pen;
 use crate::widgets::row::Row;
+use holdpoint_wording::console::replay as wording;
 
 /// The widest help, columns.
 const WIDTH_MAX: u16 = 80;
@@ -20,8 +21,8 @@ pub fn draw(first: u16, pen: &mut Pen<'_>, area: Rect) {
     let rows = rows(pen.look);
     let height = u16::try_from(rows.len() + 2).unwrap_or(u16::MAX);
     let hidden = rows.len().saturating_sub(usize::from(area.height.saturating_sub(2)));
-    let right = if hidden == 0 { "esc closes" } else { "down shows more, esc closes" };
-    let inside = window(pen, area, WIDTH_MAX, height, "Keys of the replay", right);
+    let right = if hidden == 0 { "esc closes" } else { wording::DOWN_SHOWS_MORE };
+    let inside = window(pen, area, WIDTH_MAX, height, wording::KEYS_OF_THE_REPLAY, right);
     let first = usize::from(first).min(hidden);
     pen.rows(inside, 0, rows.get(first..).unwrap_or_default());
 }
@@ -53,7 +54,7 @@ fn rows(look: &Look) -> Vec<Row> {
         let help = both(|action| action.help().to_owned(), "; ");
         Row::new().cell(ThemeRole::Key, &keys, KEYS_WIDTH).with(ThemeRole::Text, &help)
     });
-    let title = [Row::of(ThemeRole::Title, "On the time bar")];
+    let title = [Row::of(ThemeRole::Title, wording::ON_THE_TIME_BAR)];
     let legend = LEGEND.iter().map(|(glyph, text)| {
         Row::new().cell(ThemeRole::Title, look.glyph(*glyph), KEYS_WIDTH).with(ThemeRole::Text, text)
     });

@@ -13,6 +13,7 @@ use crate::views::hints::field;
 use crate::views::short;
 use crate::widgets::pen::Pen;
 use crate::widgets::row::Row;
+use holdpoint_wording::console::replay as wording;
 
 pub fn draw(model: &ReplayModel, pen: &mut Pen<'_>, area: Rect) {
     let width = usize::from(area.width);
@@ -20,7 +21,7 @@ pub fn draw(model: &ReplayModel, pen: &mut Pen<'_>, area: Rect) {
         let what = "Jump to ";
         let room = width.saturating_sub(what.len());
         let row = Row::of(ThemeRole::Key, what).and(field(pen, line, room.min(24), true));
-        row.with(ThemeRole::Muted, "   12.5s  1:02  t 3000  +5s   enter jumps, esc cancels")
+        row.with(ThemeRole::Muted, wording::JUMP_TARGETS)
     } else if let Some(notice) = &model.notice {
         let is_bad = notice.message.is_bad();
         let (role, glyph) =

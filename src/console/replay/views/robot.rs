@@ -15,6 +15,7 @@ use crate::replay::model::ReplayModel;
 use crate::views::robot;
 use crate::widgets::pen::{Pen, below};
 use holdpoint_recordings::recording::FilmSpan;
+use holdpoint_wording::console::replay as wording;
 
 pub fn draw(model: &ReplayModel, pen: &mut Pen<'_>, area: Rect) {
     let frame = model.cursor.frame.and_then(|frame| model.timeline.frame(frame));
@@ -71,18 +72,18 @@ fn warnings(model: &ReplayModel) -> Vec<(ThemeRole, String)> {
         (_, Some(_)) | (None, None) => {}
     }
     if let Some((from_ms, to_ms)) = model.timeline.gap_ms(model.cursor) {
-        let stretch = format!("from {} to {}", secs(from_ms), secs(to_ms));
+        let stretch = wording::stretch(&secs(from_ms), &secs(to_ms));
         lines.push((
             ThemeRole::Unknown,
             if model.timeline.version_status(model.cursor).is_offline() {
-                format!("no frames {stretch}: the candidate is evaluated apart from the live cell")
+                wording::no_frames_evaluated_apart(&stretch)
             } else {
-                format!("no frames {stretch}")
+                wording::no_frames(&stretch)
             },
         ));
     }
     if let Some(age_ms) = model.frame_age_ms().filter(|age_ms| *age_ms > FRESH_MS) {
-        lines.push((ThemeRole::Stale, format!("frame of {} earlier", secs(age_ms))));
+        lines.push((ThemeRole::Stale, wording::frame_is_earlier(&secs(age_ms))));
     }
     lines
 }

@@ -11,6 +11,7 @@ use crate::msg::MsgKind;
 use crate::run::frame_pace::FrameReason;
 use holdpoint_service::engine_handle::EngineHandle;
 use holdpoint_text::Hint as _;
+use holdpoint_wording::console::run as wording;
 
 /// The first pause between two searches for a running engine; each is twice as long as the one before.
 const SEEK_FIRST: Duration = Duration::from_millis(500);
@@ -42,14 +43,14 @@ impl Session {
         let look = move || {
             let found = match EngineHandle::find(&layout, sitting) {
                 Ok(Some(host)) => Ok(Box::new(host)),
-                Ok(None) => Err("no engine runs on this store".to_owned()),
+                Ok(None) => Err(wording::NO_ENGINE_ON_THIS_STORE.to_owned()),
                 Err(error) => Err(error.sentence()),
             };
             // The console may have ended meanwhile.
             drop(sender.blocking_send(BackgroundResult::Reconnected(found)));
         };
         if let Err(error) = std::thread::Builder::new().name("seeking".to_owned()).spawn(look) {
-            self.take_search_result(Err(format!("cannot start a thread: {error}")));
+            self.take_search_result(Err(wording::no_thread(error)));
         }
     }
 

@@ -1,0 +1,54 @@
+//! The sentences of the operator's screen: one file per view or concern, named as the file of the console that shows them.
+//!
+//! The console passes codes and values. Heads of columns and labels of one or two words stay with the view.
+
+pub mod action;
+pub mod alarms;
+pub mod approval_screen;
+pub mod approvals;
+pub mod audit;
+pub mod availability;
+pub mod banner;
+pub mod candidate;
+pub mod cell_restart;
+pub mod commands;
+pub mod effects;
+pub mod engine_requests;
+pub mod engine_updates;
+pub mod event_log;
+pub mod families;
+pub mod film;
+pub mod find_in_view;
+pub mod form;
+pub mod formatters;
+pub mod health;
+pub mod hints;
+pub mod identity_offer;
+pub mod key_log;
+pub mod keymap;
+pub mod model;
+pub mod navigation;
+pub mod no_engine;
+pub mod operations;
+pub mod overlays;
+pub mod overview;
+pub mod palette;
+pub mod pipeline;
+pub mod recording;
+pub mod registry;
+pub mod replay;
+pub mod robot;
+pub mod run;
+pub mod selection;
+pub mod shadow;
+pub mod shared;
+pub mod small_window;
+pub mod state_line;
+pub mod status;
+pub mod text_entry;
+pub mod theme;
+pub mod undo;
+pub mod update;
+pub mod waits;
+pub mod watched;
+pub mod why;

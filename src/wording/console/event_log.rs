@@ -1,0 +1,14 @@
+//! The texts of the event log.
+
+pub const NO_LINE_FITS: &str = "No line fits the filter";
+pub const NOTHING_HAPPENED: &str = "Nothing has happened yet";
+
+#[must_use]
+pub fn sequences(sequences: u32, done: u32) -> String {
+    format!("{sequences} sequences, {done} done, the last: ")
+}
+
+#[must_use]
+pub fn shows_more(key: &str) -> String {
+    format!("{key} shows more")
+}

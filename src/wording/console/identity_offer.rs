@@ -1,0 +1,9 @@
+//! The texts of the form that makes an identity.
+
+pub const NO_PASSPHRASE: &str =
+    "Its key has no passphrase: enough to act in a simulated cell, and for no approval beside people";
+
+#[must_use]
+pub fn is_made(name: &str) -> String {
+    format!("{name} is unknown here; it is made as an operator and goes on record")
+}

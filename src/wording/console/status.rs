@@ -1,0 +1,18 @@
+//! The parts of the status line.
+
+pub const NO_DATA_YET: &str = "No data from the engine yet";
+
+#[must_use]
+pub fn stopped_by(by: &str, since: &str) -> String {
+    format!("STOPPED by {by} since {since}")
+}
+
+#[must_use]
+pub fn stopped_again(by: &str, since: &str, last: &str, again: &str, more: &str) -> String {
+    format!("STOPPED by {by} {since}, {last} {again}{more}")
+}
+
+#[must_use]
+pub fn no_alarm_last_seen(seen: &str) -> String {
+    format!("last seen {seen}: no alarm")
+}
