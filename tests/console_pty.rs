@@ -30,6 +30,7 @@ use std::sync::OnceLock;
 
 use agent::AgentProcess;
 use attached_consoles::fill_fields;
+use holdpoint::wording::console::approval_screen::WAIT_A_MOMENT;
 use pty::{Console, Home};
 use rustix::process::Signal;
 use shell_approvals::{bob_approves, engine_awaiting_approval};
@@ -169,7 +170,7 @@ fn short_id(console: &Console) -> String {
 
 /// Presses a deciding key once the request accepts it: the request ignores keys in the first moments.
 fn press_until_decided(console: &mut Console, key: &str) {
-    console.wait_for("the question takes answers", |screen| !screen.contents().contains("wait a moment"));
+    console.wait_for("the question takes answers", |screen| !screen.contents().contains(WAIT_A_MOMENT));
     console.keys(key);
     console.wait_for("the question is answered", |screen| !screen.contents().contains(REQUEST_TITLE));
 }
@@ -289,7 +290,7 @@ fn two_approvals_activate_the_version() {
     console.keys("\r");
     console.wait_for_text(REQUEST_TITLE);
     fill_fields(&mut console, &id, "evidence read");
-    console.wait_for("the question takes answers", |screen| !screen.contents().contains("wait a moment"));
+    console.wait_for("the question takes answers", |screen| !screen.contents().contains(WAIT_A_MOMENT));
     console.keys("Y");
     console.wait_for_text("Passphrase of alice");
     console.keys("under the elm\r");
@@ -422,12 +423,12 @@ fn rejection_needs_a_reason_and_rejects_the_version() {
     let home = home_awaiting_approval();
     let mut console = open_request(&home, "bob");
     // Without a reason the key that rejects leads to the field.
-    console.wait_for("the question takes answers", |screen| !screen.contents().contains("wait a moment"));
+    console.wait_for("the question takes answers", |screen| !screen.contents().contains(WAIT_A_MOMENT));
     console.keys("N");
     console.keys("night shift is alone");
     console.wait_for_text("night shift is alone");
     console.keys("\t");
-    console.wait_for("the question takes answers", |screen| !screen.contents().contains("wait a moment"));
+    console.wait_for("the question takes answers", |screen| !screen.contents().contains(WAIT_A_MOMENT));
     console.keys("N");
     console.wait_for_text("Passphrase of bob");
     console.keys(PASSPHRASE);

@@ -381,64 +381,64 @@ mod tests {
             (
                 RecordKind::StateSet,
                 json!({ "change": { "from": "registered", "to": "validated", "reason": "fine" }, "rows": [] }),
-                "registered -> validated: fine",
+                wording::state_set("registered", "validated", Some("fine")),
             ),
-            (RecordKind::FlagsSet, json!({ "change": { "flags": flags } }), "paused, in shadow"),
+            (RecordKind::FlagsSet, json!({ "change": { "flags": flags } }), "paused, in shadow".to_owned()),
             (
                 RecordKind::ScoresSet,
                 json!({ "change": { "kappas": [1.0, 0.5, null, null] } }),
-                "interface, policy, behavior, recovery: 1.000, 0.500, ?, ?",
+                wording::scores("1.000, 0.500, ?, ?"),
             ),
             (
                 RecordKind::ActiveSet,
                 json!({ "change": { "active": "grasp@1.2.0", "pinned": "grasp@1.1.0", "cause": { "cause": "gate" } } }),
-                "grasp@1.2.0 has the arm by gate; the rollback target is grasp@1.1.0",
+                wording::has_the_arm("grasp@1.2.0", Some("gate"), Some("grasp@1.1.0")),
             ),
             (
                 RecordKind::PersonEnrolled,
                 json!({ "change": { "act": person } }),
-                "ana is enrolled as engineer by admin: known",
+                wording::person("ana", "enrolled", [Some("engineer"), Some("admin"), Some("known")]),
             ),
             (
                 RecordKind::TelemetryBlockSealed,
                 json!({ "change": { "batches": [{ "rows": 20 }, { "rows": 30 }] } }),
-                "2 batches of telemetry are sealed, 50 rows",
+                wording::batches_sealed(2, 50),
             ),
-            (RecordKind::AlarmChanged, json!({ "change": alarm }), "latched, high: too hot"),
+            (RecordKind::AlarmChanged, json!({ "change": alarm }), "latched, high: too hot".to_owned()),
             (
                 RecordKind::Decision,
                 json!({ "stage": "sandbox", "outcome": "activate", "reasons": [{ "text": "compatible" }] }),
-                "sandbox: decided activate: compatible",
+                wording::decided(Some("sandbox"), Some("activate"), Some("compatible")),
             ),
             (
                 RecordKind::Decision,
                 json!({ "stage": "sandbox", "outcome": "reject", "reasons": [
                     { "code": "behavior-ended-early", "text": "ended after 24 of 120" },
                     { "code": "behavior-established-worse", "text": "violation is worse" }] }),
-                "sandbox: decided reject: violation is worse",
+                wording::decided(Some("sandbox"), Some("reject"), Some("violation is worse")),
             ),
             (
                 RecordKind::Asked,
                 json!({ "asked": "register", "caller": { "user": "root", "process": 12 } }),
-                "root asked for register (process 12)",
+                wording::asked_for("root", "register", Some("12")),
             ),
             (
                 RecordKind::CellStopped,
                 json!({ "by": "ana", "reason": "a hand in the cell" }),
-                "ana stopped the cell: a hand in the cell",
+                wording::cell_stopped("ana", Some("a hand in the cell")),
             ),
             (
                 RecordKind::Commissioned,
                 json!({ "normal": { "tasks": 40 } }),
-                "what is normal for it was measured, over 40 tasks",
+                wording::normal_measured(false, Some("40")),
             ),
+            (RecordKind::PaceSet, json!({ "times": 10.0 }), shared::live_pace(Some(10.0))),
+            (RecordKind::PaceSet, json!({ "times": null }), shared::live_pace(None)),
             (
-                RecordKind::PaceSet,
-                json!({ "times": 10.0 }),
-                "the live cell runs 10 simulated seconds a second",
+                RecordKind::Recording,
+                json!({ "file": "a.rrd", "bytes": 12 }),
+                "file a.rrd, bytes 12".to_owned(),
             ),
-            (RecordKind::PaceSet, json!({ "times": null }), "the live cell runs as fast as it computes"),
-            (RecordKind::Recording, json!({ "file": "a.rrd", "bytes": 12 }), "file a.rrd, bytes 12"),
         ] {
             assert_eq!(sentence(&record(kind.into(), &body)), expected, "{kind}");
         }

@@ -264,27 +264,27 @@ mod tests {
             assert_eq!(parse(text), Ok(command), "{text}");
         }
         for (text, expected) in [
-            ("fly", "no command \"fly\""),
-            ("approve", "no command"),
-            ("reject", "no command"),
-            ("pace 0", "not allowed"),
-            ("pace NaN", "not allowed"),
-            ("pace -1", "not allowed"),
-            ("pace 1e9", "0.1 to 100"),
-            ("pace 1e308", "0.1 to 100"),
-            ("pace 1e-308", "0.1 to 100"),
-            ("pace inf", "not allowed"),
-            ("as", "needs"),
-            ("goal", "needs a goal"),
-            ("drift strong", "allowed are"),
-            ("filter moon", "running, waiting, held"),
-            ("close", "needs a profile"),
-            ("close moon", "moon"),
-            ("alarms now", "takes nothing"),
-            ("candidate grasp", "is no version"),
+            ("fly", wording::no_such_command("fly")),
+            ("approve", wording::no_such_command("approve")),
+            ("reject", wording::no_such_command("reject")),
+            ("pace 0", wording::pace_not_allowed("0", 0.1, 100.0)),
+            ("pace NaN", wording::pace_not_allowed("NaN", 0.1, 100.0)),
+            ("pace -1", wording::pace_not_allowed("-1", 0.1, 100.0)),
+            ("pace 1e9", wording::pace_not_allowed("1e9", 0.1, 100.0)),
+            ("pace 1e308", wording::pace_not_allowed("1e308", 0.1, 100.0)),
+            ("pace 1e-308", wording::pace_not_allowed("1e-308", 0.1, 100.0)),
+            ("pace inf", wording::pace_not_allowed("inf", 0.1, 100.0)),
+            ("as", wording::NEEDS_IDENTITY.to_owned()),
+            ("goal", wording::NEEDS_GOAL.to_owned()),
+            ("drift strong", "allowed are".to_owned()),
+            ("filter moon", "running, waiting, held".to_owned()),
+            ("close", wording::NEEDS_PROFILE.to_owned()),
+            ("close moon", "moon".to_owned()),
+            ("alarms now", wording::takes_nothing("alarms")),
+            ("candidate grasp", "is no version".to_owned()),
         ] {
             let problem = parse(text).unwrap_err();
-            assert!(problem.contains(expected), "{text}: {problem}");
+            assert!(problem.contains(&expected), "{text}: {problem}");
         }
     }
 

@@ -2,6 +2,7 @@
 
 use std::path::Path;
 
+use holdpoint::wording::console::approval_screen::WAIT_A_MOMENT;
 use rustix::process::Signal;
 
 use crate::pty::{Console, Home};
@@ -94,13 +95,13 @@ fn a_decision_at_another_console_closes_the_request_and_names_it() {
     bob.keys("a\r");
     bob.wait_for_text("alice is reading");
     alice.wait_for_text("bob is reading");
-    bob.wait_for("the question takes answers", |screen| !screen.contents().contains("wait a moment"));
+    bob.wait_for("the question takes answers", |screen| !screen.contents().contains(WAIT_A_MOMENT));
     bob.keys("N");
     bob.keys("night shift is alone");
     bob.wait_for_text("night shift is alone");
     bob.keys("\t");
     // The letters came as a burst.
-    bob.wait_for("the question takes answers again", |screen| !screen.contents().contains("wait a moment"));
+    bob.wait_for("the question takes answers again", |screen| !screen.contents().contains(WAIT_A_MOMENT));
     bob.keys("N");
     bob.wait_for_text("Passphrase of bob");
     bob.keys(PASSPHRASE);
@@ -148,7 +149,7 @@ pub fn fill_fields(console: &mut Console, id: &str, reason: &str) {
 fn promote(console: &mut Console) {
     let id = short_id(console);
     fill_fields(console, &id, "evidence read");
-    console.wait_for("the question takes answers", |screen| !screen.contents().contains("wait a moment"));
+    console.wait_for("the question takes answers", |screen| !screen.contents().contains(WAIT_A_MOMENT));
     console.keys("Y");
     console.wait_for_text("Passphrase of");
     console.keys(PASSPHRASE);

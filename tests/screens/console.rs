@@ -27,6 +27,7 @@ use holdpoint::protocol::approval_document::ApprovalFacts;
 use holdpoint::protocol::detail::AuditVerification;
 use holdpoint::protocol::snapshot::Snapshot;
 use holdpoint::wording::approval::render;
+use holdpoint::wording::console as wording;
 use ratatui::buffer::Buffer;
 use ratatui::layout::Rect;
 use ratatui::style::Color;
@@ -134,7 +135,8 @@ fn occasions() -> Vec<(&'static str, ConsoleModel)> {
         vec![("prompt_tier0", prompted(0)), ("prompt_tier1", prompted(1)), ("prompt_tier2", prompted(2))];
     let mut stale = prompted(2);
     with_prompt(&mut stale, |prompt| {
-        prompt.stale = Some(RequestChange { at_ms: support::NOW_MS, what: "the evidence changed" });
+        prompt.stale =
+            Some(RequestChange { at_ms: support::NOW_MS, what: wording::approval_screen::EVIDENCE_CHANGED });
     });
     occasions.push(("prompt_stale", stale));
     let mut palette = support::at(View::Alarms);
@@ -220,10 +222,11 @@ fn every_overlay_and_state_matches_its_snapshot() {
 fn decision_can_be_read_to_its_end_at_every_size() {
     for tier in 0..=2 {
         let whole = shown(&prompted(tier), (120, 60));
-        assert!(whole.contains("all of it"), "tier {tier}:\n{whole}");
+        assert!(whole.contains(wording::approval_screen::ALL_OF_IT), "tier {tier}:\n{whole}");
         // A line shows that more follows, with the key that leads there.
         let small = shown(&prompted(tier), (80, 24));
-        assert!(small.contains("all of it") || small.contains("below: pagedown"), "tier {tier}:\n{small}");
+        let is_whole = small.contains(wording::approval_screen::ALL_OF_IT);
+        assert!(is_whole || small.contains("below: pagedown"), "tier {tier}:\n{small}");
         let mut model = prompted(tier);
         let mut seen = String::new();
         for page in 0..20 {

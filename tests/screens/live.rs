@@ -13,6 +13,7 @@ use holdpoint::governance::alarms::{AlarmState, Priority};
 use holdpoint::governance::lifecycle::{State, VersionFlags};
 use holdpoint::protocol::command::Caller;
 use holdpoint::protocol::snapshot::{AlarmView, Snapshot, StoppedView};
+use holdpoint::wording::console as wording;
 use ratatui::layout::Rect;
 
 use crate::support;
@@ -122,7 +123,7 @@ fn active_version_alarms_stops_and_requests_never_freeze() {
                 let text = shown(&model, size);
                 let at = format!("{view:?} pane {pane} {size:?}:\n{text}");
                 assert!(text.contains("STOPPED by grace"), "{at}");
-                assert!(text.contains("frozen since 00:11:40"), "{at}");
+                assert!(text.contains(&wording::banner::frozen_since("", "00:11:40")), "{at}");
                 let status = text.lines().rev().nth(1).unwrap();
                 assert!(!status.contains("wait"), "nothing waits any more, {at}");
                 if view == View::Overview && (pane == 0 || size.0 >= 80) {

@@ -11,6 +11,7 @@ use holdpoint::governance::lifecycle::{Stage, State, VersionFlags};
 use holdpoint::governance::profile::ProfileName;
 use holdpoint::protocol::command::Caller;
 use holdpoint::protocol::snapshot::{CandidateView, FamilyView, ReviewView, Snapshot, StoppedView};
+use holdpoint::wording::console as wording;
 
 use crate::support;
 
@@ -83,16 +84,15 @@ fn nothing_that_runs_or_waits_leaves_the_screen_under_200_candidates() {
                 let text = shown(&model, size);
                 let at = format!("row {row} pane {pane} {size:?}:\n{text}");
                 let line = |start: &str| text.lines().find(|line| line.trim_start().starts_with(start));
-                assert!(
-                    text.contains("STOPPED by bert since 08:11:40: W starts the cell, \"noise\""),
-                    "{at}"
-                );
+                let stopped = wording::status::stopped_by("bert", "08:11:40");
+                let stopped = wording::state_line::starts_the_cell(&stopped, "W", ", \"noise\"");
+                assert!(text.contains(&stopped), "{at}");
                 // What a monitor watches, and what runs.
                 assert!(text.contains("7 of 40 tasks"), "{at}");
                 assert!(text.contains("grasp@1.1.0") && text.contains("137 of 480"), "{at}");
                 assert!(text.contains("QUEUE 146: next align@9.0.0"), "{at}");
                 // Everything that stands until a person acts, or its count.
-                assert!(text.contains("Waits for you (7)"), "{at}");
+                assert!(text.contains(&wording::waits::waits_for_you(7)), "{at}");
                 assert!(line("answer").is_some_and(|line| line.contains("grasp@1.0.0")), "{at}");
                 assert!(line("sign").is_some_and(|line| line.contains("align@2.0.0")), "{at}");
                 let kinds = ["stopped", "paused", "on hold", "demoted", "reset"];
@@ -202,7 +202,7 @@ fn what_waits_beyond_the_room_is_counted_by_kind() {
     });
     for size in SIZES {
         let text = shown(&model, size);
-        assert!(text.contains("Waits for you (38)"), "{size:?}:\n{text}");
+        assert!(text.contains(&wording::waits::waits_for_you(38)), "{size:?}:\n{text}");
         let more = text
             .lines()
             .find(|line| line.trim_start().starts_with("and ") && line.contains(" more: "))

@@ -102,6 +102,6 @@ mod tests {
         assert_eq!(names, ["alice", "mara"]);
         assert_eq!(find(&keys, "mara").unwrap().role, Role::Engineer);
         let hint = find(&keys, "bob").unwrap_err().hint().unwrap();
-        assert!(hint.starts_with("`holdpoint identity new bob`"), "{hint}");
+        assert_eq!(hint, wording::makes_an_identity("bob"));
     }
 }

@@ -24,6 +24,7 @@ use holdpoint_protocol::event::{Event, EventKind, TaskSummary};
 use holdpoint_protocol::video_frame::{ArmView, NO_TURN, Scenery, VideoFrame};
 use holdpoint_protocol::work_unit::WorkUnit;
 use holdpoint_recordings::recording::{FailureMoment, FilmSpan, Recording, RecordingSubject, Series};
+use holdpoint_wording::console as wording;
 
 /// Frames every 100 ms from 20 to 21 s and from 40 to 41 s; two of them share a time.
 fn video_frames() -> Vec<VideoFrame> {
@@ -434,7 +435,8 @@ fn a_re_run_names_the_moment_where_it_went_wrong_at_every_size() {
     let wide = screen(&model, 120, 36);
     assert!(wide.contains("x 4.1 s") && wide.contains("episode 3 of 9, seed 7"), "{wide}");
     assert!(
-        !wide.contains("not closed") && wide.contains("x went wrong at 20.5 s: the object slips"),
+        !wide.contains("not closed")
+            && wide.contains(&wording::replay::went_wrong_with("20.5 s", "the object slips")),
         "{wide}"
     );
     assert!(wide.contains("! 31.000, at most 30.00"), "{wide}");
@@ -456,7 +458,7 @@ fn a_re_run_names_the_moment_where_it_went_wrong_at_every_size() {
 fn a_re_run_without_a_failure_warns_of_nothing() {
     let mut model = rerun(&[]);
     let screen = screen(&model, 120, 36);
-    assert!(screen.contains("+ nothing went wrong") && screen.contains("+ 4.1 s"), "{screen}");
+    assert!(screen.contains(wording::replay::NOTHING_WRONG) && screen.contains("+ 4.1 s"), "{screen}");
     assert!(screen.contains("31.000, tolerated above 30.00") && !screen.contains("! 31.000"), "{screen}");
     keys(&mut model, "m");
     assert_eq!(message(&model), Some(&ReplayMessage::NoFailure));
@@ -534,7 +536,11 @@ fn a_rollback_by_a_person_is_no_failure_and_a_violation_is() {
             (&times_ms[..], decided_ms),
             "{by} {violation}"
         );
-        assert_eq!(screen(&model, 120, 36).contains("went wrong at"), decided_ms.is_some(), "{by}");
+        assert_eq!(
+            screen(&model, 120, 36).contains(wording::replay::went_wrong_at("").trim_end()),
+            decided_ms.is_some(),
+            "{by}"
+        );
         keys(&mut model, "m");
         assert_eq!(message(&model) == Some(&ReplayMessage::NoFailure), times_ms.is_empty(), "{by}");
     }

@@ -119,14 +119,14 @@ mod tests {
     fn exit_message_reports_the_end_of_the_engine() {
         let fault = || Some(Err(EngineEndError::of("disk full\u{7}")));
         for (came_up, ended, in_order, expected) in [
-            (true, Some(Ok(())), true, "the engine shut down cleanly"),
-            (true, fault(), false, r"with a fault: disk full\u{7}"),
-            (false, fault(), false, r"did not come up: disk full\u{7}"),
-            (true, None, false, "did not end in time"),
+            (true, Some(Ok(())), true, shared::ENGINE_SHUT_DOWN_CLEANLY.to_owned()),
+            (true, fault(), false, wording::ended_with_a_fault(r"disk full\u{7}")),
+            (false, fault(), false, wording::did_not_come_up(r"disk full\u{7}")),
+            (true, None, false, wording::DID_NOT_END_IN_TIME.to_owned()),
         ] {
             let report = exit_report(ExitCause::Requested, came_up, ended, None);
             assert_eq!(report.in_order, in_order);
-            assert!(report.text.contains(expected), "{}", report.text);
+            assert_eq!(report.text, expected);
         }
         assert_eq!(candidates(1), "1 candidate is");
         assert_eq!(candidates(3), "3 candidates are");

@@ -306,17 +306,12 @@ mod tests {
         let working =
             ObservedCounts { activations: 3, unsafe_activations: 1, episodes: 41, violations: 2, ..none };
         let rolled_back = ObservedCounts { rollbacks: 2, recovered: 1, ..working };
-        for (observed, expected) in [
-            (none, None),
-            (working, Some("since this engine began: 3 let in, 1 unsafe; 41 tasks, 2 violations")),
-            (
-                rolled_back,
-                Some(
-                    "since this engine began: 3 let in, 1 unsafe; 41 tasks, 2 violations; 1 of 2 rolled back safely",
-                ),
-            ),
-        ] {
-            assert_eq!(counted(&observed).as_deref(), expected);
+        let counts = wording::counted(3, 1, 41, 2);
+        let with_rollbacks = format!("{counts}{}", wording::rolled_back_safely(1, 2));
+        for (observed, expected) in
+            [(none, None), (working, Some(counts)), (rolled_back, Some(with_rollbacks))]
+        {
+            assert_eq!(counted(&observed), expected);
         }
     }
 }

@@ -244,7 +244,8 @@ mod tests {
             dimension(&result, &look, 100).parts().map(|(text, _)| text).collect::<String>()
         };
         let declared = text(None, false, DimensionOutcome::Compatible);
-        assert!(declared.starts_with("? recovery    -   not measured yet"), "{declared}");
+        let expected = format!("? recovery    -   {}", wording::NOT_MEASURED_YET);
+        assert!(declared.starts_with(&expected), "{declared}");
         assert!(text(None, false, DimensionOutcome::Incompatible).starts_with("✖ recovery    ?  "));
         assert!(text(Some(0.9), true, DimensionOutcome::Compatible).starts_with("✔ recovery  0.900 "));
         assert!(text(None, false, DimensionOutcome::NoData).starts_with("? recovery    ?  "));
@@ -253,8 +254,8 @@ mod tests {
     /// An improvement of success was "worse by -0.357..-0.201".
     #[test]
     fn an_improvement_is_not_told_as_a_negative_worsening() {
-        assert_eq!(change([-0.357, -0.201]), "better by 0.201..0.357");
-        assert_eq!(change([-0.010, 0.030]), "0.010 better to 0.030 worse");
-        assert_eq!(change([0.0, 0.030]), "worse by 0.000..0.030");
+        assert_eq!(change([-0.357, -0.201]), wording::better_by(0.201, 0.357));
+        assert_eq!(change([-0.010, 0.030]), wording::better_to_worse(0.010, 0.030));
+        assert_eq!(change([0.0, 0.030]), wording::worse_by(0.0, 0.030));
     }
 }

@@ -176,6 +176,15 @@ mod tests {
     use holdpoint_service::engine_handle::EngineEndError;
     use serde_json::json;
 
+    const FULL_DISK: &str = "the disk is full";
+    const NO_ADMINISTRATOR: &str = "no administrator did";
+    const CLOCK_BEHIND: &str = "the clock is behind the newest record";
+
+    /// The stop of [`console`], by this author.
+    fn stopped_by(author: &str) -> String {
+        holdpoint_wording::console::status::stopped_by(author, "18:31:02")
+    }
+
     /// A console at which every state applies at once.
     fn console() -> ConsoleModel {
         let settings =
@@ -186,7 +195,7 @@ mod tests {
         let mut now: Snapshot = serde_json::from_value(json!({
             "at_ms": 160_000, "wall_ms": ((18 * 60 + 31) * 60 + 56) * 1_000, "up_since_ms": 100_000,
             "profile": "human", "robot": "arm7", "policy": letters("b"), "agent": letters("c"),
-            "holding": "the disk is full",
+            "holding": FULL_DISK,
             "families": [], "candidates": [], "prompts": [], "questions": [], "alarms": [],
             "alarm_summary": { "highest_unacknowledged": null, "unacknowledged": [0, 0, 0], "acknowledged": 0,
                 "latched": 0, "shelved": 0, "flood": false },
@@ -197,10 +206,10 @@ mod tests {
         }))
         .unwrap();
         now.reading = Some(StartupProgressView { read: 3, of: 9 });
-        now.unauthorized = Some("no administrator did".to_owned());
+        now.unauthorized = Some(NO_ADMINISTRATOR.to_owned());
         now.clock_doubt = Some(ClockMismatchView {
             doubt: ClockMismatch::Behind { by_ms: 7 },
-            text: "the clock is behind the newest record".to_owned(),
+            text: CLOCK_BEHIND.to_owned(),
             said: WallTime::default(),
         });
         let stopped = StoppedView::first("bert".to_owned(), Caller::Script, "noise".to_owned(), 106_000);
@@ -229,27 +238,23 @@ mod tests {
     #[test]
     fn the_most_uncertain_state_overrides_the_others() {
         let mut model = console();
-        let gone = "ENGINE GONE, last seen 18:31:56: the arm may move; use its physical stop";
-        assert_eq!(line(&model), gone);
+        assert_eq!(line(&model), wording::gone("18:31:56"));
         model.engine_data.engine = EngineState::Running;
-        assert!(line(&model).starts_with("ENGINE SILENT since 18:31:56: the arm may move; press X"));
+        assert_eq!(line(&model), wording::silent("18:31:56", "X"));
         model.now_ms = 0;
-        assert_eq!(
-            line(&model),
-            "STOPPED by bert since 18:31:02: W starts the cell, \"noise\"",
-            "54 s before, as a time of day"
-        );
+        let stopped = wording::starts_the_cell(&stopped_by("bert"), "W", ", \"noise\"");
+        assert_eq!(line(&model), stopped, "54 s before, as a time of day");
         edit(&mut model, |now| now.stopped = None);
-        assert!(line(&model).contains("3 of 9 records read; only X works"), "{}", line(&model));
+        let reading = StartupProgressView { read: 3, of: 9 };
+        assert_eq!(line(&model), wording::starting(&reading.to_string(), "X"));
         edit(&mut model, |now| now.reading = None);
-        assert_eq!(line(&model), "ENGINE HALTED, no version is evaluated: the disk is full");
+        assert_eq!(line(&model), wording::halted(FULL_DISK));
         edit(&mut model, |now| now.holding = None);
-        assert_eq!(line(&model), "PROFILE NOT AUTHORIZED: no administrator did");
+        assert_eq!(line(&model), wording::not_authorized(NO_ADMINISTRATOR));
         edit(&mut model, |now| now.unauthorized = None);
-        let doubt = "TIME NOT CONFIRMED, nothing is activated: the clock is behind the newest record";
-        assert_eq!(line(&model), doubt);
+        assert_eq!(line(&model), wording::time_not_confirmed(CLOCK_BEHIND));
         edit(&mut model, |now| now.clock_doubt = None);
-        assert_eq!(line(&model), " RUNNING no version drives the arm now; goal pick-align-place");
+        assert_eq!(line(&model), format!(" RUNNING{}; goal pick-align-place", wording::NOTHING_DRIVES));
         model.view_state.view = View::Audit;
         assert!(is_shown(&model), "in every view, whatever it says");
     }
@@ -269,10 +274,10 @@ mod tests {
             });
             line(model)
         };
-        assert!(shown(&mut model, 7, "bert").starts_with("STOPPED by bert since 18:31:02"));
-        assert!(shown(&mut model, 7, "").starts_with("STOPPED by account 7 since 18:31:02"));
-        assert!(shown(&mut model, 8, "bert").starts_with("STOPPED by account 8 as \"bert\" since 18:31:02"));
-        assert!(shown(&mut model, 8, "").starts_with("STOPPED by account 8 since 18:31:02"));
+        assert!(shown(&mut model, 7, "bert").starts_with(&stopped_by("bert")));
+        assert!(shown(&mut model, 7, "").starts_with(&stopped_by("account 7")));
+        assert!(shown(&mut model, 8, "bert").starts_with(&stopped_by("account 8 as \"bert\"")));
+        assert!(shown(&mut model, 8, "").starts_with(&stopped_by("account 8")));
     }
 
     #[test]

@@ -3,6 +3,7 @@
 
 use super::*;
 use crate::formatters::takeover_time;
+use holdpoint_wording::console as wording;
 
 fn granted(stopped: bool) -> Snapshot {
     let mut now = snapshot(1, 'e');
@@ -36,7 +37,8 @@ fn an_approved_request_names_its_takeover() {
         assert_eq!(console.block(), Some(DecisionObstacle::Granted));
         console.press(KeyCode::Esc);
         let screen = screen_text(&console);
-        assert!(screen.contains(&format!("{CANDIDATE} is approved and {takeover}")), "{screen}");
+        let told = wording::overlays::approved_and(&CANDIDATE.parse().unwrap(), takeover);
+        assert!(screen.contains(&told), "{screen}");
         assert!(screen.contains(&format!("2 of 2 {takeover}")), "{screen}");
         assert!(!screen.contains("2 of 2 until"), "{screen}");
     }

@@ -3,6 +3,7 @@
 use super::*;
 use crate::rows::CandidateItem;
 use holdpoint_protocol::detail::Detail;
+use holdpoint_wording::console as wording;
 
 /// The screen as lines, at a size.
 pub(super) fn screen(console: &TestConsole, columns: u16, rows: u16) -> String {
@@ -37,28 +38,31 @@ fn better_names_the_average_and_its_interval() {
             "interval": [-0.05, high], "limit": 0.15, "n": 120 }] })
     };
     let mut console = TestConsole::new(0);
-    for (high, change, is_established) in
-        [(0.01, "0.050 better to 0.010 worse", false), (-0.01, "better by 0.010..0.050", true)]
-    {
+    for (high, change, is_established) in [
+        (0.01, wording::candidate::better_to_worse(0.05, 0.01), false),
+        (-0.01, wording::candidate::better_by(0.01, 0.05), true),
+    ] {
         open_detail(&mut console, detail(&behavior(high)));
         let is_caveat = |row: &CandidateItem<'_>| matches!(row, CandidateItem::Unproven(..));
         assert_eq!(console.model.candidate_rows(0).iter().any(is_caveat), !is_established, "{high}");
         let text = screen(&console, 100, 30);
-        assert!(text.contains("on average") && text.contains(change), "{text}");
+        assert!(text.contains("on average") && text.contains(&change), "{text}");
         assert_eq!(text.contains("not established"), !is_established, "{text}");
     }
 }
 
 #[test]
 fn an_empty_pane_explains_itself_by_state() {
+    use wording::candidate as c;
+    let grasp = holdpoint_governance::ids::Family::new("grasp").unwrap();
     let cases = [
-        ("rolled-back", None, 1, ["took over", "no other"]),
-        ("rolled-back", Some("grasp@1.1.0"), 1, ["No field", "differs from grasp@1.1.0"]),
-        ("registered", None, 1, ["to compare", "of grasp"]),
-        ("registered", None, 2, ["No sandbox", "has run"]),
-        ("rejected", None, 2, ["No sandbox", "was rejected"]),
-        ("rejected", None, 3, ["No recovery", "was rejected"]),
-        ("registered", None, 4, ["No decision", "about it"]),
+        ("rolled-back", None, 1, c::TOOK_OVER_FROM_NONE.to_owned()),
+        ("rolled-back", Some("grasp@1.1.0"), 1, c::no_field_differs(&"grasp@1.1.0".parse().unwrap())),
+        ("registered", None, 1, c::nothing_to_compare_with(&grasp)),
+        ("registered", None, 2, c::nothing_ran_yet(c::NO_SANDBOX_EPISODE)),
+        ("rejected", None, 2, c::nothing_on_record(c::NO_SANDBOX_EPISODE, "rejected")),
+        ("rejected", None, 3, c::nothing_on_record(c::NO_RECOVERY_DRILL, "rejected")),
+        ("registered", None, 4, c::NO_DECISION_YET.to_owned()),
     ];
     for (state, against, pane, expected) in cases {
         let mut console = TestConsole::new(0);
@@ -68,7 +72,7 @@ fn an_empty_pane_explains_itself_by_state() {
         open_detail(&mut console, detail(&json!({ "against": against })));
         console.model.view_state.panes[View::Candidate as usize] = pane;
         let text = screen(&console, 100, 30);
-        assert!(expected.iter().all(|part| text.contains(part)), "{state} {pane}:\n{text}");
+        assert!(text.contains(&expected), "{state} {pane}:\n{text}");
     }
 }
 
@@ -102,9 +106,13 @@ fn a_shadow_rejection_is_shown_as_decisive() {
 #[test]
 fn only_shadowed_sequences_are_described_as_alike() {
     let none = json!([]);
-    for (n, expected) in [(0, "No sequence has been shadowed yet"), (1, "The one"), (7, "All 7")] {
+    for (n, expected) in [
+        (0, wording::shadow::NO_SEQUENCE_YET.to_owned()),
+        (1, wording::shadow::ONE_SEQUENCE_ALIKE.to_owned()),
+        (7, wording::shadow::all_sequences_alike(7)),
+    ] {
         let text = screen(&shadowed("sandboxed", n, &none), 100, 30);
-        assert!(text.contains(expected), "{n}:\n{text}");
+        assert!(text.contains(&expected), "{n}:\n{text}");
         assert_eq!(text.contains("ended alike"), n > 0, "{n}:\n{text}");
     }
 }
@@ -176,7 +184,7 @@ fn the_card_names_who_waived_a_limit() {
         open_detail(&mut console, detail(&json!({ "dimensions": dimensions, "audit": audit })));
         screen(&console, 120, 36)
     };
-    let waived = "admitted below its limit: recovery 0.50 of 0.80; waived by linus, grace";
+    let waived = wording::candidate::admitted_and_waived("recovery 0.50 of 0.80", "linus, grace");
     let text = card("active", recovery(0.5));
     // Not mara, whose approval was not used, and not bert, who approved other evidence.
     assert!(text.lines().any(|line| line.trim_end() == waived), "{text}");
@@ -189,10 +197,10 @@ fn the_card_names_who_waived_a_limit() {
 fn a_kind_without_records_is_not_called_unread() {
     let mut console = TestConsole::new(0);
     console.keys("7");
-    assert!(screen(&console, 120, 36).contains("No record has been read yet"));
+    assert!(screen(&console, 120, 36).contains(wording::audit::NO_RECORD_READ));
     let page = holdpoint_protocol::detail::AuditPage { rows: Vec::new(), head: 9 };
     console.model.engine_data.audit = Arc::new(page);
-    assert!(screen(&console, 120, 36).contains("There is no record of this kind"));
+    assert!(screen(&console, 120, 36).contains(wording::audit::NO_RECORD_OF_THIS_KIND));
 }
 
 #[test]

@@ -7,6 +7,7 @@ use holdpoint_governance::lifecycle::{State, VersionFlags};
 use holdpoint_protocol::command::Operation;
 use holdpoint_protocol::event::{Event, EventKind};
 use holdpoint_protocol::snapshot::{RepeatedStop, SigningView};
+use holdpoint_wording::console as wording;
 
 fn stopped(by: &str, since_ms: u64) -> Snapshot {
     let mut now = snapshot(0, 'e');
@@ -65,8 +66,13 @@ fn a_start_covers_only_the_stop_that_was_read() {
     assert!(form(&console).is_some_and(|form| form.problem.is_none() && form.reason.text() == "clear"));
     // Another stop.
     set_snapshot(&mut console, stopped("cy", 61_000));
-    assert!(notice(&console).contains("as \"cy\" has"), "{}", notice(&console));
-    assert!(void(&mut console).unwrap().starts_with("a script as \"cy\" has"));
+    let stopped_again = |console: &TestConsole, by: &str, at_ms| {
+        let author = holdpoint_wording::event::stop_author(by, &Caller::Script);
+        wording::cell_restart::stopped_it_again(&author, &console.model.moment(at_ms))
+    };
+    let expected = stopped_again(&console, "cy", 61_000);
+    assert!(notice(&console).contains(&expected), "{}", notice(&console));
+    assert_eq!(void(&mut console), Some(expected));
     // Also if the engine's snapshot keeps the first stop.
     console.keys("W");
     let stop = |at_ms: u64| Event {
@@ -82,11 +88,12 @@ fn a_start_covers_only_the_stop_that_was_read() {
     console.tell(MsgKind::Events(vec![stop(60_000)]));
     assert!(form(&console).is_some_and(|form| form.void.is_none()), "that is the stop that was read");
     console.tell(MsgKind::Events(vec![stop(62_000)]));
-    assert!(void(&mut console).unwrap().starts_with("a script as \"di\" has"));
+    let expected = stopped_again(&console, "di", 62_000);
+    assert_eq!(void(&mut console), Some(expected));
     // Or starts the cell.
     console.keys("W");
     set_snapshot(&mut console, snapshot(0, 'e'));
-    assert!(void(&mut console).unwrap().contains("already been"));
+    assert_eq!(void(&mut console).as_deref(), Some(wording::cell_restart::ALREADY_STARTED));
 }
 
 /// During another person's stop, typed text went to the view as keys: `F` opened a form, `q` another.
@@ -193,7 +200,8 @@ fn every_operator_who_stopped_is_named() {
     };
     now.stopped.as_mut().unwrap().record_repeat(again("bert", 69_000));
     let (screen, form, _) = screens(&now);
-    assert!(screen.contains("ana 00:01:02, bert 00:01:09"), "{screen}");
+    let twice = wording::status::stopped_again("ana", "00:01:02", "bert", "00:01:09", "");
+    assert!(screen.contains(&twice), "{screen}");
     assert!(form.contains("as \"ana\"") && form.contains("00:01:02: \"a hand"), "{form}");
     assert!(form.contains("as \"bert\"") && form.contains("00:01:09: \"bert saw"), "{form}");
     // However many stops there are, the first and the last ones are named, and the others counted.
@@ -206,8 +214,10 @@ fn every_operator_who_stopped_is_named() {
     let named: Vec<&str> = stopped.again.iter().map(|stop| stop.by.as_str()).collect();
     assert_eq!((named, stopped.unnamed), (vec!["dora", "emil", "fritz", "bert"], 2));
     let (screen, form, open) = screens(&now);
-    assert!(screen.contains("ana 00:01:02, bert 00:01:14") && screen.contains("and 5 more"), "{screen}");
-    assert!(form.contains("2 more times") && form.contains("fritz") && !form.contains("carl"), "{form}");
+    let often = wording::status::stopped_again("ana", "00:01:02", "bert", "00:01:14", " and 5 more");
+    assert!(screen.contains(&often), "{screen}");
+    assert!(form.contains(&wording::cell_restart::stopped_again_unnamed(2)), "{form}");
+    assert!(form.contains("fritz") && !form.contains("carl"), "{form}");
     for wanted in ["Stopped by", "2 more times", "\"bert\"", "is empty", "Reason"] {
         assert!(open.contains(wanted), "{wanted}: {open}");
     }

@@ -8,6 +8,7 @@ use holdpoint_governance::lifecycle::{Stage, State, VersionFlags};
 use holdpoint_governance::record::VersionSummary;
 use holdpoint_protocol::command::Reply;
 use holdpoint_protocol::detail::RegistryPage;
+use holdpoint_wording::console as wording;
 
 /// A version of 60 characters.
 fn long_version() -> String {
@@ -122,7 +123,7 @@ fn the_filter_by_state_is_typed_removed_and_refused_where_no_version_is_listed()
     console.press(KeyCode::Enter);
     assert_eq!(overview(&console), ["place@1.2.0"], "both filters apply");
     let text = screen(&console, 120, 36);
-    assert!(text.contains("[held] 1 of 1 with \"1.2\", 6 in all"), "{text}");
+    assert!(text.contains(&wording::pipeline::place_in_filter_of_all("[held] 1 of 1", "1.2", 6)), "{text}");
     console.press(KeyCode::Esc);
     assert_eq!(overview(&console).len(), 2, "the typed filter goes first");
     console.press(KeyCode::Esc);
@@ -136,7 +137,10 @@ fn the_filter_by_state_is_typed_removed_and_refused_where_no_version_is_listed()
     console.keys(":filter rejected");
     console.press(KeyCode::Enter);
     let text = screen(&console, 80, 24);
-    assert!(text.contains("No candidate fits the filter") && text.contains("[rejected 0]  none"), "{text}");
+    assert!(
+        text.contains(wording::pipeline::NO_CANDIDATE_FITS) && text.contains("[rejected 0]  none"),
+        "{text}"
+    );
 }
 
 #[test]
@@ -195,7 +199,7 @@ fn one_search_text_is_found_in_every_list() {
     assert_eq!(console.model.version_here().unwrap().to_string(), "place@1.1.0");
     console.keys("5n");
     let notice = console.model.notice.as_ref().unwrap();
-    assert!(notice.bad && notice.text.contains("\"place\" is not in this list"), "{notice:?}");
+    assert!(notice.bad && notice.text == wording::shared::not_in_this_list("place"), "{notice:?}");
 }
 
 #[test]
@@ -209,7 +213,7 @@ fn the_log_of_keys_has_each_effect_refusal_and_answer() {
     console.keys("5i");
     let refused = console.model.key_log.entries.back().unwrap().clone();
     assert!(
-        refused.refused && refused.key == "i" && refused.text.contains("filtered by state"),
+        refused.refused && refused.key == "i" && refused.text == wording::navigation::NOT_FILTERED_BY_STATE,
         "{refused:?}"
     );
     console.keys("g");
@@ -233,7 +237,7 @@ fn the_log_of_keys_has_each_effect_refusal_and_answer() {
     }
     console.keys("j");
     assert_eq!(console.model.input.overlay, Some(Overlay::KeyLog(1)));
-    assert!(screen(&console, 80, 24).contains("the engine: low:1 is acknowledged"));
+    assert!(screen(&console, 80, 24).contains(&wording::key_log::engine_answered("low:1 is acknowledged")));
     console.keys("G");
     assert_eq!(console.model.input.overlay, Some(Overlay::KeyLog(before - 1)));
     console.press(KeyCode::Esc);
@@ -274,10 +278,11 @@ fn the_row_of_a_family_stands_for_its_active_version() {
     console.keys("2g4");
     assert_eq!(console.model.view_state.view, View::Registry);
     let notice = console.model.notice.as_ref().map_or("", |notice| notice.text.as_str());
-    assert!(notice.contains("align has no active version"), "{notice}");
+    let align = holdpoint_governance::ids::Family::new("align").unwrap();
+    assert_eq!(notice, wording::update::no_active_version(&align));
     console.keys("jjj4");
     assert_eq!(console.model.view_state.view, View::Shadow);
     assert_eq!(console.model.subject().unwrap().to_string(), "grasp@1.2.0");
     let text = screen(&console, 120, 36);
-    assert!(text.contains("It is active, and no twin runs beside it"), "{text}");
+    assert!(text.contains(wording::shadow::ACTIVE_HAS_NO_TWIN), "{text}");
 }

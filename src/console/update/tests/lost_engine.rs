@@ -7,6 +7,7 @@ use holdpoint_protocol::command::{Refusal, Reply, StopPersistence};
 use holdpoint_protocol::console_presence::{AttachedConsoleView, ConsolePresence};
 use holdpoint_protocol::event::{Event, EventKind};
 use holdpoint_service::engine_handle::EngineEndError;
+use holdpoint_wording::console as wording;
 
 const SIZES: [(u16, u16); 5] = [(120, 36), (80, 24), (60, 16), (40, 12), (30, 3)];
 
@@ -106,7 +107,8 @@ fn a_failed_stop_is_sent_again_once_the_engine_answers() {
     let again = id(&effects);
     assert_ne!(again, stop_id);
     let screen = screen_text(&console, SIZES[0]);
-    assert!(screen.contains("NOT ANSWERED for 5 s") && screen.contains("sent again"), "{screen}");
+    assert!(screen.contains(wording::model::stop_not_answered(5, "").trim_end()), "{screen}");
+    assert!(screen.contains(wording::engine_requests::STOP_SENT_AGAIN), "{screen}");
     assert!(!screen.contains("nothing moves"), "{screen}");
     // A stop under way is not sent twice, and a failed one not again with each camera frame.
     assert!(console.tell(MsgKind::Snapshot(Arc::new(snapshot(0, 'e')))).is_empty());
@@ -253,7 +255,7 @@ fn earlier_events_are_shown_with_their_beginning() {
     console.tell(MsgKind::Events(vec![event(13)]));
     let lines = event_texts(&console);
     assert_eq!(lines.len(), 5, "{lines:?}");
-    assert!(lines[0].contains("7 earlier"), "{lines:?}");
+    assert_eq!(lines[0], wording::engine_updates::log_begins_here(7));
     assert!(lines[1].contains("fault number 10") && lines[4].contains("fault number 13"), "{lines:?}");
     // The same engine repeats no event; another one counts from the start, and its log continues below.
     console.tell(MsgKind::EngineEnded(Err(EngineEndError::of("it has ended"))));
@@ -261,14 +263,15 @@ fn earlier_events_are_shown_with_their_beginning() {
     console.tell(MsgKind::Past { events: (11..15).map(event).collect(), earlier: 8 });
     assert_eq!(event_texts(&console).len(), 6, "{:?}", event_texts(&console));
     let notice = &console.model.notice.as_ref().unwrap().text;
-    assert!(notice.contains("kept running"), "it was this console that stood still: {notice}");
+    assert_eq!(notice, wording::engine_updates::ATTACHED_AGAIN, "it was this console that stood still");
     console.tell(MsgKind::EngineEnded(Err(EngineEndError::of("it has ended"))));
     console.tell(MsgKind::Attached(Some(902), None));
     console.tell(MsgKind::Past { events: (0..2).map(event).collect(), earlier: 0 });
     console.tell(MsgKind::Events(vec![event(2)]));
     let lines = event_texts(&console);
-    assert!(lines[6].contains("another one"), "{lines:?}");
-    assert!(lines[7].contains("began here") && lines[8].contains("fault number 0"), "{lines:?}");
+    assert_eq!(lines[6], wording::engine_updates::ANOTHER_ENGINE_FOLLOWS);
+    assert_eq!(lines[7], wording::engine_updates::ENGINE_BEGAN_HERE);
+    assert!(lines[8].contains("fault number 0"), "{lines:?}");
     assert!(lines[10].contains("fault number 2"), "{lines:?}");
     let numbers: Vec<u64> = console.model.engine_data.events.iter().map(|line| line.seq).collect();
     assert!(numbers.is_sorted(), "{numbers:?}");
@@ -304,7 +307,8 @@ fn demonstration_candidate_used_elsewhere_is_followed_by_the_next() {
     assert!(matches!(&effects[..], [Effect::Register { folder: None, .. }]), "{effects:?}");
     assert_ne!(id(&effects), request_id);
     let notice = console.model.notice.as_ref().unwrap();
-    assert!(notice.text.contains("another client") && !notice.bad, "{notice:?}");
+    let followed = wording::engine_updates::next_is_submitted("align@1.1.0 is registered already");
+    assert!(notice.text == followed && !notice.bad, "{notice:?}");
     // A folder that the operator named is not replaced by another one.
     console.keys(":register /tmp/x");
     let request_id = id(&console.press(KeyCode::Enter));
@@ -347,25 +351,30 @@ fn a_terminal_in_line_mode_is_named_and_no_key_is_offered() {
 #[test]
 fn a_lost_engine_names_what_starts_the_next_one() {
     let look = |tries| ReconnectStatus { tries, tries_max: 64, result: "no engine runs".to_owned() };
+    let shell = "`holdpoint --data /srv/cell`";
+    let no_engine = wording::model::no_engine_runs("", "");
     for (why, is_sudden) in
         [(EngineEndError::of("it has ended"), true), (EngineEndError::orderly("bert ended it"), false)]
     {
         let mut console = attached();
         console.model.data = Some("/srv/cell".to_owned());
-        assert!(!screen_text(&console, SIZES[0]).contains("NO ENGINE RUNS"));
+        assert!(!screen_text(&console, SIZES[0]).contains(no_engine.trim_end()));
         console.tell(MsgKind::EngineEnded(Err(why)));
-        for (tries, expected) in [
-            (3, "`holdpoint --data /srv/cell` in another shell starts one, and this console attaches"),
-            (64, "q ends this console, and `holdpoint --data /srv/cell` in the shell starts an engine"),
-        ] {
+        for (tries, expected) in
+            [(3, wording::model::starts_in_a_shell(shell)), (64, wording::model::ends_and_starts("q", shell))]
+        {
             console.tell(MsgKind::ReconnectFailed(look(tries)));
             // However long it takes to read.
             later(&mut console, 600_000);
             for size in &SIZES[..3] {
                 let screen = screen_text(&console, *size);
-                assert!(screen.contains("NO ENGINE RUNS, and nothing watches the arm"), "{size:?}: {screen}");
-                assert!(screen.contains(expected), "{size:?}: {screen}");
-                assert_eq!(screen.contains("then W starts it"), is_sudden, "{size:?}: {screen}");
+                assert!(screen.contains(no_engine.trim_end()), "{size:?}: {screen}");
+                assert!(screen.contains(&expected), "{size:?}: {screen}");
+                assert_eq!(
+                    screen.contains(&wording::model::then_start("W")),
+                    is_sudden,
+                    "{size:?}: {screen}"
+                );
                 assert!(screen.contains("X stop"), "{size:?}: {screen}");
             }
         }
@@ -394,7 +403,7 @@ fn no_alarm_of_a_lost_engine_has_its_time() {
         }
         for size in &SIZES[..4] {
             let screen = screen_text(&console, *size);
-            assert!(screen.contains("last seen 18:31:56: no alarm"), "{size:?}: {screen}");
+            assert!(screen.contains(&wording::status::no_alarm_last_seen("18:31:56")), "{size:?}: {screen}");
         }
     }
 }
@@ -426,12 +435,13 @@ fn values_of_a_silent_engine_are_dated_and_dimmed_in_every_view() {
         later(&mut console, 1);
         for size in &SIZES[..2] {
             let screen = screen_text(&console, *size);
-            assert!(screen.contains("last seen 18:31:56"), "{view:?}: {screen}");
+            assert!(screen.contains(&wording::banner::last_seen("18:31:56")), "{view:?}: {screen}");
         }
         assert!(dims(&console), "{view:?}");
         if view == View::Overview {
             let screen = screen_text(&console, SIZES[0]);
-            assert!(screen.contains("last seen 18:31:56: at rest 0.25 m/s"), "{screen}");
+            let dated = format!("{}at rest 0.25 m/s", wording::robot::last_seen("18:31:56"));
+            assert!(screen.contains(&dated), "{screen}");
         }
         // The engine answers again.
         console.tell(MsgKind::Snapshot(Arc::new(now)));

@@ -4,6 +4,7 @@
 use super::consistency::screen;
 use super::*;
 use holdpoint_governance::lifecycle::State;
+use holdpoint_wording::console as wording;
 
 /// Three candidates in the pipeline, and a finished one.
 fn candidates() -> Snapshot {
@@ -68,7 +69,7 @@ fn one_form_names_and_sends_every_marked_version() {
         let mut console = console_with_candidates();
         mark(&mut console, &["place@1.1.0", "align@1.1.0"]);
         let notice = &console.model.notice.as_ref().unwrap().text;
-        assert!(["2 marked", "F rejects", "p pauses"].iter().all(|part| notice.contains(part)), "{notice}");
+        assert_eq!(*notice, wording::selection::marked(2, "F", "p", "y", "esc"));
         assert!(console.keys(key).is_empty());
         let open_form = form(&console).unwrap();
         assert!(matches!(&open_form.intent, Intent::Several(each) if each.len() == 2), "{open_form:?}");

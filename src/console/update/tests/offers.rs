@@ -9,6 +9,7 @@ use holdpoint_governance::lifecycle::{Stage, State, VersionFlags};
 use holdpoint_governance::profile::ProfileName;
 use holdpoint_protocol::snapshot::{CandidateView, ProgressView};
 use holdpoint_protocol::work_unit::WorkUnit;
+use holdpoint_wording::console as wording;
 
 fn with(console: &mut TestConsole, change: impl FnOnce(&mut Snapshot)) {
     let mut now = snapshot(0, 'e');
@@ -73,7 +74,7 @@ fn hints_follow_the_state_of_the_version() {
     let text = screen(&console, 120, 36);
     assert!(text.contains("resume") && text.contains("(off: ") && text.contains("is paused"), "{text}");
     let possible = ActionAvailability::of(&console.model);
-    assert!(possible.why_not(Action::Go).is_some_and(|why| why.contains("not stopped")));
+    assert!(possible.why_not(Action::Go).is_some_and(|why| why == wording::cell_restart::NOT_STOPPED));
 }
 
 /// The help began with the keys of every view, and those of this one were below its end.
@@ -102,7 +103,7 @@ fn a_pause_of_a_paused_candidate_names_the_key_that_resumes_it() {
     });
     console.keys("p");
     let notice = &console.model.notice.as_ref().unwrap().text;
-    assert!(notice.ends_with("it is paused already, u resumes it"), "{notice}");
+    assert!(notice.ends_with(&wording::operations::is_paused_already("u")), "{notice}");
 }
 
 /// The list of what waits named view 6 beside a paused candidate, and that view was empty.
@@ -115,7 +116,7 @@ fn a_paused_candidate_in_view_6_leads_to_its_card_and_is_resumed_there() {
     });
     console.keys("6");
     let text = screen(&console, 120, 36);
-    assert!(text.contains("u: resume, here and there"), "{text}");
+    assert!(text.contains(&wording::approvals::act_here_and_there("u", Action::Resume.name())), "{text}");
     assert!(hints::actions(&console.model).contains(&Action::Resume));
     console.press(KeyCode::Enter);
     assert_eq!(console.model.view_state.view, View::Candidate);
@@ -129,14 +130,16 @@ fn a_paused_candidate_in_view_6_leads_to_its_card_and_is_resumed_there() {
 #[test]
 fn a_key_or_command_alone_is_answered() {
     let mut console = TestConsole::new(0);
-    for (is_taken, owner) in [(true, "console"), (false, "terminal")] {
+    for (is_taken, told) in
+        [(true, wording::update::MOUSE_IS_OURS), (false, wording::update::MOUSE_IS_THE_TERMINALS)]
+    {
         assert_eq!(console.keys("M"), [Effect::TakeMouse(is_taken)]);
-        assert!(console.model.notice.as_ref().is_some_and(|notice| notice.text.contains(owner)));
+        assert!(console.model.notice.as_ref().is_some_and(|notice| notice.text == told));
     }
     console.keys(":pace");
     assert!(console.press(KeyCode::Enter).is_empty());
     let notice = &console.model.notice.as_ref().unwrap().text;
-    assert!(notice.contains("runs 1 simulated"), "{notice}");
+    assert_eq!(*notice, wording::text_entry::pace(Some(1.0)));
     // An unassessed version has no explanation.
     console.keys("3");
     assert!(!hints::actions(&console.model).contains(&Action::Open));
@@ -380,13 +383,13 @@ fn a_provisional_version_names_its_wait_after_its_window() {
     };
     let behind: fn(&mut Snapshot) = |now| now.candidates.push(at_work("align@2.0.0"));
     for (text, expected) in [
-        (over(&|_: &mut Snapshot| ()), "its confirmation"),
-        (over(&behind), "confirmation, behind align@2.0.0"),
-        (over(&own), "in confirmation, 3 of 9"),
-        (over(&again), "re-evaluated, 3 of 9"),
-        (over(&confirmed_and_again), "re-evaluated, 3 of 9"),
+        (over(&|_: &mut Snapshot| ()), wording::families::WAITS_FOR_CONFIRMATION.to_owned()),
+        (over(&behind), wording::families::waits_behind(&"align@2.0.0".parse().unwrap())),
+        (over(&own), wording::families::in_confirmation(3, 9)),
+        (over(&again), wording::families::re_evaluated(3, 9)),
+        (over(&confirmed_and_again), wording::families::re_evaluated(3, 9)),
     ] {
-        assert!(text.contains(expected) && !text.contains("window over"), "{expected}: {text}");
+        assert!(text.contains(&expected) && !text.contains("window over"), "{expected}: {text}");
     }
     // The first hints remain on a smaller screen.
     for (columns, rows, expected) in [(100, 30, "re-evaluated, 3"), (80, 24, "re-ev")] {

@@ -6,6 +6,7 @@ use holdpoint_governance::notice::Notice;
 use holdpoint_protocol::event::{Event, EventKind};
 use holdpoint_protocol::video_frame::Scenery;
 use holdpoint_recordings::recording::{Recording, RecordingSubject};
+use holdpoint_wording::console as wording;
 
 fn recording(events: &[u64]) -> MsgKind {
     let version: holdpoint_governance::ids::CapabilityId = CANDIDATE.parse().unwrap();
@@ -62,7 +63,7 @@ fn a_recording_is_replayed_over_the_view_with_its_own_keys() {
     assert!(effects.iter().any(|effect| matches!(effect, Effect::OpenRecording(_))), "{effects:?}");
     console.tell(recording(&[10_000, 13_000, 50_000]));
     assert_eq!(cursor_ms(&console), Some(10_000));
-    assert!(notice(&console).contains("no scene viewer"), "{}", notice(&console));
+    assert_eq!(notice(&console), wording::recording::replayed_here("there is no scene viewer"));
     console.model.notice = None;
     for (columns, rows) in [(120, 36), (80, 24), (60, 16), (40, 12)] {
         let screen = super::consistency::screen(&console, columns, rows);

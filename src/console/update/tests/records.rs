@@ -7,6 +7,7 @@ use crate::model::EVENT_LOG_PANE;
 use holdpoint_governance::record::RecordKind;
 use holdpoint_protocol::detail::AuditPage;
 use holdpoint_protocol::event::{Event, EventKind};
+use holdpoint_wording::console as wording;
 
 fn logged() -> TestConsole {
     let mut console = TestConsole::new(0);
@@ -114,7 +115,7 @@ fn the_event_log_has_its_own_filter() {
     let text = screen(&console, 120, 36);
     assert!(text.contains("a wheel broke") && !text.contains("the light"), "{text}");
     assert!(
-        text.contains("1 of 2 lines") && text.contains("with \"wheel\""),
+        text.contains(&wording::overview::lines_filtered(1, 2, "wheel")),
         "what is filtered says so: {text}"
     );
     assert!(text.contains(CANDIDATE), "the pipeline keeps its candidates: {text}");

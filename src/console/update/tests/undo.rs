@@ -5,6 +5,7 @@ use crate::effect::EngineQuery as Q;
 use holdpoint_governance::lifecycle::VersionFlags;
 use holdpoint_governance::wall_time::WallTime;
 use holdpoint_protocol::command::Reply;
+use holdpoint_wording::console as wording;
 
 impl TestConsole {
     /// The engine accepts the only request among these, and shows its result a moment later.
@@ -62,8 +63,7 @@ fn shelved_by(name: &str, now: &mut Snapshot) {
 }
 
 fn nothing_left(console: &mut TestConsole) {
-    let why = console.refused_undo();
-    assert!(why.starts_with("no shelving"), "{why}");
+    assert_eq!(console.refused_undo(), wording::undo::NOTHING);
 }
 
 /// Holds the candidate, up to the engine's answer.
@@ -107,7 +107,7 @@ fn a_changed_state_is_refused_and_the_action_before_it_is_next() {
     // Another person has resumed it meanwhile.
     console.accept(&effects, |now| shelved_by("ana", now));
     let why = console.refused_undo();
-    assert!(why.contains("only what is paused or on hold can be resumed"), "{why}");
+    assert!(why.contains(wording::operations::ONLY_PAUSED_OR_HELD_CAN_BE_RESUMED), "{why}");
     console.now_ms += GUARD_MS;
     let effects = console.keys("U");
     let [Effect::Ask { question: Q::Unshelve { alarm, by }, .. }] = &effects[..] else {
@@ -120,12 +120,13 @@ fn a_changed_state_is_refused_and_the_action_before_it_is_next() {
 
 #[test]
 fn a_shelf_of_another_person_stays() {
-    for (by, part) in [(Some("bo"), "shelved by bo"), (None, "not shelved")] {
+    let of_another = wording::undo::shelved_by_another("low:1", "bo");
+    let of_none = format!("low:1: {}", wording::selection::NOT_SHELVED);
+    for (by, expected) in [(Some("bo"), of_another), (None, of_none)] {
         let mut console = TestConsole::new(0);
         let effects = shelve(&mut console);
         console.accept(&effects, |now| by.into_iter().for_each(|name| shelved_by(name, now)));
-        let why = console.refused_undo();
-        assert!(why.starts_with("not undone") && why.contains(part), "{why}");
+        assert_eq!(console.refused_undo(), wording::undo::not_undone(&expected));
         nothing_left(&mut console);
     }
 }
@@ -148,8 +149,8 @@ fn the_goal_before_is_set_again_with_a_reason() {
     nothing_left(&mut console);
     let mut console = TestConsole::new(0);
     set(&mut console, "align");
-    let why = console.refused_undo();
-    assert!(why.contains("the goal is align now") && why.contains(":goal place"), "{why}");
+    let changed = wording::undo::goal_has_changed("align", "grasp", "place");
+    assert_eq!(console.refused_undo(), wording::undo::not_undone(&changed));
     nothing_left(&mut console);
 }
 
@@ -172,7 +173,7 @@ fn an_acknowledgment_is_never_undone() {
     let effects = console.press(KeyCode::Char(' '));
     console.accept(&effects, |_| ());
     let why = console.refused_undo();
-    assert!(why.contains("high:1") && why.contains("records that you saw"), "{why}");
+    assert_eq!(why, wording::undo::not_undone(&wording::undo::acknowledgment_has_no_reverse("high:1")));
     assert_eq!(console.model.key_log.entries.back().map(|entry| entry.text.clone()), Some(why));
     nothing_left(&mut console);
 }
@@ -181,13 +182,12 @@ fn an_acknowledgment_is_never_undone() {
 fn nothing_is_undone_before_the_answer_and_its_result() {
     let mut console = TestConsole::new(0);
     let effects = hold(&mut console);
-    let why = console.refused_undo();
-    assert!(why.contains("has not answered yet"), "{why}");
+    let asked = Intent::Pause(CANDIDATE.parse().unwrap()).title();
+    assert_eq!(console.refused_undo(), wording::undo::not_answered_yet(&asked));
     let [Effect::Operate { id, .. }] = &effects[..] else { panic!("{effects:?}") };
     let reply = Reply::Accepted { text: "held".to_owned(), version: None };
     console.tell(MsgKind::Answer { id: id.clone(), reply: Box::new(reply) });
-    let why = console.refused_undo();
-    assert!(why.contains("has not shown its result"), "{why}");
+    assert_eq!(console.refused_undo(), wording::undo::not_undone(wording::undo::RESULT_NOT_SHOWN));
     console.show(held);
     console.now_ms += GUARD_MS;
     console.keys("U");
