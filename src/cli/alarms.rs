@@ -19,8 +19,8 @@ use holdpoint_governance::record::{AuditRecord, RecordKind};
 use holdpoint_protocol::health::{AlarmEpisode, BUCKET_MS_MAX, BUCKETS_MAX, HealthClock, HealthQuery};
 use holdpoint_registry::{SqliteReader, Views};
 use holdpoint_store::{AuditFilter, Layout, ReadableStore};
-use holdpoint_text::Untrusted;
 use holdpoint_wording::alarm as wording;
+use holdpoint_wording::program::alarms as sentences;
 
 /// The arguments of `alarms`.
 #[derive(Clone, Debug, PartialEq, Eq, Args)]
@@ -90,11 +90,7 @@ impl OpenAlarm {
     }
 
     fn line(&self) -> String {
-        let shelf = self.shelf.as_ref().map_or_else(String::new, |shelf| {
-            let by = Untrusted::new(shelf.by.as_str());
-            format!("shelved by {} until {}: {}; ", by.line(), shelf.until.label(), shelf.reason.line())
-        });
-        format!("{shelf}without action: {}; look at: {}", self.consequence, self.look_at)
+        sentences::open_alarm(self.shelf.as_ref(), self.consequence, self.look_at)
     }
 }
 
@@ -194,12 +190,7 @@ pub(super) fn run(
         })?;
     }
     if lines.is_empty() && !out.is_json() {
-        out.line(match (args.since.is_some(), args.history) {
-            (true, true) => "no alarm changed since then",
-            (true, false) => "no open alarm changed since then",
-            (false, true) => "no alarm was ever raised",
-            (false, false) => "no alarm is open",
-        })?;
+        out.line(sentences::no_change(args.since.is_some(), args.history))?;
     }
     Ok(Exit::Confirmed)
 }
@@ -252,8 +243,7 @@ fn courses(
         })?;
     }
     if count == 0 && !out.is_json() {
-        let since = args.since.is_some();
-        out.line(if since { "no alarm was open since then" } else { "no alarm was ever raised" })?;
+        out.line(sentences::no_course(args.since.is_some()))?;
     }
     let sentences =
         if out.is_json() { Vec::new() } else { holdpoint_wording::health::omissions(&series.coverage) };

@@ -20,6 +20,7 @@ use crate::error::{CliError, Exit};
 use holdpoint_governance::record::RecordKind;
 use holdpoint_registry::{ExportError, Views};
 use holdpoint_store::AuditFilter;
+use holdpoint_wording::program::audit as sentences;
 
 /// The most records `list` prints.
 pub const LIST_MAX: u32 = 10_000;
@@ -174,7 +175,7 @@ pub fn run(context: &CliContext, args: &AuditArgs, out: &mut CommandOutput<'_>) 
             file.sync_all().map_err(cannot)?;
             out.answer(
                 &serde_json::json!({ "records": records, "file": path.display().to_string() }),
-                |out| out.line(&format!("wrote {records} records to {}", path.display())),
+                |out| out.line(&sentences::exported(records, path.display())),
             )?;
         }
     }
@@ -202,10 +203,10 @@ fn list(views: &Views, filter: &AuditFilter, out: &mut CommandOutput<'_>) -> Res
         if filter.without.is_empty() {
             return Ok(());
         }
-        out.line("telemetry digests are omitted; --all includes them")
+        out.line(sentences::DIGESTS_OMITTED)
     };
     if records.is_empty() {
-        out.line("no records")?;
+        out.line(sentences::NO_RECORDS)?;
         return rest(out);
     }
     let mut table = TextTable::new(&["seq", "time", "kind", "subject", "hash"]);

@@ -16,6 +16,7 @@ use holdpoint_audit::proof::Proof;
 use holdpoint_registry::{prove_consistency, prove_record, store_info, stored_head};
 use holdpoint_store::Layout;
 use holdpoint_text::Hint;
+use holdpoint_wording::program::audit as sentences;
 
 /// The arguments of `audit proof`.
 #[derive(Clone, Debug, PartialEq, Eq, Args)]
@@ -120,9 +121,7 @@ fn write(proof: &Proof, path: Option<&Path>, out: &mut CommandOutput<'_>) -> Res
     writeln!(file, "{text}").and_then(|()| file.sync_all()).map_err(cannot)?;
     let (steps, bytes) = (steps(proof), text.len() + 1);
     let value = serde_json::json!({ "file": path.display().to_string(), "steps": steps, "bytes": bytes });
-    out.answer(&value, |out| {
-        out.line(&format!("wrote a proof of {steps} steps, {bytes} bytes, to {}", path.display()))
-    })?;
+    out.answer(&value, |out| out.line(&sentences::wrote_proof(steps, bytes, path.display())))?;
     Ok(Exit::Confirmed)
 }
 
@@ -181,13 +180,11 @@ pub(super) fn check(
 /// The statement that a valid proof shows.
 fn summary(proof: &Proof) -> String {
     match proof {
-        Proof::Inclusion { record, head, .. } => format!(
-            "record {} ({}, {}) is in the chain of the store {} that was signed at record {}",
-            record.seq, record.kind, record.hash, head.store_id, head.seq
-        ),
-        Proof::Consistency { older, newer, .. } => format!(
-            "the chain of the store {} that was signed at record {} begins with the one signed at record {}",
-            newer.store_id, newer.seq, older.seq
-        ),
+        Proof::Inclusion { record, head, .. } => {
+            sentences::record_is_included((record.seq, &record.kind, &record.hash), &head.store_id, head.seq)
+        }
+        Proof::Consistency { older, newer, .. } => {
+            sentences::chain_begins_with(&newer.store_id, newer.seq, older.seq)
+        }
     }
 }

@@ -7,6 +7,7 @@ use clap::Args;
 use super::output::{CommandOutput, TextTable};
 use crate::bench::{self, BenchReport};
 use crate::error::{CliError, Exit};
+use holdpoint_wording::program::run::bench_heading;
 
 /// The arguments of `bench`.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Args)]
@@ -32,7 +33,7 @@ pub fn run(args: &BenchArgs, out: &mut CommandOutput<'_>) -> Result<Exit, CliErr
 
 fn show(report: &BenchReport, out: &mut CommandOutput<'_>) -> Result<(), CliError> {
     let BenchReport { version, build, robot, .. } = report;
-    out.line(&format!("holdpoint {version}, {build} build, robot {robot}, rules f64, one worker"))?;
+    out.line(&bench_heading(version, build, robot))?;
     out.line("")?;
     let mut table = TextTable::new(&["what", "median", "p90", "unit", "n", "clock", "a sample is"]);
     for entry in &report.entries {

@@ -36,6 +36,8 @@ use holdpoint_runtime::capability::{self, Capability, PackageError, ParsedPackag
 use holdpoint_store::Layout;
 use holdpoint_text::{ErrorReason, Untrusted};
 use holdpoint_trials::site::LoadedSite;
+use holdpoint_wording::program::candidate as sentences;
+use holdpoint_wording::program::candidate::CheckSummary;
 
 /// The arguments of `candidate`.
 #[derive(Clone, Debug, PartialEq, Eq, Args)]
@@ -397,7 +399,7 @@ fn sign(context: &CliContext, args: &SignArgs, out: &mut CommandOutput<'_>) -> R
             .with_unwritable(&file, &error)
     })?;
     out.answer(&signed, |out| {
-        out.line(&format!("{} is signed by {author}: {}", candidate.id(), capability::AUTHOR_SIGNATURE_FILE))
+        out.line(&sentences::signed_by_author(candidate.id(), author, capability::AUTHOR_SIGNATURE_FILE))
     })
 }
 
@@ -408,18 +410,13 @@ fn summary(report: &CandidateReport) -> String {
         names.map(|verdict| verdict.profile.as_str()).collect::<Vec<_>>().join(", ")
     };
     let (admits, refuses) = (named(true), named(false));
-    match (report.recovery.is_empty(), admits.is_empty(), refuses.is_empty()) {
-        (false, _, _) => "result     refused: its recovery cannot work under any profile".to_owned(),
-        (true, true, _) => format!("result     refused under {refuses}"),
-        (true, false, _) if !report.cell_faults.is_empty() => {
-            "result     on hold until the cell is repaired".to_owned()
-        }
-        (true, false, _) if report.slow_ticks.is_some() => {
-            "result     on hold: its ticks take too long".to_owned()
-        }
-        (true, false, true) => format!("result     admitted under {admits}"),
-        (true, false, false) => format!("result     admitted under {admits}; refused under {refuses}"),
-    }
+    sentences::check_summary(match (report.recovery.is_empty(), admits.is_empty()) {
+        (false, _) => CheckSummary::NoRecovery,
+        (true, true) => CheckSummary::Refused(&refuses),
+        (true, false) if !report.cell_faults.is_empty() => CheckSummary::CellFault,
+        (true, false) if report.slow_ticks.is_some() => CheckSummary::SlowTicks,
+        (true, false) => CheckSummary::Admitted(&admits, &refuses),
+    })
 }
 
 /// The format, and the static checks under each profile. The other stages measure.
@@ -455,31 +452,25 @@ fn check(
     };
     let admitted = report.recovery.is_empty() && report.verdicts.iter().any(|verdict| verdict.admitted);
     out.answer(&report, |out| {
-        out.line(&format!("{} is well formed", report.id))?;
+        out.line(&sentences::well_formed(&report.id))?;
         out.line(&format!("digest     {}", report.digest))?;
         out.line(&format!("bundle     {}", report.bundle))?;
-        out.line(&format!("submitted  by {} ({})", report.author, report.provenance))?;
-        let estimate = report.estimated_risk;
-        let class = report.risk.label();
-        out.line(&format!(
-            "risk       {class} for an author without a history; its author estimates {estimate}"
-        ))?;
+        out.line(&sentences::submitted(&report.author, &report.provenance))?;
+        out.line(&sentences::risk(&report.risk.label(), report.estimated_risk))?;
         if !report.summary.is_blank() {
             out.line(&format!("summary    {}", report.summary.line()))?;
         }
         out.line(&format!("against    {}", report.against))?;
         if let Some(active) = &report.older_than {
-            out.line(&format!("version    {} is older than the active {active}", report.id))?;
+            out.line(&sentences::older_than_active(&report.id, active))?;
         }
         for verdict in &report.verdicts {
-            let (interface, policy) = (verdict.interface, verdict.policy);
-            let approvals = match verdict.approvals {
-                0 => "no approval".to_owned(),
-                1 => "1 approval at least".to_owned(),
-                more => format!("{more} approvals at least"),
-            };
-            let profile = &verdict.profile;
-            out.line(&format!("in {profile:<7} interface {interface}, policy {policy}, {approvals}"))?;
+            out.line(&sentences::static_verdict(
+                &verdict.profile,
+                verdict.interface,
+                verdict.policy,
+                verdict.approvals,
+            ))?;
             for reason in &verdict.reasons {
                 out.line(&format!("           {reason}"))?;
             }
@@ -488,22 +479,19 @@ fn check(
             }
         }
         for reason in &report.recovery {
-            out.line(&format!("recovery   its drills cannot pass: {reason}"))?;
+            out.line(&format!("recovery   {}", sentences::drills_cannot_pass(reason)))?;
         }
         for fault in &report.cell_faults {
-            out.line(&format!("cell       its drills cannot run: {fault}"))?;
+            out.line(&sentences::drills_cannot_run(fault))?;
         }
         if let Some(slow) = &report.slow_ticks {
             out.line(&format!("time       {slow}"))?;
         }
         if let Some(unmet) = &report.unmet_fallback {
-            out.line(&format!("           manifest.toml: {unmet}"))?;
+            out.line(&sentences::unmet_fallback(unmet))?;
         }
         if let Some(state) = &report.registered {
-            out.line(&format!(
-                "registered {} is in the store already, as {state}; a changed candidate needs a new version number",
-                report.id
-            ))?;
+            out.line(&sentences::registered_already(&report.id, state))?;
         }
         out.line(&summary(&report))
     })?;

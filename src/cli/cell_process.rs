@@ -17,6 +17,7 @@ use crate::cells::CELLS;
 use crate::cli::output::CommandOutput;
 use crate::error::{CliError, Exit};
 use holdpoint_text::{ErrorReason, Untrusted};
+use holdpoint_wording::program::cell as sentences;
 
 /// The arguments of `cell serve`.
 #[derive(Clone, Debug, PartialEq, Eq, Args)]
@@ -84,7 +85,7 @@ pub fn serve(args: &CellServeArgs, out: &mut CommandOutput<'_>) -> Result<Exit, 
     let served = ServedCell { endpoint, robot: &spec.robot.name, build: factory.build_digest() };
     out.answer(&served, |out| {
         let robot = Untrusted::new(served.robot).line();
-        out.line(&format!("the cell of {robot} listens at {}", served.endpoint))
+        out.line(&sentences::listens(robot, &served.endpoint))
     })?;
     out.flush()?;
     let options = ServerOptions { notes, ..ServerOptions::default() };
@@ -158,18 +159,13 @@ pub fn check(args: &CellCheckArgs, out: &mut CommandOutput<'_>) -> Result<Exit, 
     let broken = checked.promises.iter().filter(|promise| promise.problem.is_some()).count();
     out.answer(&checked, |out| {
         for CheckedPromise { promise, problem } in &checked.promises {
-            match problem {
-                None => out.line(&format!("ok     {promise}"))?,
-                Some(problem) => out.line(&format!("WRONG  {promise}: {problem}"))?,
-            }
+            out.line(&sentences::checked_promise(promise, problem.as_deref()))?;
         }
         if let Some(exchange) = &checked.exchange {
             let CheckedExchange { ticks, p50_us, p99_us, max_us, overruns } = exchange;
-            let text =
-                format!("p50 {p50_us} us, p99 {p99_us} us, longest {max_us} us, {overruns} over a tick");
-            out.line(&format!("one exchange of a tick, of {ticks}: {text}"))?;
+            out.line(&sentences::exchange_times(*ticks, [*p50_us, *p99_us, *max_us], *overruns))?;
         }
-        out.line(&format!("{broken} of {} promises are broken", checked.promises.len()))
+        out.line(&sentences::broken_promises(broken, checked.promises.len()))
     })?;
     Ok(if broken == 0 { Exit::Confirmed } else { Exit::Rejected })
 }

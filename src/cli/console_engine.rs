@@ -21,6 +21,7 @@ use holdpoint_service::control_socket::{ControlSocketError, SHOWN_TO_NOBODY};
 use holdpoint_service::engine_handle::{EngineEndError, EngineHandle, LaunchConfig};
 use holdpoint_store::{Layout, lock_owner};
 use holdpoint_text::{ErrorReason, Hint as _, Problem, Untrusted};
+use holdpoint_wording::program::run as sentences;
 
 /// The time limit for its first answer. The socket opens before the history is read, so the store's size does not
 /// matter.
@@ -107,18 +108,12 @@ impl ConsoleEngine {
         match process {
             Ok((child, log)) => {
                 let (host, is_own) = self.attach(child, &log, &presence)?;
-                let notice = (!is_own && !self.start_options.is_empty()).then(|| {
-                    let options = self.start_options.join(", ");
-                    format!(
-                        "attached to an engine that another console started first; {options} has no effect"
-                    )
-                });
+                let notice = (!is_own && !self.start_options.is_empty())
+                    .then(|| sentences::attached_to_other(&self.start_options.join(", ")));
                 Ok(StartedEngine { host, notice })
             }
             Err(error) => {
-                let notice = format!(
-                    "the engine runs inside this console and ends with it: cannot start a process ({error})"
-                );
+                let notice = sentences::engine_inside_console(error);
                 Ok(StartedEngine { host: EngineHandle::start(here), notice: Some(notice) })
             }
         }

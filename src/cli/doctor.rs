@@ -7,7 +7,7 @@ use clap::Args;
 use serde::Serialize;
 
 use super::output::TextTable;
-use super::recordings::{counted, size};
+use super::recordings::size;
 use crate::cli::context::CliContext;
 use crate::cli::output::CommandOutput;
 use crate::error::{CliError, Exit};
@@ -16,6 +16,7 @@ use holdpoint_recordings::{recording_folder, viewer};
 use holdpoint_registry::store_info;
 use holdpoint_store::Layout;
 use holdpoint_text::Hint;
+use holdpoint_wording::program::doctor as sentences;
 
 /// The oldest SQLite without the WAL-reset defect.
 const SQLITE_MIN: (u32, u32, u32) = (3, 51, 3);
@@ -111,26 +112,16 @@ fn terminal(
     let set = |name: &str| variable(name).filter(|value| !value.is_empty());
     let term = set("TERM").unwrap_or_else(|| "not set".to_owned());
     let screen = match (is_terminal, size) {
-        _ if term == "dumb" => {
-            (FindingStatus::Limited, "TERM is dumb: output is plain, without the console".to_owned())
-        }
-        (false, _) | (true, None) => (
-            FindingStatus::Limited,
-            "the output is not a terminal: it is plain, without the console".to_owned(),
-        ),
+        _ if term == "dumb" => (FindingStatus::Limited, sentences::DUMB_TERMINAL.to_owned()),
+        (false, _) | (true, None) => (FindingStatus::Limited, sentences::NO_TERMINAL.to_owned()),
         (true, Some((width, height))) => {
             let fits = |(w, h): (u16, u16)| width >= w && height >= h;
-            let what = match (fits(TERMINAL_FULL), fits(TERMINAL_MIN)) {
-                (true, _) => "shows everything",
-                (false, true) => "shows one or two panes; 100x30 shows everything",
-                (false, false) => "shows alarms and approvals only; 60x16 is the least for more",
-            };
             let status = if fits(TERMINAL_MIN) { FindingStatus::Ok } else { FindingStatus::Limited };
-            (status, format!("{width}x{height} {what}"))
+            (status, sentences::terminal_size(width, height, fits(TERMINAL_FULL), fits(TERMINAL_MIN)))
         }
     };
     let color = if set("NO_COLOR").is_some() {
-        "none: NO_COLOR is set"
+        sentences::NO_COLOR
     } else if set("COLORTERM").is_some_and(|value| value == "truecolor" || value == "24bit") {
         "16 million"
     } else if term.contains("256color") {
@@ -144,11 +135,11 @@ fn terminal(
     let unicode = locale.to_lowercase().replace('-', "").contains("utf8");
     vec![
         finding("terminal", screen.0, screen.1),
-        finding("colors", FindingStatus::Ok, format!("{color} (TERM {term})")),
+        finding("colors", FindingStatus::Ok, sentences::colors(color, &term)),
         finding(
             "characters",
             if unicode { FindingStatus::Ok } else { FindingStatus::Limited },
-            if unicode { "UTF-8" } else { "the locale is not UTF-8: Greek letters and borders may be wrong" },
+            if unicode { "UTF-8" } else { sentences::NO_UTF8 },
         ),
     ]
 }
@@ -157,29 +148,21 @@ fn terminal(
 fn store(data: &Path) -> DoctorFinding {
     let exists = data.exists();
     let Some(nearest) = data.ancestors().find(|path| path.is_dir() || path.as_os_str().is_empty()) else {
-        return finding("store", FindingStatus::Missing, format!("{} has no parent folder", data.display()));
+        return finding("store", FindingStatus::Missing, sentences::no_parent_folder(data.display()));
     };
     let nearest = if nearest.as_os_str().is_empty() { Path::new(".") } else { nearest };
     let shown = data.display();
     if exists && !data.is_dir() {
-        return finding(
-            "store",
-            FindingStatus::Missing,
-            format!("{shown} is not a folder; name one with `--data DIR`"),
-        );
+        return finding("store", FindingStatus::Missing, sentences::no_folder(shown));
     }
     match rustix::fs::access(nearest, rustix::fs::Access::WRITE_OK | rustix::fs::Access::EXEC_OK) {
         Err(error) => {
-            let detail = format!(
-                "{} cannot be written to: {error}; name another with `--data DIR`",
-                nearest.display()
-            );
-            finding("store", FindingStatus::Missing, detail)
+            finding("store", FindingStatus::Missing, sentences::not_writable(nearest.display(), error))
         }
         Ok(()) if Layout::new(data).database().is_file() => {
-            finding("store", FindingStatus::Ok, format!("in {shown}"))
+            finding("store", FindingStatus::Ok, sentences::store_is_in(shown))
         }
-        Ok(()) => finding("store", FindingStatus::Ok, format!("will be created in {shown}")),
+        Ok(()) => finding("store", FindingStatus::Ok, sentences::store_will_be_created_in(shown)),
     }
 }
 
@@ -196,7 +179,7 @@ fn witnesses(data: &Path) -> Vec<DoctorFinding> {
     };
     let look = |folder: String| match witness_heads(&folder, &store_id) {
         Ok(heads) => {
-            let detail = format!("{folder} has {}", counted(usize::try_from(heads).unwrap_or(0), "head"));
+            let detail = sentences::witness(&folder, usize::try_from(heads).unwrap_or(0));
             finding("witness", FindingStatus::Ok, detail)
         }
         Err(problem) => finding("witness", FindingStatus::Limited, format!("{folder}: {problem}")),
@@ -207,16 +190,11 @@ fn witnesses(data: &Path) -> Vec<DoctorFinding> {
 fn sqlite(version: &str) -> DoctorFinding {
     let mut parts = version.split('.').map(|part| part.parse::<u32>().ok());
     let mut next = || parts.next().flatten();
-    let (major, minor, patch) = SQLITE_MIN;
     match (next(), next(), next()) {
         (Some(a), Some(b), Some(c)) if (a, b, c) >= SQLITE_MIN => {
             finding("sqlite", FindingStatus::Ok, version)
         }
-        _ => finding(
-            "sqlite",
-            FindingStatus::Missing,
-            format!("{version}; {major}.{minor}.{patch} or newer is needed"),
-        ),
+        _ => finding("sqlite", FindingStatus::Missing, sentences::too_old(version, SQLITE_MIN)),
     }
 }
 
@@ -226,7 +204,7 @@ fn viewer(path: Option<&std::ffi::OsStr>) -> DoctorFinding {
         Ok(found) => finding(
             "viewer",
             FindingStatus::Ok,
-            format!("rerun {} in {}", found.version, found.program.display()),
+            sentences::scene_viewer(found.version, found.program.display()),
         ),
         Err(error) => finding("viewer", FindingStatus::Limited, error.sentence()),
     }
@@ -238,11 +216,11 @@ fn recordings(data: &Path) -> DoctorFinding {
     match recording_folder::list(&folder) {
         Ok(files) => {
             let bytes = files.iter().map(|filed| filed.bytes).sum();
-            let detail = format!("{}, {} in {}", counted(files.len(), "file"), size(bytes), folder.display());
+            let detail = sentences::recordings(files.len(), &size(bytes), folder.display());
             finding("recordings", FindingStatus::Ok, detail)
         }
         Err(error) => {
-            let detail = format!("{} cannot be read: {error}", folder.display());
+            let detail = sentences::unreadable_folder(folder.display(), error);
             finding("recordings", FindingStatus::Limited, detail)
         }
     }

@@ -21,6 +21,7 @@ use holdpoint_runtime::capability::shown;
 use holdpoint_service::engine_handle::LaunchConfig;
 use holdpoint_trials::embedded;
 use holdpoint_trials::seeds::EpisodeSeeds;
+use holdpoint_wording::program::run as sentences;
 
 /// The verbs that need the engine. Each prints its answer and returns the exit code.
 pub trait EngineVerbs {
@@ -266,9 +267,7 @@ impl EngineVerbs for RealEngine {
             None => executor.execute(command, out)?,
         };
         if executor.is_own() && !out.is_json() {
-            out.line(
-                "no engine is running; `holdpoint run` or `holdpoint serve` takes it through the stages",
-            )?;
+            out.line(sentences::CANDIDATE_WAITS)?;
         }
         Ok(exit)
     }

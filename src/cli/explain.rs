@@ -25,6 +25,7 @@ use holdpoint_wording::explanation_summary::{
     SummaryLines, omitted_reasons, repeated_reasons, summary_lines,
 };
 use holdpoint_wording::measured_and_limit;
+use holdpoint_wording::program::profile::not_authorized;
 
 /// The most lines of the short form.
 const LINES_MAX: usize = 25;
@@ -79,7 +80,7 @@ pub fn run(context: &CliContext, args: &ExplainArgs, out: &mut CommandOutput<'_>
         }
     }
     if let Some(why) = missing.filter(|_| !out.is_json()) {
-        out.line(&format!("profile: gate-profile-unauthorized: {why}"))?;
+        out.line(&not_authorized(&why))?;
     }
     Ok(Exit::Confirmed)
 }

@@ -28,6 +28,7 @@ use holdpoint_protocol::health::{
 use holdpoint_registry::SqliteReader;
 use holdpoint_store::{Layout, ReadableStore};
 use holdpoint_wording::health::{confounding_versions, health_verdict, omissions};
+use holdpoint_wording::program::health as sentences;
 
 /// The default span, ms: a day.
 const SPAN_MS: i64 = 86_400_000;
@@ -220,26 +221,18 @@ fn show(
     split: u32,
     out: &mut CommandOutput<'_>,
 ) -> Result<(), CliError> {
-    let by = match series.clock {
-        HealthClock::Wall => "UTC",
-        HealthClock::Virtual => "by the engine's clock",
-    };
     out.paragraph(
         "",
-        &format!(
-            "{} to {}, {by}; a bucket is {} min; the record ends {}",
-            series.time_text(series.from_ms),
-            series.time_text(series.until_ms()),
+        &sentences::span(
+            &series.time_text(series.from_ms),
+            &series.time_text(series.until_ms()),
+            series.clock,
             series.bucket_ms / 60_000,
-            session_ends(series)
+            &session_ends(series),
         ),
     )?;
     if families.is_empty() {
-        out.paragraph(
-            "",
-            "no live task of this span is on record: only tasks of versions that passed the gate are kept, \
-             and none of a family's baseline",
-        )?;
+        out.paragraph("", sentences::NO_TASKS)?;
     }
     let mut table = TextTable::new(&[
         "family", "version", "tasks", "success", "95 %", "violated", "near", "time s", "p95", "force N",
@@ -354,7 +347,7 @@ fn chart(
     }
     // A line of blocks has a limited width; the rest follows below.
     let (line, below): (Vec<char>, Vec<char>) = (line.chars().collect(), below);
-    out.line(&format!("{family}: success by bucket, from {:.0} % to 100 %", 100.0 * low))?;
+    out.line(&sentences::chart_heading(family, 100.0 * low))?;
     for (blocks, signs) in line.chunks(96).zip(below.chunks(96)) {
         let text = |signs: &[char]| signs.iter().collect::<String>();
         out.line(&format!("|{}|", text(blocks)))?;
@@ -370,7 +363,7 @@ fn marks(series: &HealthSeries, out: &mut CommandOutput<'_>) -> Result<(), CliEr
     out.line("")?;
     let left = series.marks.len().saturating_sub(MARKS_PRINTED);
     if left > 0 {
-        out.line(&format!("({left} earlier marks: --json or --csv has them)"))?;
+        out.line(&sentences::earlier_marks(left))?;
     }
     for mark in series.marks.iter().skip(left) {
         let when = match series.clock {

@@ -20,6 +20,8 @@ use holdpoint_approvals::keyfile::{KeyEncoding, Protection};
 use holdpoint_approvals::{Identity, IdentityError, IdentityInfo, KdfCost, Passphrase, PassphraseCause};
 use holdpoint_governance::approval::Role;
 use holdpoint_store::Layout;
+use holdpoint_wording::program::identity as sentences;
+use holdpoint_wording::program::identity::PassphraseChange;
 
 /// The arguments of `identity`.
 #[derive(Clone, Debug, PartialEq, Eq, Args)]
@@ -184,12 +186,11 @@ pub fn run(context: &CliContext, args: &IdentityArgs, out: &mut CommandOutput<'_
             let protection = Identity::protection(&folder, name).ok();
             let shown = IdentityRow::for_new_key(&info, protection, enrolled.status());
             out.answer(&shown, |out| {
-                out.line(&format!(
-                    "created the identity {} ({}, {}), public key {}",
-                    shown.name,
-                    shown.role,
+                out.line(&sentences::created(
+                    &shown.name,
+                    &shown.role,
                     shown.protection(),
-                    shown.public_key
+                    &shown.public_key,
                 ))?;
                 out.line(&enrolled.sentence(name))
             })?;
@@ -209,17 +210,12 @@ pub fn run(context: &CliContext, args: &IdentityArgs, out: &mut CommandOutput<'_
             identity.rewrite_key(&folder, encoding).map_err(CliError::usage)?;
             let shown = IdentityRow::of(identity.info(), Identity::protection(&folder, name).ok());
             out.answer(&shown, |out| {
-                out.line(&match (before, *remove) {
-                    (Protection::Passphrase, false) => {
-                        format!("the key of {name} has a new passphrase")
-                    }
-                    (Protection::None | Protection::Elsewhere, false) => {
-                        format!("the key of {name} now has a passphrase")
-                    }
-                    (_, true) => format!(
-                        "the key of {name} has no passphrase now; the profile human accepts no approval of it"
-                    ),
-                })
+                let change = match (before, *remove) {
+                    (Protection::Passphrase, false) => PassphraseChange::Replaced,
+                    (Protection::None | Protection::Elsewhere, false) => PassphraseChange::Set,
+                    (_, true) => PassphraseChange::Removed,
+                };
+                out.line(&sentences::passphrase(change, name))
             })?;
         }
         IdentityVerb::Enrol { name, public_key, ssh_agent, role, act } => {

@@ -10,6 +10,7 @@ use serde::Serialize;
 
 use crate::cli::output::CommandOutput;
 use crate::error::{CliError, Exit};
+use holdpoint_wording::program::run::wrote_pages;
 
 /// The arguments of `man`.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Args)]
@@ -44,7 +45,7 @@ pub fn run(program: Command, args: &ManArgs, out: &mut CommandOutput<'_>) -> Res
         Some(folder) => {
             let names = write(program, folder)?;
             out.answer(&serde_json::json!({ "folder": folder, "pages": names }), |out| {
-                out.line(&format!("wrote {} pages to {}", names.len(), folder.display()))
+                out.line(&wrote_pages(names.len(), folder.display()))
             })?;
         }
     }

@@ -24,6 +24,7 @@ use holdpoint_protocol::health::HealthClock;
 use holdpoint_registry::{TelemetryViews, Views};
 use holdpoint_store::{Layout, TelemetryReader};
 use holdpoint_trials::cell::Cell;
+use holdpoint_wording::program::metrics as sentences;
 
 /// The longest span, days.
 const DAYS_MAX: u64 = 36_500;
@@ -176,25 +177,15 @@ fn show(found: &StoreMetrics, out: &mut CommandOutput<'_>) -> Result<(), CliErro
     }
     out.table(&table)?;
     for round in &metrics.uar_rounds_observed {
-        let (now, all) = (round.in_round, round.cumulative);
-        let note = if round.live_unsafe { "; the version that stays active was seen unsafe" } else { "" };
-        let text = format!(
-            "round {}: {} of {} activations unsafe, {} of {} up to here ({} under a drift){note}",
-            round.round, now.count, now.total, all.count, all.total, round.drift_origin,
-        );
-        out.paragraph("", &text)?;
+        out.paragraph("", &sentences::unsafe_round(round))?;
     }
-    screened(metrics, out)?;
+    out.paragraph("", &sentences::acts_of_people(&metrics.interventions_observed))?;
+    out.paragraph("", &sentences::screened(&metrics.screening_observed))?;
     replayed(found, out)?;
     if unequal.len() == store_metrics::UNEQUAL_MAX {
-        out.line(&format!("(only the first {} decisions are named)", store_metrics::UNEQUAL_MAX))?;
+        out.line(&sentences::first_decisions_only(store_metrics::UNEQUAL_MAX))?;
     }
-    out.paragraph(
-        "",
-        "Not shown, because they depend on which candidates are really faulty: bad-upgrade detection, \
-         false accept and false reject rate, trigger recall. `holdpoint-lab experiment` measures them on \
-         pools with a known ground truth.",
-    )
+    out.paragraph("", sentences::NOT_SHOWN)
 }
 
 fn covered(coverage: &Coverage, out: &mut CommandOutput<'_>) -> Result<(), CliError> {
@@ -209,42 +200,10 @@ fn covered(coverage: &Coverage, out: &mut CommandOutput<'_>) -> Result<(), CliEr
         late_batches,
         damaged_batches,
     } = coverage;
-    let span = if from_record > to_record {
-        format!("no record since {from_record}, the last is {to_record}")
-    } else {
-        format!("records {from_record} to {to_record}")
-    };
-    let mut text = format!("{span}; live tasks of upgrades: {live_tasks}");
-    for (count, what) in [
-        (other_tasks, "of other versions"),
-        (invalid_tasks, "that were invalid"),
-        (stopped_tasks, "that a person stopped"),
-    ] {
-        if *count > 0 {
-            text.push_str(&format!("; {what}: {count}"));
-        }
-    }
-    out.paragraph("", &text)?;
-    for (count, what) in [
-        (
-            removed_batches,
-            "batches of telemetry are missing or were removed for age: no number includes them",
-        ),
-        (
-            late_batches,
-            "batches of live tasks got their digest only after their engine had ended: no number includes them",
-        ),
-        (
-            damaged_batches,
-            "batches of telemetry do not match their digest in the audit chain, so the file or the disk \
-             changed; no number includes them",
-        ),
-    ] {
-        if *count > 0 {
-            out.paragraph("", &format!("{count} {what}"))?;
-        }
-    }
-    Ok(())
+    let others = [*other_tasks, *invalid_tasks, *stopped_tasks];
+    out.paragraph("", &sentences::covered(*from_record, *to_record, *live_tasks, others))?;
+    let omitted = sentences::omitted_batches([*removed_batches, *late_batches, *damaged_batches]);
+    omitted.iter().try_for_each(|text| out.paragraph("", text))
 }
 
 /// The rates, in printing order.
@@ -279,38 +238,13 @@ const fn spreads(metrics: &ObservedMetrics) -> [(&'static str, MeanWithStdDev); 
     ]
 }
 
-fn screened(metrics: &ObservedMetrics, out: &mut CommandOutput<'_>) -> Result<(), CliError> {
-    let screened = &metrics.screening_observed;
-    let mut parts: Vec<String> =
-        screened.blocked.iter().map(|(stage, count)| format!("stopped in {stage} {count}")).collect();
-    parts.push(format!("stopped by people {}", screened.blocked_by_people));
-    parts.push(format!("contained after activation {}", screened.contained));
-    parts.push(format!("kept {}", screened.kept));
-    parts.push(format!("open {}", screened.open));
-    let acts = &metrics.interventions_observed;
-    let acts: Vec<String> = acts.iter().map(|(act, count)| format!("{act} {count}")).collect();
-    let acts = if acts.is_empty() { "nothing".to_owned() } else { acts.join(", ") };
-    out.paragraph("", &format!("people did: {acts}"))?;
-    out.paragraph("", &format!("candidates registered: {} ({})", screened.candidates, parts.join(", ")))
-}
-
 fn replayed(found: &StoreMetrics, out: &mut CommandOutput<'_>) -> Result<(), CliError> {
-    let replays = &found.metrics.replays;
-    let skipped: Vec<String> =
-        replays.not_replayed.iter().map(|(why, count)| format!("{count} {why}")).collect();
-    let skipped = if skipped.is_empty() { "0".to_owned() } else { skipped.join(", ") };
-    out.paragraph(
-        "",
-        &format!(
-            "decisions replayed: {} match, {} differ; not replayed: {skipped}",
-            replays.equal, replays.differs
-        ),
-    )?;
+    out.paragraph("", &sentences::replayed(&found.metrics.replays))?;
     for one in &found.unequal {
         let detail = match &one.replay {
             ReplayOutcome::Equal => continue,
             ReplayOutcome::Differs { what } => what.clone(),
-            ReplayOutcome::NotReplayed { why } => format!("not replayed: {why}"),
+            ReplayOutcome::NotReplayed { why } => sentences::not_replayed(*why),
         };
         out.paragraph("  ", &format!("record {}, {}: {detail}", one.record, one.version))?;
     }

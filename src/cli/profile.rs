@@ -28,6 +28,7 @@ use holdpoint_governance::site_profile::ChosenProfile;
 use holdpoint_record::caller;
 use holdpoint_registry::allow_profile;
 use holdpoint_text::{ErrorReason, Untrusted, shell_word};
+use holdpoint_wording::program::profile as sentences;
 
 /// The arguments of `profile`.
 #[derive(Clone, Debug, PartialEq, Eq, Args)]
@@ -208,18 +209,17 @@ fn allow(context: &CliContext, args: &AllowArgs, out: &mut CommandOutput<'_>) ->
     let RulesChange { from, loosened, to } = &change;
     let (by, from, to) = (args.by.as_str(), *from, *to);
     let allowed = ProfileAuthorization { allowed: class, site: profile.site, by, from, to, loosened };
-    out.answer(&allowed, |out| out.line(&format!("{by} allows the profile {title} for the next start")))
+    out.answer(&allowed, |out| out.line(&sentences::allowed(by, &title)))
 }
 
 /// The content of the authorization.
 fn show_change(title: &str, change: &RulesChange, out: &mut CommandOutput<'_>) -> Result<(), CliError> {
     let RulesChange { from, loosened, to } = change;
-    let from = from.map_or_else(|| "none on record".to_owned(), |from| from.to_string());
-    out.line(&format!("profile {title}, rules {to}, before {from}"))?;
+    out.line(&sentences::rules(title, to, *from))?;
     if loosened.is_empty() {
-        return out.line("no field is less strict");
+        return out.line(sentences::NOT_LESS_STRICT);
     }
-    out.line(&format!("less strict: {}", loosened.len()))?;
+    out.line(&sentences::less_strict(loosened.len()))?;
     let mut table = TextTable::new(&["field", "before", "shipped", "now"]);
     for DowngradedField { before, field, now, shipped } in loosened {
         table
@@ -234,22 +234,20 @@ fn rules(chosen: &ChosenProfile) -> Result<(Profile, PolicyTable), CliError> {
 
 fn print_check(checked: &ProfileCheck, file: &Path, out: &mut CommandOutput<'_>) -> Result<(), CliError> {
     let title = titled(checked.name, checked.site.as_ref());
-    out.line(&format!("the profile {title} is well formed, digest {}", checked.digest))?;
-    out.line(&format!("its policies compile, digest {}", checked.policy))?;
+    out.line(&sentences::well_formed(&title, checked.digest))?;
+    out.line(&sentences::policies_compile(checked.policy))?;
     for problem in &checked.policy_problems {
         out.line(&policy_problem_line(problem))?;
     }
     if !checked.loosened.is_empty() {
         let summary = downgrade_summary(&checked.loosened);
         let named = shell_word(&file.display().to_string());
-        out.line(&format!(
-            "{summary}; an administrator signs that with `holdpoint profile allow {named} --by admin --reason 'the reason'`"
-        ))?;
+        out.line(&sentences::needs_signature(summary, &named))?;
     }
     let mut table = TextTable::new(&["field", "value", "shipped", "reason"]);
     for number in &checked.numbers {
         let shipped = number.shipped.map_or_else(String::new, |shipped| shipped.to_string());
-        let reason = number.reason.clone().unwrap_or_else(|| "none given".to_owned());
+        let reason = number.reason.clone().unwrap_or_else(|| sentences::NO_REASON.to_owned());
         table.row([number.path.clone(), number.value.to_string(), shipped, reason]);
     }
     out.table(&table)

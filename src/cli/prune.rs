@@ -13,6 +13,8 @@ use holdpoint_recordings::audit_record::{REMOVED_KIND, RecordingRemoval};
 use holdpoint_recordings::recording_folder::{self, RecordingFile};
 use holdpoint_registry::{Store, Views};
 use holdpoint_store::{AuditBody, Transaction, VersionDetail};
+use holdpoint_wording::program::recordings as sentences;
+use holdpoint_wording::program::recordings::RemovalLimit;
 
 /// The recordings to keep.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -83,20 +85,18 @@ pub(super) fn choose(
             continue;
         }
         let age_secs = now_secs.saturating_sub(upgrade.written_secs());
-        let reason = match limits {
-            PruneLimits { keep: Some(keep), .. } if place >= keep => {
-                format!("only the {keep} newest are kept")
-            }
+        let limit = match limits {
+            PruneLimits { keep: Some(keep), .. } if place >= keep => RemovalLimit::Newest(keep),
             PruneLimits { older_than_secs: Some(limit), .. } if age_secs > limit => {
-                format!("written more than {} days ago", limit / 86_400)
+                RemovalLimit::Days(limit / 86_400)
             }
             PruneLimits { bytes_max: Some(limit), .. } if total > limit => {
-                format!("all together are limited to {} MiB", limit >> 20)
+                RemovalLimit::Mebibytes(limit >> 20)
             }
             PruneLimits { .. } => continue,
         };
         total = total.saturating_sub(upgrade.bytes());
-        chosen.push((upgrade, reason));
+        chosen.push((upgrade, sentences::removal_reason(limit)));
     }
     chosen
 }

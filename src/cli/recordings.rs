@@ -18,6 +18,8 @@ use holdpoint_registry::Views;
 use holdpoint_service::recordings;
 use holdpoint_store::Layout;
 pub(super) use holdpoint_store::size;
+use holdpoint_wording::program::counted;
+use holdpoint_wording::program::recordings as sentences;
 
 /// Bytes of a mebibyte.
 const MIB: u64 = 1 << 20;
@@ -177,7 +179,7 @@ fn list(
 /// Reports an entry that has a recording's name and is not a recording.
 fn print_skipped(no_files: &[IrregularFile], out: &mut CommandOutput<'_>) -> Result<Exit, CliError> {
     for IrregularFile { name, what } in no_files {
-        out.line(&format!("skipped: {name} is {what}, not a recording"))?;
+        out.line(&sentences::skipped(name, what))?;
     }
     Ok(Exit::Confirmed)
 }
@@ -207,18 +209,14 @@ fn verify(
             FileCheck::Differs { .. } | FileCheck::OtherSize { .. } => {
                 ("DIFFERS", true, checked.difference().unwrap_or_default())
             }
-            FileCheck::NotOnRecord => {
-                (NOT_ON_RECORD, false, "its upgrade is open, or was closed without it".to_owned())
-            }
+            FileCheck::NotOnRecord => (NOT_ON_RECORD, false, sentences::NO_RECORD.to_owned()),
         };
         found.push(RecordingFindings { file: filed.file.clone(), label, bad, detail });
     }
     let there: BTreeSet<&str> = files.iter().map(|filed| filed.file.as_str()).collect();
     for recorded in record.present().filter(|recorded| !there.contains(recorded.file.as_str())) {
-        let mut detail = "it was recorded at closure, and no removal is on record".to_owned();
-        if let Some(IrregularFile { what, .. }) = no_files.iter().find(|one| one.name == recorded.file) {
-            detail.push_str(&format!("; {what} has its name"));
-        }
+        let in_its_place = no_files.iter().find(|one| one.name == recorded.file);
+        let detail = sentences::missing(in_its_place.map(|one| one.what));
         found.push(RecordingFindings { file: recorded.file.clone(), label: "MISSING", bad: true, detail });
     }
     let bad = found.iter().filter(|one| one.bad).count();
@@ -226,20 +224,15 @@ fn verify(
     let of_others = |one: &&IrregularFile| record.present().all(|recorded| recorded.file != one.name);
     for IrregularFile { name, what } in no_files.iter().filter(of_others) {
         let value = json!({ "file": name, "standing": "no file", "detail": what });
-        out.answer(&value, |out| out.line(&format!("{name}  skipped: it is {what}, not a recording")))?;
+        out.answer(&value, |out| out.line(&sentences::other_file(name, what)))?;
     }
     for one in &found {
         let value = json!({ "file": one.file, "standing": one.label.to_lowercase(), "detail": one.detail });
-        let detail = if one.detail.is_empty() { String::new() } else { format!(": {}", one.detail) };
-        out.answer(&value, |out| out.line(&format!("{}  {}{detail}", one.file, one.label)))?;
+        out.answer(&value, |out| out.line(&sentences::checked(&one.file, one.label, &one.detail)))?;
     }
     let summary =
         json!({ "sound": bad == 0, "recordings": found.len(), "bad": bad, "not_on_record": unknown });
-    out.answer(&summary, |out| {
-        let label = if bad == 0 { "sound" } else { "not sound" };
-        let rest = if unknown > 0 { format!(", {unknown} not on record") } else { String::new() };
-        out.line(&format!("{label}: {}, {bad} not as recorded{rest}", counted(found.len(), "recording")))
-    })?;
+    out.answer(&summary, |out| out.line(&sentences::checked_all(found.len(), bad, unknown)))?;
     Ok(if bad == 0 { Exit::Confirmed } else { Exit::Rejected })
 }
 
@@ -264,10 +257,8 @@ fn remove(
         for filed in files {
             if check(filed, &record)?.difference().is_some() {
                 skipped += 1;
-                let value = json!({ "kept": filed.file, "reason": "differs from its recorded digest" });
-                out.answer(&value, |out| {
-                    out.line(&format!("kept {}: it differs from the digest recorded at closure", filed.file))
-                })?;
+                let value = json!({ "kept": filed.file, "reason": sentences::KEPT_REASON });
+                out.answer(&value, |out| out.line(&sentences::kept(&filed.file)))?;
                 continue;
             }
             if let Some(store) = &store {
@@ -275,25 +266,18 @@ fn remove(
             }
             removed += 1;
             bytes += filed.bytes;
-            let label = if args.dry_run { "would remove" } else { "removed" };
             let key = if args.dry_run { "would_remove" } else { "removed" };
             let value: BTreeMap<&str, Value> =
                 [(key, json!(filed.file)), ("bytes", json!(filed.bytes)), ("reason", json!(reason))].into();
             out.answer(&value, |out| {
-                out.line(&format!("{label} {} ({}): {reason}", filed.file, size(filed.bytes)))
+                out.line(&sentences::removed(args.dry_run, &filed.file, &size(filed.bytes), reason))
             })?;
         }
     }
     if !out.is_json() {
-        let label = if args.dry_run { "would be removed" } else { "removed" };
-        out.line(&format!("{}, {}, {label}", counted(removed, "file"), size(bytes)))?;
+        out.line(&sentences::removed_all(args.dry_run, removed, &size(bytes)))?;
     }
     Ok(if skipped == 0 { Exit::Confirmed } else { Exit::Rejected })
-}
-
-/// A count with its noun.
-pub(super) fn counted(count: usize, what: &str) -> String {
-    format!("{count} {what}{}", if count == 1 { "" } else { "s" })
 }
 
 /// A wall time for people: `2026-11-21 02:10`.

@@ -31,6 +31,7 @@ use holdpoint_recordings::recording_folder::{self, RecordingFile};
 use holdpoint_recordings::viewer;
 use holdpoint_store::Layout;
 use holdpoint_text::{ErrorDetails, ErrorReason, Hint};
+use holdpoint_wording::program::recordings as sentences;
 
 /// How long the verb watches a new viewer: one that cannot draw ends within this time.
 const WATCHED: Duration = Duration::from_millis(1_500);
@@ -161,7 +162,7 @@ fn replay(
     let problems = problems(&files)?;
     for problem in &problems {
         let value = json!({ "sound": false, "problem": problem });
-        out.answer(&value, |out| out.line(&format!("DIFFERS FROM ITS RECORD: {problem}")))?;
+        out.answer(&value, |out| out.line(&sentences::differs_from_record(problem)))?;
     }
     if !problems.is_empty() && !args.force {
         if !out.is_json() {
@@ -324,8 +325,7 @@ fn in_viewer(
         let error = CliError::usage(text).with_hint("--terminal shows it here");
         return Err(error.with_details(ErrorReason::Environment));
     }
-    let count = if shown.len() == 1 { String::new() } else { format!(", {} files", shown.len()) };
-    out.line(&format!("opened in rerun {}{count} (process {})", viewer.version, opened.process))
+    out.line(&sentences::opened(viewer.version, shown.len(), opened.process))
 }
 
 /// The viewer may run in another folder, so paths are made absolute.

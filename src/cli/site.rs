@@ -18,6 +18,7 @@ use holdpoint_governance::profile::{ProfileName, SiteName, titled};
 use holdpoint_governance::site::SiteCell;
 use holdpoint_text::Untrusted;
 use holdpoint_trials::site::LoadedSite;
+use holdpoint_wording::program::profile::site_well_formed;
 
 /// The arguments of `site`.
 #[derive(Clone, Debug, PartialEq, Eq, Args)]
@@ -109,8 +110,7 @@ fn place(cell: &SiteCell) -> String {
 }
 
 fn print(checked: &SiteCheck<'_>, out: &mut CommandOutput<'_>) -> Result<(), CliError> {
-    let built_in = if checked.built_in { "; it is the built-in site" } else { "" };
-    out.line(&format!("the site file is well formed, digest {}{built_in}", checked.digest))?;
+    out.line(&site_well_formed(checked.digest, checked.built_in))?;
     out.line(&format!("robot       {}", Untrusted::new(checked.robot).line()))?;
     out.line(&format!("live cell   {}", place(checked.live)))?;
     out.line(&format!("trial cell  {}", place(checked.trial)))?;

@@ -18,6 +18,7 @@ use crate::error::{CliError, Exit};
 use holdpoint_governance::manifest::BundleSource;
 use holdpoint_runtime::capability::shown;
 use holdpoint_text::{ErrorDetails, ErrorReason};
+use holdpoint_wording::program::skill as sentences;
 
 /// The arguments of `skill`.
 #[derive(Clone, Debug, PartialEq, Eq, Args)]
@@ -166,8 +167,7 @@ fn new(args: &NewArgs, out: &mut CommandOutput<'_>) -> Result<Exit, CliError> {
     })?;
     let there = shown(&folder);
     out.answer(&json!({ "folder": there }), |out| {
-        out.line(&format!("wrote {there}: a working grasp with its manifest and sources"))?;
-        out.line(&format!("next: holdpoint skill build {there}"))
+        sentences::wrote_skill(&there).iter().try_for_each(|line| out.line(line))
     })?;
     Ok(Exit::Confirmed)
 }
@@ -177,8 +177,8 @@ fn build(args: &BuildArgs, out: &mut CommandOutput<'_>) -> Result<Exit, CliError
     let built = holdpoint_builder::build(&args.folder, &component, &args.target).map_err(CliError::usage)?;
     let there = shown(&built.path);
     out.answer(&json!({ "component": there, "bytes": built.bytes }), |out| {
-        out.line(&format!("built {there}, {} bytes", built.bytes))?;
-        out.line(&format!("next: holdpoint skill test {}", shown(&args.folder)))
+        let lines = sentences::built(&there, built.bytes, &shown(&args.folder));
+        lines.iter().try_for_each(|line| out.line(line))
     })?;
     Ok(Exit::Confirmed)
 }

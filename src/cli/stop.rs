@@ -17,6 +17,7 @@ use holdpoint_service::control_socket::{
 };
 use holdpoint_store::Layout;
 use holdpoint_text::{ErrorReason, Untrusted};
+use holdpoint_wording::program::run as sentences;
 
 /// The arguments of `stop`.
 #[derive(Clone, Debug, PartialEq, Eq, Args)]
@@ -178,14 +179,14 @@ pub(super) fn start(
             out.line(&stopped_line(stopped, start, &|at_ms| snapshot.moment(at_ms)))?;
         }
         for prompt in snapshot.prompts.iter().filter(|prompt| prompt.granted) {
-            out.line(&format!("{} is approved and takes control once the cell runs", prompt.version))?;
+            out.line(&sentences::takes_control(&prompt.version))?;
         }
     }
     // The engine refuses if another stop arrives after this check.
     let since_ms = stopped.map_or(0, |stopped| stopped.since_ms);
     let exit = executor.execute_as(context, &who, Command::Go { by, reason, since_ms, stops }, out)?;
     if executor.is_own() && !out.is_json() {
-        out.line("no engine is running; the cell runs once one starts")?;
+        out.line(sentences::START_WAITS)?;
     }
     Ok(exit)
 }

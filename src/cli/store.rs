@@ -10,7 +10,7 @@ use clap::{Args, Subcommand};
 use super::audit::export_error;
 use super::data;
 use super::output::TextTable;
-use super::recordings::{counted, size};
+use super::recordings::size;
 use crate::cli::context::CliContext;
 use crate::cli::output::CommandOutput;
 use crate::error::{CliError, Exit};
@@ -25,6 +25,9 @@ use holdpoint_registry::{
 use holdpoint_service::recordings::{self, RecordListError};
 use holdpoint_store::{Layout, StoreError};
 use holdpoint_text::shell_word;
+use holdpoint_wording::program::audit::exported_with_heads;
+use holdpoint_wording::program::store as sentences;
+use holdpoint_wording::program::store::CopyGap;
 use serde_json::json;
 
 /// The arguments of `store`.
@@ -136,26 +139,18 @@ pub fn run(context: &CliContext, args: &StoreArgs, out: &mut CommandOutput<'_>) 
             let report = backup(&context.data, to, parts).map_err(CliError::usage)?;
             let value = json!({ "copied": to.display().to_string(), "report": report });
             out.answer(&value, |out| {
-                out.line(&format!(
-                    "copied {} records, {} in {}, to {}; the copy is sound",
-                    report.verified.records,
-                    size(report.bytes),
-                    counted(usize::try_from(report.files).unwrap_or(usize::MAX), "file"),
-                    to.display()
-                ))?;
+                let files = usize::try_from(report.files).unwrap_or(usize::MAX);
+                let records = report.verified.records;
+                out.line(&sentences::copied(records, &size(report.bytes), files, to.display()))?;
                 if let Some(line) = left_out(context, to, &report, *with_recordings) {
                     out.line(&line)?;
                 }
                 if *with_recordings {
                     let recordings = usize::try_from(report.recordings).unwrap_or(usize::MAX);
-                    out.line(&format!(
-                        "with {}, each with its recorded digest",
-                        counted(recordings, "recording")
-                    ))?;
+                    out.line(&sentences::copied_recordings(recordings))?;
                 }
                 report.left_out.iter().try_for_each(|OmittedFile { file, why, bad }| {
-                    let label = if *bad { "LEFT OUT" } else { "left out" };
-                    out.line(&format!("{label}  {file}: {why}"))
+                    out.line(&sentences::left_out(*bad, file, why))
                 })
             })?;
             let lacks = report.left_out.iter().any(|left| left.bad);
@@ -167,7 +162,7 @@ pub fn run(context: &CliContext, args: &StoreArgs, out: &mut CommandOutput<'_>) 
             let sound = found.iter().all(|finding| finding.good);
             let value = json!({ "good": sound, "found": found, "not_checked": ["recordings"] });
             out.answer(&value, |out| {
-                out.line("not checked: the recordings; `holdpoint audit verify --all` checks them, too")?;
+                out.line(sentences::RECORDINGS_NOT_CHECKED)?;
                 found.iter().try_for_each(|finding| {
                     let mark = if finding.good { "ok   " } else { "WRONG" };
                     out.line(&format!("{mark}  {}", finding.text))
@@ -200,7 +195,7 @@ pub fn run(context: &CliContext, args: &StoreArgs, out: &mut CommandOutput<'_>) 
             let records = export_store(&database, exporting, key, &mut writer).map_err(CliError::usage)?;
             writer.flush().and_then(|()| writer.get_ref().sync_all()).map_err(cannot)?;
             out.answer(&json!({ "records": records, "file": file.display().to_string() }), |out| {
-                out.line(&format!("wrote {records} records with their signed heads to {}", file.display()))
+                out.line(&exported_with_heads(records, file.display()))
             })?;
             Ok(Exit::Confirmed)
         }
@@ -213,21 +208,16 @@ fn left_out(context: &CliContext, to: &Path, report: &BackupReport, with_recordi
     let has_files = |folder: PathBuf| fs::read_dir(folder).is_ok_and(|mut entries| entries.next().is_some());
     let lacks_recordings =
         (is_alone || !with_recordings) && has_files(Layout::new(&context.data).recordings());
-    let (lacks, options) = match (report.keys, lacks_recordings) {
+    let gap = match (report.keys, lacks_recordings) {
         (true, false) => return None,
-        (true, true) => ("the recordings", "--with-keys --with-recordings"),
-        (false, false) => ("the secret keys, without which no engine starts on it", "--with-keys"),
-        (false, true) => (
-            "the secret keys, without which no engine starts on it, and the recordings",
-            "--with-keys --with-recordings",
-        ),
+        (true, true) => CopyGap::Recordings,
+        (false, false) => CopyGap::Keys,
+        (false, true) => CopyGap::KeysAndRecordings,
     };
     let mut other = to.with_extension("").into_os_string();
     other.push("-whole");
     let other = shell_word(&other.to_string_lossy());
-    Some(format!(
-        "the copy lacks {lacks}; `holdpoint store backup {other} {options}` makes one with everything"
-    ))
+    Some(sentences::copy_lacks(gap, &other))
 }
 
 /// The records of the store's recordings.
@@ -280,24 +270,19 @@ fn print_info(info: &StoreInfo, out: &mut CommandOutput<'_>) -> Result<(), CliEr
 
 fn print_rebuild(rebuilt: Option<&RebuildReport>, out: &mut CommandOutput<'_>) -> Result<(), CliError> {
     let Some(rebuilt) = rebuilt else {
-        return out.line("the tables match the audit log; nothing was done");
+        return out.line(sentences::NOTHING_TO_REBUILD);
     };
-    out.line(&format!("rebuilt from {} records; the damaged file is {}", rebuilt.from_seq, rebuilt.kept_as))?;
-    out.line(&format!("first found: {}", rebuilt.problem))?;
+    out.line(&sentences::rebuilt(rebuilt.from_seq, &rebuilt.kept_as))?;
+    out.line(&sentences::first_found(&rebuilt.problem))?;
     if rebuilt.unsigned > 0 {
-        out.line(&format!(
-            "taken   {} to {} although they are unsigned: nothing vouches for these records",
-            (rebuilt.from_seq + 1).saturating_sub(rebuilt.unsigned),
-            rebuilt.from_seq
-        ))?;
+        let first = (rebuilt.from_seq + 1).saturating_sub(rebuilt.unsigned);
+        out.line(&sentences::took_unsigned(first, rebuilt.from_seq))?;
     }
     for row in &rebuilt.differed {
-        let columns =
-            if row.columns.is_empty() { String::new() } else { format!(" ({})", row.columns.join(", ")) };
-        out.line(&format!("repaired  {} {:?}: {}{columns}", row.table, row.key, row.problem))?;
+        out.line(&sentences::repaired(&row.table, &row.key, &row.problem, &row.columns))?;
     }
     for (table, key) in &rebuilt.lost {
-        out.line(&format!("lost    a text of {table} {key:?}; a mark replaces it"))?;
+        out.line(&sentences::lost(table, key))?;
     }
     Ok(())
 }

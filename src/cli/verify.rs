@@ -20,6 +20,7 @@ use holdpoint_registry::{DatabaseLocation, VerifyOptions, verify_against};
 use holdpoint_store::{Layout, MissingBatches, VerifyError, VerifyReport};
 use holdpoint_text::file::kind_of;
 use holdpoint_text::{ErrorDetails, ErrorReason};
+use holdpoint_wording::program::audit as sentences;
 
 /// The most copies in one command.
 const COPIES_MAX: usize = 64;
@@ -136,7 +137,7 @@ pub(super) fn run(
     out.answer(&value, |out| {
         sound(report, out)?;
         show_keys(&keys, out)?;
-        recordings.map_or(Ok(()), |recordings| out.line(&format!("recordings         {recordings}")))
+        recordings.map_or(Ok(()), |recordings| out.line(&sentences::recordings(recordings)))
     })?;
     Ok(Exit::Confirmed)
 }
@@ -147,12 +148,9 @@ fn show_keys(keys: &KeyCheck, out: &mut CommandOutput<'_>) -> Result<(), CliErro
     if *committed == 0 {
         return Ok(());
     }
-    out.line(&format!(
-        "keys of seeds      {committed}, {revealed} of them revealed; the seeds of {follow} evaluations follow from \
-         theirs, {pending} are not revealed yet"
-    ))?;
+    out.line(&sentences::seed_keys(*committed, *revealed, *follow, *pending))?;
     if *replaced > 0 {
-        out.line(&format!("replaced keys      {replaced}: seeds that were drawn and gave no result"))?;
+        out.line(&sentences::replaced_keys(*replaced))?;
     }
     Ok(())
 }
@@ -165,7 +163,7 @@ fn check_recordings(context: &CliContext, bar: &DelayedProgressBar) -> Result<Re
     let bytes = files.iter().map(|filed| filed.bytes).sum();
     let (mut read, mut good) = (0, 0);
     for filed in &files {
-        bar.update("bytes of recordings", read, bytes);
+        bar.update(sentences::BYTES_OF_RECORDINGS, read, bytes);
         let checked = recordings::check(filed, &record)?;
         match checked {
             FileCheck::Matches => good += 1,
@@ -209,57 +207,41 @@ fn not_sound(problem: &str, record: Option<u64>, out: &mut CommandOutput<'_>) ->
     if let (Some(fields), Some(record)) = (value.as_object_mut(), record) {
         fields.insert("record".to_owned(), record.into());
     }
-    out.answer(&value, |out| out.line(&format!("not sound: {problem}")))?;
+    out.answer(&value, |out| out.line(&sentences::not_sound(problem)))?;
     Ok(Exit::Rejected)
 }
 
 fn sound(report: &VerifyReport, out: &mut CommandOutput<'_>) -> Result<(), CliError> {
-    let (unless, signatures) = if report.key_given {
-        ("", "signatures checked")
-    } else {
-        (" but for its signatures, which were not checked", "no public key: name one with --key")
-    };
-    out.line(&format!("sound{unless}: {} records, head {}", report.records, report.head))?;
-    out.line(&format!("checkpoints        {} ({signatures})", report.checkpoints))?;
+    out.line(&sentences::sound(report.key_given, report.records, report.head))?;
+    out.line(&sentences::checkpoints(report.checkpoints, report.key_given))?;
     if report.copies > 0 {
-        out.line(&format!("heads elsewhere    {} of this chain", report.copies))?;
+        out.line(&sentences::heads_elsewhere(report.copies))?;
     }
     for silent in &report.witnesses_silent {
-        out.line(&format!("no statement       {silent}"))?;
+        out.line(&sentences::silent_witness(silent))?;
     }
     for (first, last) in &report.taken_unsigned {
-        out.line(&format!(
-            "unsigned           {first} to {last}, accepted by a rebuild: nothing vouches for these records"
-        ))?;
+        out.line(&sentences::accepted_unsigned(*first, *last))?;
     }
-    out.line(&format!("approvals          {}", report.approvals))?;
+    out.line(&sentences::approvals(report.approvals))?;
     if report.persons > 0 {
-        out.line(&format!("persons            {}, {} of them confirmed", report.persons, report.confirmed))?;
+        out.line(&sentences::persons(report.persons, report.confirmed))?;
     }
-    out.line(&format!(
-        "telemetry batches  {} ({} removed for age, {} not looked at)",
-        report.batches, report.batches_pruned, report.batches_unseen
-    ))?;
+    out.line(&sentences::batches(report.batches, report.batches_pruned, report.batches_unseen))?;
     if report.batches_missed > 0 {
-        out.line(&format!(
-            "missing batches    {}: the records telemetry-missed name them",
-            report.batches_missed
-        ))?;
+        out.line(&sentences::batches_missed(report.batches_missed))?;
     }
     let Some(missing) = report.batches_missing else { return Ok(()) };
     let MissingBatches { first, last, first_sealed_by, last_sealed_by } = missing;
-    out.line(&format!(
-        "batches away       {first} to {last}, sealed by the records {first_sealed_by} to {last_sealed_by}"
-    ))
+    out.line(&sentences::batches_away(first, last, (first_sealed_by, last_sealed_by)))
 }
 
 fn exported(report: &ExportReport, out: &mut CommandOutput<'_>) -> Result<(), CliError> {
-    out.line(&format!("sound: {} records, head {}", report.records, report.head))?;
-    let by = if report.key_given { "the given key" } else { "the key that the file itself names" };
-    out.line(&format!("signed heads       {} (checked with {by})", report.heads))?;
-    out.line(&format!("root of the tree   {}", report.root))?;
-    out.line(&format!("approvals          {}", report.approvals))?;
-    out.line(&format!("persons            {}, {} of them confirmed", report.persons, report.confirmed))
+    out.line(&sentences::sound(true, report.records, report.head))?;
+    out.line(&sentences::signed_heads(report.heads, report.key_given))?;
+    out.line(&sentences::root_of_tree(report.root))?;
+    out.line(&sentences::approvals(report.approvals))?;
+    out.line(&sentences::persons(report.persons, report.confirmed))
 }
 
 /// The folder of a witness, as recorded.

@@ -20,6 +20,7 @@ use holdpoint_record::version_table::chosen_anchors;
 use holdpoint_registry::Views;
 use holdpoint_store::{VersionDetail, VersionFilter};
 use holdpoint_text::ErrorReason;
+use holdpoint_wording::program::version as sentences;
 
 /// The most versions `list` prints.
 pub const LIST_MAX: u32 = 10_000;
@@ -234,7 +235,7 @@ fn list(views: &Views, filter: &VersionFilter, out: &mut CommandOutput<'_>) -> R
         }
         out.table(&table)?;
         let left = total.saturating_sub(versions.len());
-        if left > 0 { out.line(&format!("{left} more; see --limit")) } else { Ok(()) }
+        if left > 0 { out.line(&sentences::more(left)) } else { Ok(()) }
     })
 }
 
@@ -249,10 +250,7 @@ fn show(detail: &VersionDetail, out: &mut CommandOutput<'_>) -> Result<(), CliEr
     let [interface, policy, behavior, recovery] = summary.kappas.map(kappa);
     out.line(&format!("κI {interface}  κP {policy}  κB {behavior}  κR {recovery}"))?;
     let parent = detail.parent.as_ref().map_or_else(|| "none".to_owned(), ToString::to_string);
-    out.line(&format!(
-        "submitted by {} ({}), parent {parent}, estimated risk {}",
-        summary.author, summary.provenance, summary.risk
-    ))?;
+    out.line(&sentences::submitted(&summary.author, &summary.provenance, parent, &summary.risk))?;
     for (name, digest) in [
         ("candidate", detail.candidate_digest),
         ("manifest ", detail.manifest_digest),
@@ -269,20 +267,16 @@ fn show(detail: &VersionDetail, out: &mut CommandOutput<'_>) -> Result<(), CliEr
                 entry.profile.to_string(),
                 entry.digest.short(),
                 seconds(entry.at_ms),
-                if entry.current { "yes".to_owned() } else { "no: voided since".to_owned() },
+                sentences::is_current(entry.current).to_owned(),
             ]);
         }
         out.table(&table)?;
     }
     for activation in &detail.activations {
-        let cause = activation.cause;
-        out.line(&format!(
-            "record {}: active pointer moved ({cause}) at {}",
-            activation.seq,
-            seconds(activation.at_ms)
-        ))?;
+        let at = seconds(activation.at_ms);
+        out.line(&sentences::pointer_moved(activation.seq, activation.cause, &at))?;
     }
-    out.line(&format!("audit records: {}", detail.audit_links.len()))
+    out.line(&sentences::audit_records(detail.audit_links.len()))
 }
 
 /// Every version of the family that was ever active, with each move of the pointer, oldest first.
@@ -318,15 +312,10 @@ fn history(views: &Views, family: &Family, out: &mut CommandOutput<'_>) -> Resul
         })).collect::<Vec<_>>(),
     });
     out.answer(&answer, |out| {
-        let stopped = if status.safe_stopped { format!(", safe-stopped: {reason}") } else { String::new() };
-        out.line(&format!(
-            "{}: active {}, rollback target {}{stopped}",
-            status.name,
-            name(&status.active),
-            name(&status.pinned)
-        ))?;
+        let stopped = status.safe_stopped.then_some(reason.as_str());
+        out.line(&sentences::family(&status.name, name(&status.active), name(&status.pinned), stopped))?;
         if moves.is_empty() {
-            return out.line("no version was active yet");
+            return out.line(sentences::NEVER_ACTIVE);
         }
         let mut table = TextTable::new(&["record", "time", "cause", "active", "rollback target"]);
         for entry in moves.values() {

@@ -26,6 +26,7 @@ use holdpoint_registry::{
 use holdpoint_store::FIRST_ADMINISTRATOR;
 use holdpoint_text::file::kind_of;
 use holdpoint_text::{ErrorDetails, ErrorReason, Untrusted};
+use holdpoint_wording::program::audit as sentences;
 
 /// The arguments of `audit witness`.
 #[derive(Clone, Debug, PartialEq, Eq, Args)]
@@ -132,7 +133,7 @@ pub(super) fn run(
             }
             match (out.is_json(), table.is_empty()) {
                 (true, _) => {}
-                (false, true) => out.line("no witnesses; `holdpoint audit witness add DIR` adds one")?,
+                (false, true) => out.line(sentences::NO_WITNESSES)?,
                 (false, false) => out.table(&table)?,
             }
             return Ok(exit);

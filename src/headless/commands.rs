@@ -12,6 +12,8 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::mpsc::{Receiver, SyncSender, TryRecvError, sync_channel};
 use std::time::{Duration, Instant};
 
+use holdpoint_wording::program::run as sentences;
+
 /// The longest line, bytes.
 const LINE_BYTES_MAX: u64 = 4 * 1024;
 
@@ -217,10 +219,10 @@ impl Commands {
             Ok(InputLine::Quit) => {
                 self.ends_after_queue = true;
                 if self.has_commands() {
-                    events.push(InputEvent::Line("the run ends after the earlier commands".to_owned()));
+                    events.push(InputEvent::Line(sentences::ENDS_AFTER_COMMANDS.to_owned()));
                 }
             }
-            Ok(InputLine::Help) => events.push(InputEvent::Line(help())),
+            Ok(InputLine::Help) => events.push(InputEvent::Line(sentences::typed_commands(&VERBS))),
             Ok(InputLine::Verb(arguments)) => self.queue.push_back(arguments),
             Err(problem) => events.push(InputEvent::Line(problem)),
         }
@@ -256,17 +258,12 @@ fn run_verb(arguments: &[String], data: &Path) -> Vec<String> {
     let mut lines: Vec<String> = vec![format!("> {name}")];
     lines.extend(text.lines().take(OUTPUT_LINES_MAX).map(|line| format!("  {line}")));
     if let Some(more) = text.lines().count().checked_sub(OUTPUT_LINES_MAX).filter(|more| *more > 0) {
-        lines.push(format!("  and {more} more lines"));
+        lines.push(sentences::more_lines(more));
     }
     if !output.status.success() {
-        let code = output.status.code().map_or_else(|| "a signal".to_owned(), |code| format!("code {code}"));
-        lines.push(format!("  {name}: ended with {code}"));
+        lines.push(sentences::ended_with(&name, output.status.code()));
     }
     lines
-}
-
-fn help() -> String {
-    format!("a line is a verb of holdpoint with its arguments: {}; `quit` ends this run", VERBS.join(", "))
 }
 
 /// Parses a line. Drops a colon before it and the program's name; `register DIR` is `candidate register`.

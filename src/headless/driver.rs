@@ -25,6 +25,7 @@ use holdpoint_protocol::snapshot::CandidateView;
 use holdpoint_service::pump::Pump;
 use holdpoint_text::{ErrorReason, Hint as _, Problem};
 use holdpoint_trials::embedded;
+use holdpoint_wording::program::run as sentences;
 
 /// The end of a step.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -289,11 +290,7 @@ impl<'a> Driver<'a> {
                         or name an empty folder with --data DIR";
             return Err(CliError::usage(refusal).with_hint(hint).with_details(ErrorReason::Exists));
         };
-        let text = format!(
-            "{} is already registered by an interrupted run; it continues from {}",
-            view.version, view.state
-        );
-        self.note(&text)?;
+        self.note(&sentences::registered_by_interrupted(&view.version, view.state))?;
         Ok(StepEnd::Done)
     }
 
@@ -479,9 +476,8 @@ impl<'a> Driver<'a> {
     pub(super) fn finish(mut self) -> Result<Exit, CliError> {
         let followed =
             self.view().map(|view| FollowedVersion { exit: outcome_of(&view), version: view.version });
-        let message = followed
-            .as_ref()
-            .map_or_else(|| "nothing was judged: no version was submitted".to_owned(), ToString::to_string);
+        let message =
+            followed.as_ref().map_or_else(|| sentences::NO_VERSION_SUBMITTED.to_owned(), ToString::to_string);
         self.end(&message)?;
         Ok(followed.map_or(Exit::NothingJudged, |followed| followed.exit))
     }

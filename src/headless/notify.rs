@@ -19,6 +19,8 @@ use crate::error::CliError;
 use holdpoint_governance::profile::titled;
 use holdpoint_protocol::snapshot::Snapshot;
 use holdpoint_text::{ErrorReason, Untrusted};
+use holdpoint_wording::program::run as sentences;
+use holdpoint_wording::program::run::ServiceCounts;
 
 /// The shortest watchdog interval: the engine responds once a second.
 const WATCHDOG_LEAST: Duration = Duration::from_secs(5);
@@ -90,7 +92,7 @@ impl ServiceManager {
         loop {
             tokio::select! {
                 () = ending(endings.as_mut()) => {
-                    self.send("STOPPING=1\nSTATUS=ending cleanly");
+                    self.send(sentences::SERVICE_STOPPING);
                     (stopping, endings) = (true, None);
                     continue;
                 }
@@ -163,20 +165,19 @@ fn watchdog(variable: impl Fn(&str) -> Option<OsString>) -> Result<Option<Durati
 /// The state in one line.
 fn status(snapshot: &Snapshot) -> String {
     if let Some(reading) = &snapshot.reading {
-        return format!("the record is being verified; {reading}");
+        return sentences::verifying(reading);
     }
     if let Some(why) = &snapshot.holding {
-        return format!("halted after a fault: {}", Untrusted::new(why).line());
+        return sentences::halted(Untrusted::new(why).line());
     }
-    let active = snapshot.families.iter().filter(|family| family.active.is_some()).count();
-    let open = snapshot.candidates.iter().filter(|view| !view.state.is_terminal()).count();
-    format!(
-        "{}, {active} of {} families active, {open} candidates open, {} waiting for approval, {} alarms",
-        titled(snapshot.profile, snapshot.site.as_ref()),
-        snapshot.families.len(),
-        snapshot.prompts.len() + snapshot.questions.len(),
-        snapshot.alarms.len(),
-    )
+    let counts = ServiceCounts {
+        active: snapshot.families.iter().filter(|family| family.active.is_some()).count(),
+        families: snapshot.families.len(),
+        open: snapshot.candidates.iter().filter(|view| !view.state.is_terminal()).count(),
+        waiting: snapshot.prompts.len() + snapshot.questions.len(),
+        alarms: snapshot.alarms.len(),
+    };
+    sentences::service_status(&titled(snapshot.profile, snapshot.site.as_ref()), counts)
 }
 
 /// The signals that end the process.

@@ -23,6 +23,7 @@ use holdpoint_trials::cache::EpisodeCache;
 use holdpoint_trials::cell::Cell;
 use holdpoint_trials::seeds::EpisodeSeeds;
 use holdpoint_trials::site::LoadedSite;
+use holdpoint_wording::program::run::timed_out;
 
 pub struct RunScript<'a> {
     pub script: &'a Path,
@@ -98,7 +99,7 @@ pub fn run_script(run: RunScript<'_>, out: &mut dyn Write) -> Result<Exit, CliEr
     driver.enrol(&script.steps)?;
     for (index, step) in script.steps.iter().enumerate() {
         if driver.step(step, index)? == StepEnd::TimedOut {
-            driver.note(&format!("step {} timed out", index + 1))?;
+            driver.note(&timed_out(index + 1))?;
             break;
         }
     }

@@ -10,6 +10,7 @@ use super::printer::Printer;
 use crate::error::{CliError, Exit};
 use holdpoint_protocol::event::{Event, EventKind};
 use holdpoint_service::engine_handle::{EngineEndError, EngineHandle, EngineUpdate, LaunchConfig};
+use holdpoint_wording::program::run as sentences;
 
 /// The configuration of a service.
 pub struct ServiceSetup {
@@ -43,7 +44,7 @@ pub fn serve(service: ServiceSetup, out: &mut dyn Write) -> Result<Exit, CliErro
             Some(EngineUpdate::Started) => stream.up = true,
             Some(EngineUpdate::Events(events)) => stream.print_events(&events),
             Some(EngineUpdate::Lagged { missed }) => {
-                stream.note(&format!("{missed} events were not printed: the reader is too slow"));
+                stream.note(&sentences::missed_events(missed));
             }
             // This side sends no requests.
             Some(EngineUpdate::Answer { .. } | EngineUpdate::Past { .. } | EngineUpdate::Returned(_)) => {}
@@ -98,11 +99,11 @@ impl ServiceStream<'_> {
     fn end(mut self, ended: Result<(), EngineEndError>) -> Result<Exit, CliError> {
         match ended {
             Ok(()) if self.faulted => {
-                self.note("ended; the engine had halted because of a fault");
+                self.note(sentences::ENDED_HALTED);
                 Ok(Exit::Held)
             }
             Ok(()) => {
-                self.note("ended cleanly");
+                self.note(sentences::ENDED_CLEANLY);
                 Ok(Exit::Confirmed)
             }
             Err(ended) => {

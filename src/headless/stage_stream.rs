@@ -31,6 +31,7 @@ use holdpoint_trials::cache::EpisodeCache;
 use holdpoint_trials::embedded;
 use holdpoint_trials::seeds::EpisodeSeeds;
 use holdpoint_trials::site::LoadedSite;
+use holdpoint_wording::program::run as sentences;
 
 /// The versions that are taken through the stages.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -102,7 +103,7 @@ pub fn run_plain(run: RunPlain<'_>, out: &mut dyn Write) -> Result<Exit, CliErro
     let commands =
         if run.commands { Some(Commands::start(run.data).map_err(CliError::internal)?) } else { None };
     if commands.as_ref().is_some_and(Commands::is_interactive) {
-        printer.note("enter commands here, one verb a line: `help` lists them, `quit` ends")?;
+        printer.note(sentences::TYPE_COMMANDS)?;
     }
     let paced = run.pace.is_some();
     let mut stream = PlainStream { pump, printer, versions: BTreeSet::new(), paced, commands };
@@ -127,11 +128,11 @@ fn await_engine(
             is_reported = true;
             let reading =
                 bootstrap.snapshot().reading.map_or_else(String::new, |reading| reading.to_string());
-            printer.note(&format!("the record is being verified; {reading}"))?;
+            printer.note(&sentences::verifying(reading))?;
         }
     }
     if bootstrap.has_ended() {
-        printer.note("ended before the engine started; no command ran")?;
+        printer.note(sentences::ENDED_BEFORE_START)?;
         return Ok(None);
     }
     bootstrap.enter().map(Some).map_err(start_error)
@@ -159,11 +160,9 @@ impl PlainStream<'_> {
         let known = self.pump.engine().snapshot().candidates;
         let known: Vec<CapabilityId> = known.into_iter().map(|view| view.version).collect();
         let Some(name) = embedded::names_beside(&known).next() else {
-            return self.printer.note(
-                "every demonstration candidate is registered; `holdpoint candidate register` registers others",
-            );
+            return self.printer.note(sentences::NO_DEMONSTRATION_LEFT);
         };
-        self.printer.note(&format!("submitting the demonstration candidate {name}"))?;
+        self.printer.note(&sentences::submits_demonstration(name))?;
         let candidate = embedded::read(Path::new(name)).map_err(CliError::usage)?;
         let package = Package::clone(&candidate.package);
         let command = Command::Register { package, name: name.to_owned(), by: None };
@@ -287,8 +286,7 @@ impl PlainStream<'_> {
         events.extend(self.pump.finish());
         self.print(&events)?;
         if followed.is_empty() {
-            self.printer
-                .note("nothing was judged: no version waits; `holdpoint candidate register` submits one")?;
+            self.printer.note(sentences::NO_VERSION_WAITS)?;
         }
         for one in &followed {
             self.printer.note(&one.to_string())?;

@@ -24,6 +24,7 @@ pub mod lookup;
 mod notice;
 mod past_limit;
 mod policy_hit;
+pub mod program;
 mod reason;
 pub mod request;
 pub mod seeds;

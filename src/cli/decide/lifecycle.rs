@@ -20,6 +20,7 @@ use holdpoint_protocol::command::{Command, Operation};
 use holdpoint_registry::Views;
 use holdpoint_text::{ErrorReason, signing_options};
 use holdpoint_wording::live::live_lines;
+use holdpoint_wording::program::run as sentences;
 
 /// The arguments of `version demote`.
 #[derive(Clone, Debug, PartialEq, Eq, Args)]
@@ -203,7 +204,7 @@ pub(super) fn repeat(
     let mut executor = VerbExecutor::open(context)?;
     let exit = executor.execute_as(context, &who, Command::Repeat { operation, stage: args.stage }, out)?;
     if executor.is_own() && !out.is_json() {
-        out.line("no engine is running; `holdpoint run` runs the stage")?;
+        out.line(sentences::STAGE_WAITS)?;
     }
     Ok(exit)
 }

@@ -25,6 +25,7 @@ use holdpoint_registry::{Store, Views};
 use holdpoint_service::control_socket::Client;
 use holdpoint_store::{Change, FIRST_ADMINISTRATOR, Layout, StoreError, Transaction};
 use holdpoint_text::{ErrorDetails, ErrorReason, Untrusted};
+use holdpoint_wording::program::identity as sentences;
 
 /// The administrator and the reason.
 #[derive(Clone, Debug, PartialEq, Eq, Args)]
@@ -324,9 +325,7 @@ pub(super) fn enrol(
     }
     register.take(signed.clone())?;
     note_public(&folder, &who);
-    out.answer(&signed, |out| {
-        out.line(&format!("{name} is enrolled as {} by {}", who.role, admin.info().name))
-    })
+    out.answer(&signed, |out| out.line(&sentences::enrolled(name, who.role, &admin.info().name)))
 }
 
 /// Verifies a person whose key another person could have enrolled.
@@ -349,9 +348,7 @@ pub(super) fn confirm(
     register.persons.check(&signed).map_err(CliError::from_engine_fault)?;
     let (role, key) = (person.role, keyfile::hex(person.public_key.as_bytes()));
     register.take(signed.clone())?;
-    out.answer(&signed, |out| {
-        out.line(&format!("{name} ({role}, public key {key}) is confirmed by {}", admin.info().name))
-    })
+    out.answer(&signed, |out| out.line(&sentences::confirmed(name, role, &key, &admin.info().name)))
 }
 
 /// Revokes a person.
@@ -370,9 +367,9 @@ pub(super) fn revoke(
         && !register.persons.administrators().any(|one| one.name != name && one.confirmed_by.is_some());
     register.take(signed.clone())?;
     out.answer(&signed, |out| {
-        out.line(&format!("{name} is revoked by {}: no signature of this key counts", admin.info().name))?;
+        out.line(&sentences::revoked(name, &admin.info().name))?;
         if last {
-            out.line("no administrator can confirm others: the profile human ignores unconfirmed persons")?;
+            out.line(sentences::NOBODY_CONFIRMS)?;
         }
         Ok(())
     })

@@ -15,6 +15,7 @@ use holdpoint_governance::closed_set;
 use holdpoint_registry::Views;
 use holdpoint_store::Layout;
 use holdpoint_text::Hint;
+use holdpoint_wording::program::identity as sentences;
 
 closed_set! {
     /// The state of a person in a store.
@@ -122,8 +123,7 @@ impl IdentityRow {
     }
 
     pub(super) fn protection(&self) -> &'static str {
-        let otherwise = if self.is_open { "open to others" } else { "unreadable" };
-        self.protection.map_or(otherwise, Protection::name)
+        self.protection.map_or(sentences::unprotected(self.is_open), Protection::name)
     }
 }
 
@@ -167,7 +167,7 @@ pub(super) fn list(context: &CliContext, out: &mut CommandOutput<'_>) -> Result<
     let rows: Vec<IdentityRow> = rows.into_values().collect();
     out.answer(&rows, |out| {
         if rows.is_empty() {
-            return out.line(&format!("no identities in {}", folder.display()));
+            return out.line(&sentences::no_identities(folder.display()));
         }
         let mut table = TextTable::new(&[
             "name",

@@ -20,6 +20,7 @@ use holdpoint_protocol::film::{Film, FilmRequest, FilmSubject, FilmedRun};
 use holdpoint_recordings::episode_recording::recording;
 use holdpoint_recordings::recording::RecordingSubject;
 use holdpoint_text::Untrusted;
+use holdpoint_wording::program::recordings as sentences;
 
 /// Which episode: a number from 1, or the worst.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -117,25 +118,17 @@ pub(in crate::cli) fn lines(film: &Film, out: &mut CommandOutput<'_>) -> Result<
     let why = if film.why.is_empty() { String::new() } else { format!(": {}", film.why) };
     out.paragraph("", &format!("{}{why}", film.title()))?;
     for doubt in &film.doubts {
-        out.paragraph("", &format!("NOT THE JUDGED EPISODE: {doubt}"))?;
+        out.paragraph("", &sentences::other_episode(doubt))?;
     }
     for (name, run) in [("candidate", &film.candidate), ("active", &film.active)] {
-        let checked = match run.as_recorded {
-            Some(true) => ", as recorded",
-            Some(false) => ", NOT AS RECORDED",
-            None => "",
-        };
         out.line("")?;
-        out.paragraph("", &format!("{name} {}: {}{checked}", run.version, run.ended))?;
+        out.paragraph("", &sentences::world(name, &run.version, &run.ended, run.as_recorded))?;
         for mark in &run.marks {
             let sign = if mark.bad { "!" } else { "-" };
             out.paragraph("  ", &format!("{sign} {:.3} s  {}", secs(mark.tick), mark.text))?;
         }
         let limits = run.envelope;
-        out.line(&format!(
-            "  time s   speed m/s (max {:.2})   grip N (max {:.1})   contact N (max {:.1})",
-            limits.speed_m_s, limits.force_n, limits.contact_n
-        ))?;
+        out.line(&sentences::moments_heading(limits.speed_m_s, limits.force_n, limits.contact_n))?;
         for half in run.frames.chunks(15) {
             let peak =
                 |of: fn(&holdpoint_protocol::film::FilmFrame) -> f32| half.iter().map(of).fold(0.0, f32::max);

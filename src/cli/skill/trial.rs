@@ -27,6 +27,8 @@ use holdpoint_trials::site::LoadedSite;
 use holdpoint_trials::worker::Worker;
 use holdpoint_wording::failure_cause;
 use holdpoint_wording::film::refusal;
+use holdpoint_wording::program::candidate::drills_cannot_pass;
+use holdpoint_wording::program::skill as sentences;
 
 /// Episodes of a test.
 const EPISODES: u64 = 10;
@@ -187,30 +189,23 @@ fn quantile_us(sorted_ns: &[u64], share: f64) -> f64 {
 }
 
 fn lines(report: &TestReport, out: &mut CommandOutput<'_>) -> Result<(), CliError> {
-    let [first, last] = report.seeds;
-    out.line(&format!(
-        "{}, {}: {} episodes in a trial cell, seeds {first} to {last}",
-        report.id,
-        report.bundle,
-        report.episodes.len()
-    ))?;
+    out.line(&sentences::test_heading(&report.id, &report.bundle, report.episodes.len(), report.seeds))?;
     for one in &report.admitted {
-        let verdict = if one.runs { "admitted by the static rules" } else { "NOT ADMITTED" };
-        out.line(&format!("in {:<8} {verdict}", one.profile.name()))?;
+        out.line(&sentences::static_verdict(one.profile.name(), one.runs))?;
         one.reasons.iter().try_for_each(|reason| out.paragraph("            ", reason))?;
     }
     for reason in &report.recovery {
-        out.paragraph("recovery    ", &format!("its drills cannot pass: {reason}"))?;
+        out.paragraph("recovery    ", &drills_cannot_pass(reason))?;
     }
     let count = |is: fn(&TestEpisode) -> bool| report.episodes.iter().filter(|one| is(one)).count();
     let mean_s = report.episodes.iter().map(|one| one.time_s).sum::<f64>() / report.episodes.len() as f64;
-    out.line(&format!(
-        "episodes    {} of {} done, {mean_s:.1} s each; {} exceeded a limit; {} tried again",
-        count(|one| one.success),
-        report.episodes.len(),
-        count(|one| one.violation),
-        count(|one| one.retries > 0),
-    ))?;
+    out.line(&sentences::episodes(&sentences::TestedEpisodes {
+        all: report.episodes.len(),
+        done: count(|one| one.success),
+        mean_s,
+        violations: count(|one| one.violation),
+        retried: count(|one| one.retries > 0),
+    }))?;
     let causes: Vec<String> = FailureCause::ALL
         .into_iter()
         .map(|cause| (cause, report.episodes.iter().filter(|one| one.failure == Some(cause)).count()))
@@ -222,39 +217,18 @@ fn lines(report: &TestReport, out: &mut CommandOutput<'_>) -> Result<(), CliErro
     }
     for episode in &report.episodes {
         if let Some(fault) = episode.fault {
-            out.line(&format!("CODE FAILED with seed {}: {}", episode.seed, fault_description(fault)))?;
+            out.line(&sentences::code_failed(episode.seed, fault))?;
         }
     }
     let declared = &report.declared;
     if report.used.memory_max_bytes > 0 {
-        out.line(&format!(
-            "fuel        {} of {} in the largest tick",
-            report.used.fuel_tick_max,
-            u64::from(declared.cpu_us_per_tick) * FUEL_PER_US
-        ))?;
-        out.line(&format!(
-            "memory      {} of {} KiB",
-            report.used.memory_max_bytes.div_ceil(1024),
-            declared.memory_kib
-        ))?;
+        let budget = u64::from(declared.cpu_us_per_tick) * FUEL_PER_US;
+        out.line(&sentences::fuel(report.used.fuel_tick_max, budget))?;
+        out.line(&sentences::memory(report.used.memory_max_bytes.div_ceil(1024), declared.memory_kib))?;
     }
     let [half, most] = report.tick_us;
-    out.line(&format!("time        {half:.1} us a tick, 99 of 100 within {most:.1} us"))?;
-    out.line(&match report.unlike {
-        0 => "same seed   the same commands in every episode".to_owned(),
-        unlike => format!("SAME SEED   OTHER COMMANDS in {unlike} episodes"),
-    })
-}
-
-/// The failures of code, in words.
-const fn fault_description(fault: CodeFault) -> &'static str {
-    match fault {
-        CodeFault::Trap => "it trapped",
-        CodeFault::Fuel => "a call needed more fuel than its budget",
-        CodeFault::Memory => "it requested more memory than it declares",
-        CodeFault::Answer => "it refused to start, or its answer is not a command",
-        CodeFault::Machine => "the machine stalled, so the code was not tested",
-    }
+    out.line(&sentences::tick_time(half, most))?;
+    out.line(&sentences::same_seed(report.unlike))
 }
 
 /// Runs one episode and shows it.
@@ -336,7 +310,7 @@ use screen::{print_frame, show};
 /// A build without the console cannot draw.
 #[cfg(not(feature = "console"))]
 fn print_frame(_: &Tryout, _: &Film, out: &mut CommandOutput<'_>) -> Result<(), CliError> {
-    out.line("drawing     none: this build has no screen")
+    out.line(sentences::NO_SCREEN)
 }
 
 #[cfg(not(feature = "console"))]

@@ -7,6 +7,7 @@ use holdpoint_governance::wall_time::WallTime;
 use holdpoint_protocol::snapshot::{ApprovalRequestView, RequestKind};
 use holdpoint_store::{ApprovalEntry, ApprovalRequest};
 use holdpoint_text::Untrusted;
+use holdpoint_wording::program::status::{ApprovalLine, ApprovalProgress, approval_request};
 use serde::Serialize;
 
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
@@ -93,37 +94,23 @@ impl PendingApprovalRow {
     }
 
     pub(super) fn line(&self) -> String {
-        let have =
-            if self.approved_by.is_empty() { "no one yet".to_owned() } else { self.approved_by.join(", ") };
         let new: Vec<String> = self.new_permissions.iter().map(|name| name.line().into_string()).collect();
-        let new =
-            if new.is_empty() { String::new() } else { format!("; new permissions: {}", new.join(", ")) };
-        let purpose = match self.purpose {
-            RequestKind::Activation | RequestKind::Emergency => "",
-            RequestKind::Release => " (its release)",
-            RequestKind::Review => " (the review of its break-glass activation)",
+        let state = match (self.granted, self.asked) {
+            (true, _) => ApprovalProgress::Granted,
+            (false, false) => ApprovalProgress::OnRecord,
+            (false, true) => ApprovalProgress::Asked,
         };
-        let Self { version, evidence, .. } = self;
-        if self.granted {
-            return format!(
-                "granted  {version} over the evidence {evidence}{purpose}: approved by {have}; it takes effect \
-                 after the current sequence{new}"
-            );
-        }
-        let (people, until) = (self.approvers(), self.until.as_deadline(self.now));
-        if !self.asked {
-            return format!(
-                "waiting  {version} for an engine, which asks {people} to approve the evidence {evidence}{purpose} by {until}; \
-                 on record as approved by {have}{new}"
-            );
-        }
-        format!(
-            "waiting  {version} for {people} to approve the evidence {evidence}{purpose} by {until}; approved by {have}{new}"
-        )
-    }
-
-    fn approvers(&self) -> String {
-        if self.needed == 1 { "one person".to_owned() } else { format!("{} people", self.needed) }
+        let line = ApprovalLine {
+            version: &self.version,
+            evidence: &self.evidence,
+            purpose: self.purpose,
+            needed: self.needed,
+            approved_by: &self.approved_by,
+            new_permissions: &new,
+            until: self.until,
+            now: self.now,
+        };
+        approval_request(&line, state)
     }
 }
 

@@ -8,6 +8,7 @@ use holdpoint_protocol::clock::clock_time;
 use holdpoint_registry::Views;
 use holdpoint_store::{AuditFilter, StoreError};
 use holdpoint_text::Untrusted;
+use holdpoint_wording::program::status::{CellAct, cell_act};
 use serde::{Deserialize, Serialize};
 
 /// One act of a person.
@@ -68,10 +69,10 @@ impl PersonActRow {
         let (by, reason) = (self.by.line(), self.reason.line());
         match (self.kind, &self.goal) {
             (RecordKind::GoalSet, Some(goal)) => {
-                format!("goal     {}, set by {by} at {when}: {reason}", goal.line())
+                cell_act(CellAct::Goal(&goal.line().into_string()), by, &when, reason)
             }
-            (RecordKind::CellReleased, _) => format!("started  by {by} at {when}: {reason}"),
-            _ => format!("note     by {by} at {when}: {reason}"),
+            (RecordKind::CellReleased, _) => cell_act(CellAct::Start, by, &when, reason),
+            _ => cell_act(CellAct::Note, by, &when, reason),
         }
     }
 }

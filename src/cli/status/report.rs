@@ -32,10 +32,11 @@ use holdpoint_registry::Views;
 use holdpoint_runtime::capability::shown;
 use holdpoint_service::control_socket::{ControlSocketError, UnverifiedOrigin};
 use holdpoint_store::{AuditFilter, FIRST_ADMINISTRATOR, Layout, VersionFilter, lock_owner};
-use holdpoint_text::{Untrusted, signing_options};
+use holdpoint_text::Untrusted;
 use holdpoint_trials::site::StoreSite;
 use holdpoint_wording::counted_try;
-use holdpoint_wording::event::stop_author;
+use holdpoint_wording::program::status as sentences;
+use holdpoint_wording::program::status::EngineLine;
 
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub(super) struct StatusReport {
@@ -301,44 +302,27 @@ impl StatusReport {
         let mut lines = Vec::new();
         let profile =
             self.profile.map_or_else(|| "none".to_owned(), |profile| titled(profile, self.site.as_ref()));
-        lines.push(match (self.engine_running, &self.holding) {
-            _ if self.silent.is_some() => {
-                format!("engine   SILENT, last profile {profile}: the following lines come from the store")
-            }
-            (true, _) if self.reading.is_some() => {
-                let reading = self.reading.map_or_else(String::new, |reading| reading.to_string());
-                format!(
-                    "engine   coming up, profile {profile}; {reading}: only `stop` works yet"
-                )
-            }
-            (true, None) => format!("engine   running, profile {profile}"),
-            (true, Some(why)) => format!("engine   HALTED, profile {profile}: {why}"),
-            (false, _) => match &self.in_use_by {
-                Some(owner) => format!(
-                    "engine   NOT ANSWERING: {owner} has the store open and has no socket; last profile {profile}"
-                ),
-                None => format!("engine   not running, last profile {profile}"),
-            },
-        });
+        let engine = match (self.engine_running, &self.holding, self.reading) {
+            _ if self.silent.is_some() => EngineLine::Silent,
+            (true, _, Some(reading)) => EngineLine::ComingUp(reading),
+            (true, None, None) => EngineLine::Running,
+            (true, Some(why), None) => EngineLine::Halted(why),
+            (false, ..) => self.in_use_by.as_deref().map_or(EngineLine::NotRunning, EngineLine::NotAnswering),
+        };
+        lines.push(sentences::engine(engine, &profile));
         lines.extend(
-            self.site_file
-                .as_ref()
-                .map(|site| format!("site     {}, digest {}", shown(&site.file), site.digest.short())),
+            self.site_file.as_ref().map(|site| sentences::site_file(shown(&site.file), &site.digest.short())),
         );
-        lines.extend(self.unverified.as_ref().map(|doubt| format!("WARNING  {}", doubt.text)));
+        lines.extend(self.unverified.as_ref().map(|doubt| sentences::warning(&doubt.text)));
         lines.extend(self.last_record.as_ref().map(last_record_line));
         lines.extend(self.stopped_line.clone());
-        lines.extend(self.unauthorized.as_ref().map(|why| format!("profile  NOT AUTHORIZED: {why}")));
+        lines.extend(self.unauthorized.as_ref().map(|why| sentences::not_authorized(why)));
         lines.extend(self.people.iter().map(PersonActRow::line));
         lines.extend(self.families.iter().map(FamilyStatusRow::line));
         lines.extend(self.versions.iter().map(VersionRow::line));
         lines.extend(self.waiting.iter().map(PendingApprovalRow::line));
         lines.extend(self.questions.iter().map(MonitorQuestionRow::line));
-        lines.extend(self.emergencies.iter().map(|version| {
-            format!(
-                "on hold  {version} waits for approvers or a freeze; `holdpoint version break-glass` activates it"
-            )
-        }));
+        lines.extend(self.emergencies.iter().map(sentences::waits_for_approvers));
         lines.extend(self.alarms.iter().map(AlarmRow::line));
         lines
     }
@@ -350,14 +334,8 @@ fn last_record(views: &Views) -> Result<Option<AuditRecord>, CliError> {
 }
 
 fn last_record_line(record: &AuditRecord) -> String {
-    let subject = Untrusted::new(record.subject.as_str());
-    format!(
-        "record   the last is number {}, {} {}, at {}",
-        record.seq,
-        record.kind,
-        subject.line(),
-        clock_time(record.at_ms)
-    )
+    let subject = Untrusted::new(record.subject.as_str()).line();
+    sentences::last_record(record.seq, &record.kind, subject, &clock_time(record.at_ms))
 }
 
 /// All persons who stopped the cell, and how to start it: as the person of this name with this reason, if they are known.
@@ -367,23 +345,7 @@ pub(in crate::cli) fn stopped_line(
     start: Option<(&str, &str)>,
     moment: &dyn Fn(u64) -> String,
 ) -> String {
-    let why = |reason: &str| if reason.is_empty() { String::new() } else { format!(": {reason:?}") };
-    let (author, since) = (stop_author(&stopped.by, &stopped.caller), moment(stopped.since_ms));
-    let mut line = format!("STOPPED  by {author}, since {since}{}", why(&stopped.reason));
-    if stopped.unnamed > 0 {
-        line.push_str(&format!(", and {} more times", stopped.unnamed));
-    }
-    for stop in &stopped.again {
-        let author = stop_author(&stop.by, &stop.caller);
-        line.push_str(&format!(", and by {author}, {}{}", moment(stop.at_ms), why(&stop.reason)));
-    }
-    let (by, reason) = start.unwrap_or((FIRST_ADMINISTRATOR, "the cell is empty"));
-    let signature = signing_options(by, reason);
-    line.push_str(&format!(
-        "; `holdpoint start --stops {} {signature}` starts it and confirms that you know of all stops",
-        stopped.stops
-    ));
-    line
+    sentences::stopped(stopped, start.unwrap_or((FIRST_ADMINISTRATOR, sentences::CELL_IS_EMPTY)), moment)
 }
 
 impl From<UnverifiedOrigin> for UnverifiedAnswerRow {
@@ -396,21 +358,12 @@ impl FamilyStatusRow {
     pub(super) fn line(&self) -> String {
         let name =
             |id: &Option<CapabilityId>| id.as_ref().map_or_else(|| "none".to_owned(), ToString::to_string);
-        let mut line = format!(
-            "family   {}: active {}, rollback target {}",
-            self.family,
-            name(&self.active),
-            name(&self.rollback_target)
-        );
-        match self.provisional_episodes {
-            Some((worked, needed)) => {
-                line.push_str(&format!(", provisional {worked} of {needed} episodes"));
-            }
-            None if self.provisional => line.push_str(", provisional"),
-            None => {}
+        let mut line = sentences::family(&self.family, name(&self.active), name(&self.rollback_target));
+        if self.provisional || self.provisional_episodes.is_some() {
+            line.push_str(&sentences::provisional(self.provisional_episodes));
         }
         if self.promotion_paused {
-            line.push_str(", its promotion paused");
+            line.push_str(sentences::PROMOTION_PAUSED);
         }
         if let Some(why) = &self.safe_stopped {
             line.push_str(&format!(", SAFE-STOPPED: {why}"));
@@ -486,12 +439,12 @@ impl VersionRow {
         }
         let flags = [
             (self.paused, self.state.paused_label()),
-            (self.awaiting_approval, "awaiting approval"),
+            (self.awaiting_approval, sentences::AWAITING_APPROVAL),
             (self.provisional, "provisional"),
             (self.restricted, "restricted"),
-            (self.rollback_pending, "being rolled back"),
+            (self.rollback_pending, sentences::ROLLED_BACK_NOW),
             (self.held, "held"),
-            (self.unreviewed, "UNREVIEWED break-glass activation"),
+            (self.unreviewed, sentences::UNREVIEWED),
         ];
         for (_, word) in flags.iter().filter(|(set, _)| *set) {
             line.push_str(", ");
@@ -503,15 +456,11 @@ impl VersionRow {
         }
         if !self.stale.is_empty() {
             let causes: Vec<&str> = self.stale.iter().map(|cause| cause.name()).collect();
-            line.push_str(&format!(", STALE evidence (another {})", causes.join(", ")));
+            line.push_str(&sentences::stale_evidence(&causes));
         }
         if let Some(ProgressRow { what, done, budget, part }) = &self.progress {
-            line.push_str(&match part {
-                Some(part) => {
-                    format!(", {what} {} of {}, {done} of {budget} in all", part.done, part.budget)
-                }
-                None => format!(", {what} {done} of {budget}"),
-            });
+            let part = part.as_ref().map(|part| (part.done, part.budget));
+            line.push_str(&sentences::progress(what, (*done, *budget), part));
         }
         if self.kappas.iter().any(Option::is_some) {
             for (name, value) in ["κI", "κP", "κB", "κR"].iter().zip(self.kappas) {
@@ -550,21 +499,13 @@ impl MonitorQuestionRow {
     }
 
     fn line(&self) -> String {
-        let by = self.deadline_ms / 1000;
-        format!(
-            "question {}: its drift monitor escalates ({}); without an answer by {by} s it is rolled back",
-            self.version, self.reason
-        )
+        sentences::drift_question(&self.version, &self.reason, self.deadline_ms / 1000)
     }
 }
 
 impl AlarmRow {
     fn line(&self) -> String {
-        let shelf = self.shelf.as_ref().map_or_else(String::new, |shelf| {
-            let by = Untrusted::new(shelf.by.as_str());
-            format!("  [shelved by {} until {}: {}]", by.line(), shelf.until.label(), shelf.reason.line())
-        });
-        format!("alarm    {} {}, {}: {}{shelf}", self.priority, self.alarm, self.state, self.text)
+        sentences::alarm(self.priority, &self.alarm, self.state, &self.text, self.shelf.as_ref())
     }
 }
 
