@@ -5,6 +5,7 @@
 mod behavior;
 mod limits;
 mod opening;
+mod promise;
 
 use std::thread;
 use std::time::{Duration, Instant};
@@ -16,6 +17,7 @@ use crate::client::{CellCallError, Connect, Peer};
 use crate::framing::{WireError, decode, encode};
 use crate::messages::{Call, CellReply, CellState, FactoryDescription, Hello, PROTOCOL, Role, Welcome};
 use crate::refusal::CellRefusal;
+pub use promise::CellPromise;
 
 /// How long an answer is waited for.
 const WITHIN: Duration = Duration::from_secs(10);
@@ -36,7 +38,7 @@ const SPEED_RAD_S: f64 = 0.5;
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Verdict {
     /// The promise.
-    pub name: &'static str,
+    pub promise: CellPromise,
     /// What is wrong; absent where it is kept.
     pub problem: Option<String>,
 }
@@ -64,7 +66,7 @@ struct Check {
     connect: Connect,
     described: Result<FactoryDescription, String>,
     /// Whether a promise is looked at.
-    is_wanted: Box<dyn Fn(&str) -> bool>,
+    is_wanted: Box<dyn Fn(CellPromise) -> bool>,
     verdicts: Vec<Verdict>,
 }
 
@@ -75,7 +77,7 @@ pub fn check(connect: Connect) -> Vec<Verdict> {
 }
 
 /// As [`check()`], for the promises that are wanted.
-fn check_those(connect: Connect, is_wanted: Box<dyn Fn(&str) -> bool>) -> Vec<Verdict> {
+fn check_those(connect: Connect, is_wanted: Box<dyn Fn(CellPromise) -> bool>) -> Vec<Verdict> {
     let mut check = Check { is_wanted, ..Check::new(connect) };
     check.opening();
     check.behavior();
@@ -173,12 +175,12 @@ impl Check {
         check
     }
 
-    fn verdict(&mut self, name: &'static str, found: impl FnOnce(&Self) -> Found) {
-        if !(self.is_wanted)(name) {
+    fn verdict(&mut self, promise: CellPromise, found: impl FnOnce(&Self) -> Found) {
+        if !(self.is_wanted)(promise) {
             return;
         }
         let problem = found(self).err();
-        self.verdicts.push(Verdict { name, problem });
+        self.verdicts.push(Verdict { promise, problem });
     }
 
     fn greet(&self, hello: &Hello) -> Result<(Peer, Welcome), CellCallError> {

@@ -18,6 +18,7 @@ use crate::cli::output::CommandOutput;
 use crate::error::{CliError, Exit};
 use holdpoint_text::{ErrorReason, Untrusted};
 use holdpoint_wording::program::cell as sentences;
+use holdpoint_wording::program::cell_promise::cell_promise;
 
 /// The arguments of `cell serve`.
 #[derive(Clone, Debug, PartialEq, Eq, Args)]
@@ -142,7 +143,7 @@ pub fn check(args: &CellCheckArgs, out: &mut CommandOutput<'_>) -> Result<Exit, 
     let verdicts = check_cell(connection(endpoint));
     let times = measure(connection(endpoint)).ok();
     let promises = verdicts.into_iter().map(|verdict| CheckedPromise {
-        promise: verdict.name,
+        promise: cell_promise(verdict.promise),
         problem: verdict.problem.map(|problem| Untrusted::new(problem).line().to_string()),
     });
     let checked = CheckedCell {

@@ -7,6 +7,7 @@ pub mod alarms;
 pub mod audit;
 pub mod candidate;
 pub mod cell;
+pub mod cell_promise;
 pub mod doctor;
 pub mod health;
 pub mod identity;

@@ -2,7 +2,9 @@
 
 use holdpoint_body::{Command, GuardVerdict, Interrupt, Pose};
 
-use super::{Check, Found, SPEED_RAD_S, WITHIN, ask, hello, holds, refused, run_from, seen, told};
+use super::{
+    CellPromise, Check, Found, SPEED_RAD_S, WITHIN, ask, hello, holds, refused, run_from, seen, told,
+};
 use crate::client::{CellCallError, Peer};
 use crate::framing::decode;
 use crate::messages::{Block, Call, CellReply, CellState, Hello, Role};
@@ -55,41 +57,41 @@ impl Check {
     }
 
     pub(super) fn behavior(&mut self) {
-        self.verdict("units: every number is finite, one value for each joint", |check| {
+        self.verdict(CellPromise::FiniteNumbers, |check| {
             let joints = check.description()?.spec.robot.geometry.joint_count();
             let mut peer = check.moving(1)?;
             observe(&mut peer)?.check(joints).map_err(|field| format!("{field} is not"))
         });
-        self.verdict("units: the joints are inside their limits, rad", |check| {
+        self.verdict(CellPromise::JointsInLimits, |check| {
             let q = observe(&mut check.moving(1)?)?.telemetry.q;
             let geometry = &check.description()?.spec.robot.geometry;
             holds(geometry.within_limits(&q), || format!("{q:?}"))
         });
-        self.verdict("units: the tool is where the joints put it, m", |check| {
+        self.verdict(CellPromise::ToolPlace, |check| {
             let telemetry = observe(&mut check.moving(1)?)?.telemetry;
             let due = Pose::from(&check.description()?.spec.robot.geometry.tool_pose(&telemetry.q));
             let off = telemetry.tool.distance_m(&due);
             holds(off < NEAR_M, || format!("it is {off:.4} m off"))
         });
-        self.verdict("units: the gripper is not wider than it can be, m", |check| {
+        self.verdict(CellPromise::GripperWidth, |check| {
             let width = observe(&mut check.trial(1)?)?.telemetry.gripper_width_m;
             let most = check.description()?.spec.robot.width_max_m;
             holds((-0.005..=most + 0.005).contains(&width), || format!("{width} m of {most} m"))
         });
-        self.verdict("units: observation and telemetry tell of one moment", |check| {
+        self.verdict(CellPromise::OneMoment, |check| {
             let seen = observe(&mut check.moving(1)?)?;
             let same =
                 seen.observation.is_some_and(|o| o.q == seen.telemetry.q && o.tick == seen.telemetry.tick);
             holds(same, || "they differ".to_owned())
         });
-        self.verdict("units: without disturbance the sensors tell the truth", |check| {
+        self.verdict(CellPromise::SensorsTrue, |check| {
             let seen = observe(&mut check.moving(1)?)?;
             let truth = seen.truth.ok_or("a trial cell tells no true state")?;
             let off = truth.joints.q.iter().zip(&seen.telemetry.q).map(|(a, b)| (a - b).abs());
             let most = off.fold(0.0, f64::max);
             holds(most < NEAR_RAD, || format!("a joint is {most} rad off"))
         });
-        self.verdict("units: a joint moves no faster than its command says, rad/s", |check| {
+        self.verdict(CellPromise::JointSpeed, |check| {
             let mut peer = check.trial(1)?;
             let before = observe(&mut peer)?.telemetry.q;
             seen(&mut peer, Call::Step { command: check.motion()? })?;
@@ -99,13 +101,13 @@ impl Check {
             let most = SPEED_RAD_S * 0.1 + NEAR_RAD;
             holds(moved > 1e-4 && moved <= most, || format!("{moved} rad in 24 ticks; up to {most} is due"))
         });
-        self.verdict("ticks: an episode begins at 0, and a step is one tick", |check| {
+        self.verdict(CellPromise::StepIsTick, |check| {
             let mut peer = check.open(Role::Trial)?;
             let begun = check.reset(&mut peer, 1)?.tick;
             let next = seen(&mut peer, Call::Step { command: Command::Hold })?.tick;
             holds((begun, next) == (0, 1), || format!("{begun}, then {next}"))
         });
-        self.verdict("ticks: a call that is no step passes no tick", |check| {
+        self.verdict(CellPromise::OnlyStepsPassTicks, |check| {
             let mut peer = check.moving(1)?;
             let before = observe(&mut peer)?.tick;
             ask(&mut peer, Call::Scenery).map_err(told)?;
@@ -114,14 +116,14 @@ impl Check {
             let after = observe(&mut peer)?.tick;
             holds(before == after, || format!("{before}, then {after}"))
         });
-        self.verdict("observation: absent after a start, present after it was asked for", |check| {
+        self.verdict(CellPromise::ObservationWhenAsked, |check| {
             let mut peer = check.open(Role::Trial)?;
             let start = check.reset(&mut peer, 1)?.observation.is_some();
             let asked = observe(&mut peer)?.observation.is_some();
             let then = seen(&mut peer, Call::Step { command: Command::Hold })?.observation.is_some();
             holds((start, asked, then) == (false, true, true), || format!("{start}, {asked}, {then}"))
         });
-        self.verdict("observation: it has the verdict of the guard that came along", |check| {
+        self.verdict(CellPromise::ObservationVerdict, |check| {
             let mut peer = check.trial(1)?;
             observe(&mut peer)?;
             let step = Call::Step { command: Command::Hold };
@@ -132,34 +134,34 @@ impl Check {
             let guard = seen.observation.map(|seen| seen.guard);
             holds(guard == Some(GuardVerdict::Denied), || format!("{guard:?}"))
         });
-        self.verdict("trials: one seed is one episode, bit for bit", |check| {
+        self.verdict(CellPromise::SeedRepeats, |check| {
             let mut peer = check.trial(3)?;
             let first = check.run(&mut peer)?;
             check.reset(&mut peer, 3)?;
             holds(check.run(&mut peer)? == first, || "the second run differs".to_owned())
         });
-        self.verdict("trials: the episode before has no effect", |check| {
+        self.verdict(CellPromise::EarlierEpisodeWithoutEffect, |check| {
             let (mut fresh, mut used) = (check.trial(3)?, check.moving(4)?);
             seen(&mut used, Call::Interrupt { interrupt: Interrupt::Stop })?;
             check.reset(&mut used, 3)?;
             holds(check.run(&mut fresh)? == check.run(&mut used)?, || "it has".to_owned())
         });
-        self.verdict("trials: another cell tells the same", |check| {
+        self.verdict(CellPromise::CellsEqual, |check| {
             let (mut one, mut other) = (check.trial(3)?, check.trial(3)?);
             holds(check.run(&mut one)? == check.run(&mut other)?, || "it differs".to_owned())
         });
-        self.verdict("trials: another seed is another episode", |check| {
+        self.verdict(CellPromise::SeedsDiffer, |check| {
             let mut peer = check.open(Role::Trial)?;
             let (one, other) = (check.reset(&mut peer, 3)?.object, check.reset(&mut peer, 4)?.object);
             holds(one != other, || "the object is at the same place".to_owned())
         });
-        self.verdict("trials: a reset clears a stop", |check| {
+        self.verdict(CellPromise::ResetClearsStop, |check| {
             let mut peer = check.moving(3)?;
             let stopped = seen(&mut peer, Call::Interrupt { interrupt: Interrupt::Stop })?.stop_declared;
             let reset = check.reset(&mut peer, 3)?.stop_declared;
             holds(stopped.is_some() && reset.is_none(), || format!("{stopped:?}, then {reset:?}"))
         });
-        self.verdict("trials: an arm that is stopped comes to rest", |check| {
+        self.verdict(CellPromise::StoppedArmRests, |check| {
             let mut peer = check.moving(3)?;
             seen(&mut peer, Call::Interrupt { interrupt: Interrupt::Stop })?;
             hold(&mut peer, 48)?;
@@ -182,21 +184,21 @@ impl Check {
     }
 
     /// A verdict that needs exported states.
-    fn state_verdict(&mut self, name: &'static str, found: impl FnOnce(&Self) -> Found) {
-        self.verdict(name, |check| {
+    fn state_verdict(&mut self, promise: CellPromise, found: impl FnOnce(&Self) -> Found) {
+        self.verdict(promise, |check| {
             let is_able = check.description()?.spec.abilities.export_state;
             if check.unless_able(is_able, Call::Export)? { found(check) } else { Ok(()) }
         });
     }
 
     pub(super) fn state(&mut self) {
-        self.state_verdict("forks: a handle has the tick of its state", |check| {
+        self.state_verdict(CellPromise::ForkTick, |check| {
             let mut peer = check.moving(5)?;
             let (_, tick) = fork(&mut peer)?;
             let now = observe(&mut peer)?.tick;
             holds(tick == now, || format!("{tick} at {now}"))
         });
-        self.state_verdict("forks: a fork continues as if nothing had been", |check| {
+        self.state_verdict(CellPromise::ForkContinues, |check| {
             let mut peer = check.moving(5)?;
             let (fork, _) = fork(&mut peer)?;
             let whole = run_on(&mut peer)?;
@@ -205,7 +207,7 @@ impl Check {
             seen(&mut peer, Call::GoOnFrom { fork })?;
             holds(first == whole && run_on(&mut peer)? == whole, || "it differs".to_owned())
         });
-        self.state_verdict("forks: another cell of the session continues from one", |check| {
+        self.state_verdict(CellPromise::ForkInOtherCell, |check| {
             let (mut peer, welcome) = check.greet(&hello(Role::Trial)).map_err(told)?;
             check.reset(&mut peer, 5)?;
             let (fork, _) = fork(&mut peer)?;
@@ -214,51 +216,51 @@ impl Check {
             seen(&mut other, Call::GoOnFrom { fork })?;
             holds(run_on(&mut other)? == run_on(&mut peer)?, || "it differs".to_owned())
         });
-        self.state_verdict("forks: another session knows none of them", |check| {
+        self.state_verdict(CellPromise::ForkOfOtherSession, |check| {
             let (mut peer, mut other) = (check.trial(5)?, check.trial(5)?);
             let (fork, _) = fork(&mut peer)?;
             refused(ask(&mut other, Call::GoOnFrom { fork }), "the handle", is_unknown)
         });
-        self.state_verdict("forks: one that is released is gone", |check| {
+        self.state_verdict(CellPromise::ForkReleased, |check| {
             let mut peer = check.trial(5)?;
             let (fork, _) = fork(&mut peer)?;
             let asked = peer.ask(None, vec![fork], Call::GoOnFrom { fork }, None, WITHIN);
             refused(asked, "the handle", is_unknown)
         });
-        self.verdict("forks: a handle that was never given is refused", |check| {
+        self.verdict(CellPromise::UnknownForkRefused, |check| {
             refused(ask(&mut check.trial(5)?, Call::GoOnFrom { fork: u64::MAX }), "the handle", is_unknown)
         });
-        self.state_verdict("states: one state is exported as the same bytes", |check| {
+        self.state_verdict(CellPromise::ExportRepeats, |check| {
             let mut peer = check.moving(6)?;
             holds(export(&mut peer)? == export(&mut peer)?, || "they differ".to_owned())
         });
-        self.state_verdict("states: what is imported is exported again, bit for bit", |check| {
+        self.state_verdict(CellPromise::ImportExportedAgain, |check| {
             let bytes = export(&mut check.moving(6)?)?;
             let mut other = check.trial(7)?;
             import(&mut other, &bytes, Block::of(&bytes)).map_err(told)?;
             holds(export(&mut other)? == bytes, || "it differs".to_owned())
         });
-        self.state_verdict("states: an imported state continues as if nothing had been", |check| {
+        self.state_verdict(CellPromise::ImportContinues, |check| {
             let mut peer = check.moving(6)?;
             let bytes = export(&mut peer)?;
             let mut other = check.trial(7)?;
             import(&mut other, &bytes, Block::of(&bytes)).map_err(told)?;
             holds(run_on(&mut other)? == run_on(&mut peer)?, || "it differs".to_owned())
         });
-        self.state_verdict("states: bytes that are no state are refused, and change nothing", |check| {
+        self.state_verdict(CellPromise::NoStateRefused, |check| {
             let mut peer = check.moving(6)?;
             let before = export(&mut peer)?;
             let asked = import(&mut peer, &[0xFF; 7], Block::of(&[0xFF; 7]));
             refused(asked, "the state", |refusal| matches!(refusal, CellRefusal::Snapshot(_)))?;
             holds(export(&mut peer)? == before, || "the state before is lost".to_owned())
         });
-        self.state_verdict("states: bytes with another digest are refused", |check| {
+        self.state_verdict(CellPromise::OtherDigestRefused, |check| {
             let mut peer = check.moving(6)?;
             let bytes = export(&mut peer)?;
             let asked = import(&mut peer, &bytes, Block { sha256: "0".repeat(64), ..Block::of(&bytes) });
             refused(asked, "the digest", |refusal| matches!(refusal, CellRefusal::Malformed(_)))
         });
-        self.verdict("films: the frames of an episode are kept, if the cell can film", |check| {
+        self.verdict(CellPromise::FramesKept, |check| {
             let mut peer = check.open(Role::Trial)?;
             seen(&mut peer, Call::Film)?;
             check.reset(&mut peer, 1)?;

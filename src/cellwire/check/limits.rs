@@ -7,7 +7,7 @@ use holdpoint_body::{BodyError, Command, GuardVerdict, Interrupt, JointVec};
 use holdpoint_cell::InjectedFault;
 use serde::Serialize;
 
-use super::{Check, Found, WITHIN, ask, closes, hello, holds, refused, seen, told};
+use super::{CellPromise, Check, Found, WITHIN, ask, closes, hello, holds, refused, seen, told};
 use crate::client::Peer;
 use crate::messages::{
     Answer, BLOCK_BYTES_MAX, Block, Call, CellReply, CellRequest, Hello, MESSAGE_BYTES_MAX, RELEASED_MAX,
@@ -82,58 +82,56 @@ impl Check {
             change(&mut q);
             Ok::<Command, String>(Command::Joints { q, max_speed_rad_s: 0.5 })
         };
-        self.verdict("commands: a joint that is no number is refused", |check| {
+        self.verdict(CellPromise::JointNoNumberRefused, |check| {
             check.refuses(joints(check, |q| q.iter_mut().for_each(|value| *value = f64::NAN))?)
         });
-        self.verdict("commands: an infinite joint is refused", |check| {
+        self.verdict(CellPromise::JointInfiniteRefused, |check| {
             check.refuses(joints(check, |q| q.iter_mut().for_each(|value| *value = f64::INFINITY))?)
         });
-        self.verdict("commands: a missing joint is refused", |check| {
+        self.verdict(CellPromise::JointMissingRefused, |check| {
             check.refuses(joints(check, |q| {
                 q.pop();
             })?)
         });
-        self.verdict("commands: a speed of zero is refused", |check| {
+        self.verdict(CellPromise::SpeedZeroRefused, |check| {
             let q = check.description()?.spec.robot.home.clone();
             check.refuses(Command::Joints { q, max_speed_rad_s: 0.0 })
         });
-        self.verdict("commands: a gripper force that is no number is refused", |check| {
+        self.verdict(CellPromise::ForceNoNumberRefused, |check| {
             check.refuses(Command::Gripper { width_m: 0.04, speed_m_s: 0.1, force_n: f64::NAN })
         });
-        self.verdict("faults: a joint that the arm does not have is refused", |check| {
+        self.verdict(CellPromise::UnknownJointRefused, |check| {
             let call = Call::Inject { fault: InjectedFault::JointStuck { joint: 99 } };
             refused(ask(&mut check.trial(1)?, call), "the joint", is_command)
         });
     }
 
     pub(super) fn limits(&mut self) {
-        self.verdict("order: a request that is missing ends the connection", |check| check.sequence([1, 3]));
-        self.verdict("order: a request that came before ends the connection", |check| check.sequence([1, 1]));
-        self.verdict("sizes: an empty message is refused", |check| check.bytes(&[0; 4]));
-        self.verdict("sizes: a message that is too long is refused", |check| {
+        self.verdict(CellPromise::MissingRequestEnds, |check| check.sequence([1, 3]));
+        self.verdict(CellPromise::RepeatedRequestEnds, |check| check.sequence([1, 1]));
+        self.verdict(CellPromise::EmptyMessageRefused, |check| check.bytes(&[0; 4]));
+        self.verdict(CellPromise::LongMessageRefused, |check| {
             let length = u32::try_from(MESSAGE_BYTES_MAX + 1).unwrap_or(u32::MAX);
             check.bytes(&length.to_be_bytes())
         });
-        self.verdict("messages: bytes that are no message are refused", |check| {
-            check.bytes(&[0, 0, 0, 2, 0xC1, 0xC1])
-        });
-        self.verdict("messages: a call that is not known is refused", |check| {
+        self.verdict(CellPromise::NoMessageRefused, |check| check.bytes(&[0, 0, 0, 2, 0xC1, 0xC1]));
+        self.verdict(CellPromise::UnknownCallRefused, |check| {
             let mut peer = check.open(Role::Trial)?;
             let unknown = UnknownRequest { sequence: 1, call: "open_door" };
             peer.line().send(&unknown).map_err(|error| error.to_string())?;
             answered(&mut peer, "the call", is_malformed)
         });
-        self.verdict("sizes: a block that is too long is refused before it comes", |check| {
+        self.verdict(CellPromise::LongBlockRefused, |check| {
             let mut peer = check.trial(1)?;
             let image = Block { bytes: BLOCK_BYTES_MAX as u64 + 1, sha256: "0".repeat(64) };
             refused(ask(&mut peer, Call::Import { image }), "the size", is_malformed)
         });
-        self.verdict("sizes: a list of releases that is too long is refused", |check| {
+        self.verdict(CellPromise::LongReleasesRefused, |check| {
             let mut peer = check.open(Role::Trial)?;
             let asked = peer.ask(None, vec![0; RELEASED_MAX + 1], Call::Scenery, None, WITHIN);
             refused(asked, "the length", is_malformed)
         });
-        self.verdict("deadlines: a connection without a hello is closed", |check| {
+        self.verdict(CellPromise::SilentConnectionClosed, |check| {
             let stream = (check.connect)().map_err(|error| error.to_string())?;
             let mut line = crate::framing::Line::new(stream).map_err(|error| error.to_string())?;
             match line.receive_bytes(GIVEN_UP_WITHIN) {
@@ -141,7 +139,7 @@ impl Check {
                 other => Err(format!("it is not: {other:?}")),
             }
         });
-        self.verdict("deadlines: a message that does not end is given up", |check| {
+        self.verdict(CellPromise::EndlessMessageGivenUp, |check| {
             let mut peer = check.open(Role::Trial)?;
             peer.line().send_bytes(&[0, 0, 0, 9, 1]).map_err(|error| error.to_string())?;
             answered(&mut peer, "the message", is_malformed)
@@ -165,17 +163,17 @@ impl Check {
     }
 
     pub(super) fn live(&mut self) {
-        self.verdict("live: it is one client's at a time", |check| {
+        self.verdict(CellPromise::LiveOneClient, |check| {
             let _first = check.open(Role::Live)?;
             let second = Peer::greet(&check.connect, &hello(Role::Live));
             refused(second, "that it is taken", |refusal| matches!(refusal, CellRefusal::Taken))
         });
-        self.verdict("live: it takes no call of a trial cell", |check| {
+        self.verdict(CellPromise::LiveNoTrialCall, |check| {
             let mut peer = check.open(Role::Live)?;
             let reset = Call::Reset { setup: check.setup(1)? };
             refused(ask(&mut peer, reset), "the role", |refusal| matches!(refusal, CellRefusal::Role { .. }))
         });
-        self.verdict("live: an arm that moves is stopped when no command comes", |check| {
+        self.verdict(CellPromise::LiveWatchdogStops, |check| {
             let mut peer = check.live_in_motion(Some(WATCHDOG))?;
             thread::sleep(SILENCE);
             let step = ask(&mut peer, Call::Step { command: Command::Hold });
@@ -184,7 +182,7 @@ impl Check {
                     if stop.silent_ms >= WATCHDOG && stop.standstill_ticks.is_some())
             })
         });
-        self.verdict("live: a stopped arm moves again after a release alone", |check| {
+        self.verdict(CellPromise::LiveReleaseMoves, |check| {
             let mut peer = check.live_in_motion(Some(WATCHDOG))?;
             thread::sleep(SILENCE);
             for _ in 0..2 {
@@ -194,18 +192,18 @@ impl Check {
             seen(&mut peer, Call::Interrupt { interrupt: Interrupt::Release })?;
             seen(&mut peer, Call::Step { command: Command::Hold }).map(drop)
         });
-        self.verdict("live: in lockstep no time counts", |check| {
+        self.verdict(CellPromise::LiveLockstepTimeless, |check| {
             let mut peer = check.live_in_motion(None)?;
             thread::sleep(SILENCE);
             seen(&mut peer, Call::Step { command: Command::Hold }).map(drop)
         });
-        self.verdict("live: a task that is over needs no commands", |check| {
+        self.verdict(CellPromise::LiveTaskOverIdle, |check| {
             let mut peer = check.live_in_motion(Some(WATCHDOG))?;
             seen(&mut peer, Call::EndTask)?;
             thread::sleep(SILENCE);
             seen(&mut peer, Call::Step { command: Command::Hold }).map(drop)
         });
-        self.verdict("live: the state names a stop from outside", |check| {
+        self.verdict(CellPromise::LiveStopNamed, |check| {
             let mut peer = check.live_in_motion(None)?;
             let stopped = seen(&mut peer, Call::Interrupt { interrupt: Interrupt::Stop })?;
             let is_told = stopped.stop_declared.is_some();

@@ -2,7 +2,7 @@
 
 use serde::Serialize;
 
-use super::{Check, Found, WITHIN, ask, hello, holds, refused, seen, told};
+use super::{CellPromise, Check, Found, WITHIN, ask, hello, holds, refused, seen, told};
 use crate::messages::{
     BLOCK_BYTES_MAX, CLIENT_BYTES_MAX, Call, FORKS_MAX, Hello, MESSAGE_BYTES_MAX, PROTOCOL, Role,
     WATCHDOG_MS, sha256_hex,
@@ -22,14 +22,12 @@ struct LongerHello {
 
 impl Check {
     pub(super) fn opening(&mut self) {
-        self.verdict("hello: a hello of this version is welcomed", |check| {
-            check.open(Role::Control).map(drop)
-        });
-        self.verdict("hello: the welcome names the same version", |check| {
+        self.verdict(CellPromise::HelloWelcomed, |check| check.open(Role::Control).map(drop));
+        self.verdict(CellPromise::WelcomeVersion, |check| {
             let (_, welcome) = check.greet(&hello(Role::Control)).map_err(told)?;
             holds(welcome.protocol == PROTOCOL, || format!("it names {}", welcome.protocol))
         });
-        self.verdict("hello: another version is refused, with the own one", |check| {
+        self.verdict(CellPromise::OtherVersionRefused, |check| {
             let newer = Hello { protocol: PROTOCOL + 1, ..hello(Role::Control) };
             refused(
                 check.greet(&newer),
@@ -37,69 +35,69 @@ impl Check {
                 |refusal| matches!(refusal, CellRefusal::Version { server } if *server == PROTOCOL),
             )
         });
-        self.verdict("hello: an unknown field is refused", Self::longer_hello);
-        self.verdict("hello: a session that does not exist is refused", |check| {
+        self.verdict(CellPromise::UnknownFieldRefused, Self::longer_hello);
+        self.verdict(CellPromise::UnknownSessionRefused, |check| {
             let lost = Hello { session: Some(1), ..hello(Role::Control) };
             refused(check.greet(&lost), "the session", |refusal| is_of(refusal, "session"))
         });
-        self.verdict("hello: a second connection joins the session", |check| {
+        self.verdict(CellPromise::SessionJoined, |check| {
             let (_first, welcome) = check.greet(&hello(Role::Control)).map_err(told)?;
             let joining = Hello { session: Some(welcome.session), ..hello(Role::Trial) };
             let (_, joined) = check.greet(&joining).map_err(told)?;
             holds(joined.session == welcome.session, || "it is another session".to_owned())
         });
-        self.verdict("hello: two clients have two sessions", |check| {
+        self.verdict(CellPromise::SessionsApart, |check| {
             let (_first, one) = check.greet(&hello(Role::Control)).map_err(told)?;
             let (_second, other) = check.greet(&hello(Role::Control)).map_err(told)?;
             holds(one.session != other.session, || "they share one".to_owned())
         });
-        self.verdict("hello: a watchdog that is too short is refused", |check| {
+        self.verdict(CellPromise::ShortWatchdogRefused, |check| {
             let [least, _] = WATCHDOG_MS;
             let short = Hello { watchdog_ms: Some(least - 1), ..hello(Role::Live) };
             refused(check.greet(&short), "the watchdog", |refusal| is_of(refusal, "watchdog_ms"))
         });
-        self.verdict("hello: a watchdog of a trial cell is refused", |check| {
+        self.verdict(CellPromise::TrialWatchdogRefused, |check| {
             let watched = Hello { watchdog_ms: Some(1000), ..hello(Role::Trial) };
             refused(check.greet(&watched), "the watchdog", |refusal| is_of(refusal, "watchdog_ms"))
         });
-        self.verdict("hello: a name that is too long is refused", |check| {
+        self.verdict(CellPromise::LongNameRefused, |check| {
             let long = Hello { client: "x".repeat(CLIENT_BYTES_MAX + 1), ..hello(Role::Control) };
             refused(check.greet(&long), "the name", |refusal| is_of(refusal, "client"))
         });
-        self.verdict("hello: the bounds are those of the protocol", |check| {
+        self.verdict(CellPromise::ProtocolBounds, |check| {
             let (_, welcome) = check.greet(&hello(Role::Control)).map_err(told)?;
             let bounds = welcome.bounds;
             let due = [MESSAGE_BYTES_MAX as u64, BLOCK_BYTES_MAX as u64, FORKS_MAX as u64];
             holds([bounds.message_bytes, bounds.block_bytes, bounds.forks] == due, || format!("{bounds:?}"))
         });
-        self.verdict("description: it has the digest of the welcome", |check| {
+        self.verdict(CellPromise::DescriptionDigest, |check| {
             let (mut peer, welcome) = check.greet(&hello(Role::Control)).map_err(told)?;
             let bytes = peer.ask_block(Call::Describe, WITHIN).map_err(told)?;
             holds(sha256_hex(&bytes) == welcome.description, || "it has another".to_owned())
         });
-        self.verdict("description: it is read", |check| check.description().map(|_| ()));
-        self.verdict("description: this build can work with it", |check| {
+        self.verdict(CellPromise::DescriptionRead, |check| check.description().map(|_| ()));
+        self.verdict(CellPromise::DescriptionUsable, |check| {
             check.description()?.spec.check("description").map_err(|error| error.to_string())
         });
-        self.verdict("description: its distributions are allowed", |check| {
+        self.verdict(CellPromise::DescriptionDistributions, |check| {
             let mut all = check.description()?.distributions.iter();
             all.try_for_each(|one| one.check(&one.name)).map_err(|error| error.to_string())
         });
-        self.verdict("description: its build is that of the welcome", |check| {
+        self.verdict(CellPromise::DescriptionBuild, |check| {
             let (_, welcome) = check.greet(&hello(Role::Control)).map_err(told)?;
             let build = &check.description()?.build;
             holds(*build == welcome.build && !build.is_empty(), || "they differ, or there is none".to_owned())
         });
-        self.verdict("description: its rate is that of the welcome", |check| {
+        self.verdict(CellPromise::DescriptionRate, |check| {
             let (_, welcome) = check.greet(&hello(Role::Control)).map_err(told)?;
             let rate = check.description()?.spec.rate_hz;
             holds(welcome.rate_hz == rate, || format!("{rate} and {} a second", welcome.rate_hz))
         });
-        self.verdict("description: it is the same for every role", |check| {
+        self.verdict(CellPromise::DescriptionSameForRoles, |check| {
             let read = |role| check.open(role)?.ask_block(Call::Describe, WITHIN).map_err(told);
             holds(read(Role::Control)? == read(Role::Trial)?, || "it differs".to_owned())
         });
-        self.verdict("description: every task that it names begins", |check| {
+        self.verdict(CellPromise::DescribedTasksBegin, |check| {
             let mut peer = check.trial(1)?;
             for task in &check.description()?.spec.tasks {
                 seen(&mut peer, Call::BeginTask { task: *task })?;
@@ -109,7 +107,7 @@ impl Check {
             }
             Ok(())
         });
-        self.verdict("roles: a connection that only asks has no arm", |check| {
+        self.verdict(CellPromise::ControlWithoutArm, |check| {
             let mut peer = check.open(Role::Control)?;
             let step = Call::Step { command: holdpoint_body::Command::Hold };
             refused(ask(&mut peer, step), "the role", |refusal| matches!(refusal, CellRefusal::Role { .. }))

@@ -2,6 +2,7 @@
 
 use holdpoint_body::{Command, GuardVerdict};
 
+use super::super::CellPromise;
 use super::broken_promises::{Row, row, seed_of, stops};
 use super::relay::Change;
 use crate::messages::{BLOCK_BYTES_MAX, Call, CellReply, CellRequest, RELEASED_MAX, Role};
@@ -23,23 +24,23 @@ fn joints_are(command: &Command, is_so: fn(&[f64]) -> bool) -> bool {
 pub(super) fn limits() -> Vec<Row> {
     vec![
         row(
-            "commands: a joint that is no number is refused",
+            CellPromise::JointNoNumberRefused,
             Change::Request(|_, request| {
                 take(request, |command| joints_are(command, |q| q.iter().any(|value| value.is_nan())));
             }),
         ),
         row(
-            "commands: an infinite joint is refused",
+            CellPromise::JointInfiniteRefused,
             Change::Request(|_, request| {
                 take(request, |command| joints_are(command, |q| q.iter().any(|value| value.is_infinite())));
             }),
         ),
         row(
-            "commands: a missing joint is refused",
+            CellPromise::JointMissingRefused,
             Change::Request(|_, request| take(request, |command| joints_are(command, |q| q.len() < 2))),
         ),
         row(
-            "commands: a speed of zero is refused",
+            CellPromise::SpeedZeroRefused,
             Change::Request(|_, request| {
                 take(
                     request,
@@ -48,7 +49,7 @@ pub(super) fn limits() -> Vec<Row> {
             }),
         ),
         row(
-            "commands: a gripper force that is no number is refused",
+            CellPromise::ForceNoNumberRefused,
             Change::Request(|_, request| {
                 take(
                     request,
@@ -57,7 +58,7 @@ pub(super) fn limits() -> Vec<Row> {
             }),
         ),
         row(
-            "faults: a joint that the arm does not have is refused",
+            CellPromise::UnknownJointRefused,
             Change::Reply(|link, asked, reply| {
                 if matches!(asked.call, Call::Inject { .. }) {
                     *reply = link.last_seen();
@@ -65,29 +66,29 @@ pub(super) fn limits() -> Vec<Row> {
             }),
         ),
         row(
-            "order: a request that is missing ends the connection",
+            CellPromise::MissingRequestEnds,
             Change::Request(|link, request| {
                 request.sequence -= u64::from(request.sequence == link.sequence + 2);
             }),
         ),
         row(
-            "order: a request that came before ends the connection",
+            CellPromise::RepeatedRequestEnds,
             Change::Request(|link, request| {
                 request.sequence += u64::from(request.sequence == link.sequence);
             }),
         ),
-        row("sizes: an empty message is refused", Change::Unread(<[u8]>::is_empty)),
-        row("sizes: a message that is too long is refused", Change::TooLong),
+        row(CellPromise::EmptyMessageRefused, Change::Unread(<[u8]>::is_empty)),
+        row(CellPromise::LongMessageRefused, Change::TooLong),
         row(
-            "messages: bytes that are no message are refused",
+            CellPromise::NoMessageRefused,
             Change::Unread(|bytes| bytes.first() == Some(&0xC1)),
         ),
         row(
-            "messages: a call that is not known is refused",
+            CellPromise::UnknownCallRefused,
             Change::Unread(|bytes| bytes.first().is_some_and(|first| *first != 0xC1)),
         ),
         row(
-            "sizes: a block that is too long is refused before it comes",
+            CellPromise::LongBlockRefused,
             Change::Reply(|link, asked, reply| {
                 if matches!(&asked.call, Call::Import { image } if image.bytes > BLOCK_BYTES_MAX as u64) {
                     *reply = link.last_seen();
@@ -95,13 +96,13 @@ pub(super) fn limits() -> Vec<Row> {
             }),
         ),
         row(
-            "sizes: a list of releases that is too long is refused",
+            CellPromise::LongReleasesRefused,
             Change::Request(|_, request| request.release.truncate(RELEASED_MAX)),
         ),
-        row("deadlines: a connection without a hello is closed", Change::SpeaksFirst),
+        row(CellPromise::SilentConnectionClosed, Change::SpeaksFirst),
         // A torn message is not passed on: the connection is closed without the refusal that is due.
         Row {
-            promise: "deadlines: a message that does not end is given up",
+            promise: CellPromise::EndlessMessageGivenUp,
             changes: Vec::new(),
             not_alone: None,
         },
@@ -113,7 +114,7 @@ pub(super) fn live() -> Vec<Row> {
         // The hellos of live cells, in the order of the check: one with a watchdog that is refused, then two of this
         // promise.
         row(
-            "live: it is one client's at a time",
+            CellPromise::LiveOneClient,
             Change::Hello(|link, hello| {
                 if link.role == Role::Live && link.memory.count() == 3 {
                     hello.role = Role::Trial;
@@ -121,7 +122,7 @@ pub(super) fn live() -> Vec<Row> {
             }),
         ),
         row(
-            "live: it takes no call of a trial cell",
+            CellPromise::LiveNoTrialCall,
             Change::Request(|link, request| {
                 if link.role == Role::Live && seed_of(request).is_some() {
                     request.call = Call::Observe { guard: GuardVerdict::Allowed };
@@ -129,7 +130,7 @@ pub(super) fn live() -> Vec<Row> {
             }),
         ),
         row(
-            "live: an arm that moves is stopped when no command comes",
+            CellPromise::LiveWatchdogStops,
             Change::Reply(|_, _, reply| {
                 if let CellReply::Refused(CellRefusal::Stopped(stop)) = reply {
                     stop.standstill_ticks = None;
@@ -137,7 +138,7 @@ pub(super) fn live() -> Vec<Row> {
             }),
         ),
         row(
-            "live: a stopped arm moves again after a release alone",
+            CellPromise::LiveReleaseMoves,
             Change::Reply(|link, _, reply| {
                 if matches!(reply, CellReply::Refused(CellRefusal::Stopped(_))) {
                     if link.is_marked {
@@ -148,7 +149,7 @@ pub(super) fn live() -> Vec<Row> {
             }),
         ),
         Row {
-            promise: "live: in lockstep no time counts",
+            promise: CellPromise::LiveLockstepTimeless,
             changes: vec![
                 Change::Hello(|link, hello| {
                     if link.role == Role::Live {
@@ -160,7 +161,7 @@ pub(super) fn live() -> Vec<Row> {
             not_alone: None,
         },
         row(
-            "live: a task that is over needs no commands",
+            CellPromise::LiveTaskOverIdle,
             Change::Request(|link, request| {
                 if link.role == Role::Live && request.call == Call::EndTask {
                     request.call = Call::Observe { guard: GuardVerdict::Allowed };
@@ -168,7 +169,7 @@ pub(super) fn live() -> Vec<Row> {
             }),
         ),
         row(
-            "live: the state names a stop from outside",
+            CellPromise::LiveStopNamed,
             Change::Seen(|link, asked, seen| {
                 if link.role == Role::Live && stops(asked) {
                     seen.stop_declared = None;

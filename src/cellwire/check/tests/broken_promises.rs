@@ -11,7 +11,7 @@ use holdpoint_body::{
 use holdpoint_cell::film::EpisodeFrame;
 use nalgebra::Isometry3;
 
-use super::super::{Verdict, check_those};
+use super::super::{CellPromise, Verdict, check_those};
 use super::broken_limits;
 use super::relay::{Change, Link, Relay};
 use crate::framing::encode;
@@ -21,13 +21,13 @@ use crate::messages::{
 use crate::refusal::CellRefusal;
 
 /// Promises that wait for a deadline or a watchdog: each is looked at in its own run alone.
-const SLOW: [&str; 6] = [
-    "deadlines: a connection without a hello is closed",
-    "deadlines: a message that does not end is given up",
-    "live: an arm that moves is stopped when no command comes",
-    "live: a stopped arm moves again after a release alone",
-    "live: in lockstep no time counts",
-    "live: a task that is over needs no commands",
+const SLOW: [CellPromise; 6] = [
+    CellPromise::SilentConnectionClosed,
+    CellPromise::EndlessMessageGivenUp,
+    CellPromise::LiveWatchdogStops,
+    CellPromise::LiveReleaseMoves,
+    CellPromise::LiveLockstepTimeless,
+    CellPromise::LiveTaskOverIdle,
 ];
 
 /// The session that the cell gives to every client.
@@ -41,13 +41,13 @@ const RUNS_AT_ONCE: usize = 4;
 
 /// How a promise is broken.
 pub(super) struct Row {
-    pub(super) promise: &'static str,
+    pub(super) promise: CellPromise,
     pub(super) changes: Vec<Change>,
     /// Why it cannot be broken without others.
     pub(super) not_alone: Option<&'static str>,
 }
 
-pub(super) fn row(promise: &'static str, change: Change) -> Row {
+pub(super) fn row(promise: CellPromise, change: Change) -> Row {
     Row { promise, changes: vec![change], not_alone: None }
 }
 
@@ -91,7 +91,7 @@ fn opening() -> Vec<Row> {
     vec![
         // The first connection reads the description; the second is the one of this promise.
         row(
-            "hello: a hello of this version is welcomed",
+            CellPromise::HelloWelcomed,
             Change::Greeting(|link, greeting| {
                 if link.number == 2 {
                     let what = "connections".to_owned();
@@ -100,7 +100,7 @@ fn opening() -> Vec<Row> {
             }),
         ),
         row(
-            "hello: the welcome names the same version",
+            CellPromise::WelcomeVersion,
             Change::Welcome(|link, welcome| {
                 if link.number == 3 {
                     welcome.protocol = PROTOCOL + 1;
@@ -108,20 +108,20 @@ fn opening() -> Vec<Row> {
             }),
         ),
         row(
-            "hello: another version is refused, with the own one",
+            CellPromise::OtherVersionRefused,
             Change::Hello(|_, hello| hello.protocol = PROTOCOL),
         ),
-        row("hello: an unknown field is refused", Change::AnyHello),
+        row(CellPromise::UnknownFieldRefused, Change::AnyHello),
         row(
-            "hello: a session that does not exist is refused",
+            CellPromise::UnknownSessionRefused,
             Change::Hello(|_, hello| hello.session = hello.session.filter(|session| *session != 1)),
         ),
         row(
-            "hello: a second connection joins the session",
+            CellPromise::SessionJoined,
             Change::Welcome(|link, welcome| welcome.session ^= u64::from(link.joins.is_some())),
         ),
         Row {
-            promise: "hello: two clients have two sessions",
+            promise: CellPromise::SessionsApart,
             changes: vec![
                 Change::Hello(|link, hello| {
                     if hello.session == Some(SAME_SESSION) {
@@ -140,29 +140,29 @@ fn opening() -> Vec<Row> {
             not_alone: None,
         },
         row(
-            "hello: a watchdog that is too short is refused",
+            CellPromise::ShortWatchdogRefused,
             Change::Hello(|_, hello| hello.watchdog_ms = hello.watchdog_ms.map(|ms| ms.max(WATCHDOG_MS[0]))),
         ),
         row(
-            "hello: a watchdog of a trial cell is refused",
+            CellPromise::TrialWatchdogRefused,
             Change::Hello(|link, hello| {
                 hello.watchdog_ms = hello.watchdog_ms.filter(|_| link.role != Role::Trial);
             }),
         ),
         row(
-            "hello: a name that is too long is refused",
+            CellPromise::LongNameRefused,
             Change::Hello(|_, hello| hello.client.truncate(CLIENT_BYTES_MAX)),
         ),
         row(
-            "hello: the bounds are those of the protocol",
+            CellPromise::ProtocolBounds,
             Change::Welcome(|_, welcome| welcome.bounds.forks = 1),
         ),
         row(
-            "description: it has the digest of the welcome",
+            CellPromise::DescriptionDigest,
             Change::Welcome(|_, welcome| welcome.description = "0".repeat(64)),
         ),
         Row {
-            promise: "description: it is read",
+            promise: CellPromise::DescriptionRead,
             changes: vec![Change::Bytes(|link, _, bytes| {
                 if link.number == 1 {
                     *bytes = vec![0xC1];
@@ -171,23 +171,23 @@ fn opening() -> Vec<Row> {
             not_alone: Some("no episode begins without the description: most other promises need it"),
         },
         row(
-            "description: this build can work with it",
+            CellPromise::DescriptionUsable,
             Change::Description(|described| described.spec.camera_hz = 0),
         ),
         row(
-            "description: its distributions are allowed",
+            CellPromise::DescriptionDistributions,
             Change::Description(|described| described.distributions[1].format = 2),
         ),
         row(
-            "description: its build is that of the welcome",
+            CellPromise::DescriptionBuild,
             Change::Description(|described| "another".clone_into(&mut described.build)),
         ),
         row(
-            "description: its rate is that of the welcome",
+            CellPromise::DescriptionRate,
             Change::Welcome(|_, welcome| welcome.rate_hz = 120),
         ),
         row(
-            "description: it is the same for every role",
+            CellPromise::DescriptionSameForRoles,
             Change::Bytes(|link, asked, bytes| {
                 if link.role == Role::Trial && asked.call == Call::Describe {
                     bytes.push(0);
@@ -195,7 +195,7 @@ fn opening() -> Vec<Row> {
             }),
         ),
         row(
-            "description: every task that it names begins",
+            CellPromise::DescribedTasksBegin,
             Change::Seen(|_, _, seen| {
                 if let Some(observation) = &mut seen.observation {
                     observation.goal = TaskKind::Grasp;
@@ -203,7 +203,7 @@ fn opening() -> Vec<Row> {
             }),
         ),
         row(
-            "roles: a connection that only asks has no arm",
+            CellPromise::ControlWithoutArm,
             Change::Request(|link, request| {
                 if link.role == Role::Control && matches!(request.call, Call::Step { .. }) {
                     request.call = Call::Describe;
@@ -216,11 +216,11 @@ fn opening() -> Vec<Row> {
 fn units() -> Vec<Row> {
     vec![
         row(
-            "units: every number is finite, one value for each joint",
+            CellPromise::FiniteNumbers,
             Change::Seen(|_, _, seen| seen.telemetry.slip_m = Some(f64::NAN)),
         ),
         row(
-            "units: the joints are inside their limits, rad",
+            CellPromise::JointsInLimits,
             Change::Seen(|link, _, seen| {
                 let geometry = &link.spec.robot.geometry;
                 let joint = geometry.chain.joints[0].upper_rad + 0.5;
@@ -235,17 +235,17 @@ fn units() -> Vec<Row> {
             }),
         ),
         row(
-            "units: the tool is where the joints put it, m",
+            CellPromise::ToolPlace,
             Change::Seen(|_, _, seen| seen.telemetry.tool.position[0] += 0.01),
         ),
         row(
-            "units: the gripper is not wider than it can be, m",
+            CellPromise::GripperWidth,
             Change::Seen(|link, _, seen| {
                 seen.telemetry.gripper_width_m = link.spec.robot.width_max_m + 0.1;
             }),
         ),
         row(
-            "units: observation and telemetry tell of one moment",
+            CellPromise::OneMoment,
             Change::Seen(|_, _, seen| {
                 if let Some(observation) = &mut seen.observation {
                     observation.tick += 1;
@@ -253,7 +253,7 @@ fn units() -> Vec<Row> {
             }),
         ),
         row(
-            "units: without disturbance the sensors tell the truth",
+            CellPromise::SensorsTrue,
             Change::Seen(|_, _, seen| {
                 if let Some(truth) = &mut seen.truth {
                     truth.joints.q[0] += 1.0;
@@ -261,7 +261,7 @@ fn units() -> Vec<Row> {
             }),
         ),
         row(
-            "units: a joint moves no faster than its command says, rad/s",
+            CellPromise::JointSpeed,
             Change::Request(|_, request| {
                 if let Call::Step { command: Command::Joints { max_speed_rad_s, .. } } = &mut request.call {
                     *max_speed_rad_s *= 10.0;
@@ -269,18 +269,18 @@ fn units() -> Vec<Row> {
             }),
         ),
         row(
-            "ticks: an episode begins at 0, and a step is one tick",
+            CellPromise::StepIsTick,
             Change::Seen(|_, asked, seen| seen.tick += 5 * u64::from(seed_of(asked).is_some())),
         ),
         row(
-            "ticks: a call that is no step passes no tick",
+            CellPromise::OnlyStepsPassTicks,
             Change::Seen(|link, asked, seen| {
                 link.is_marked |= asked.call == Call::EndTask;
                 seen.tick += u64::from(link.is_marked);
             }),
         ),
         row(
-            "observation: absent after a start, present after it was asked for",
+            CellPromise::ObservationWhenAsked,
             Change::Seen(|_, asked, seen| {
                 if seed_of(asked).is_some() {
                     seen.observation = Some(observation_of(&seen.telemetry));
@@ -288,7 +288,7 @@ fn units() -> Vec<Row> {
             }),
         ),
         row(
-            "observation: it has the verdict of the guard that came along",
+            CellPromise::ObservationVerdict,
             Change::Seen(|_, _, seen| {
                 if let Some(observation) = &mut seen.observation {
                     observation.guard = GuardVerdict::Allowed;
@@ -301,7 +301,7 @@ fn units() -> Vec<Row> {
 fn trials() -> Vec<Row> {
     vec![
         row(
-            "trials: one seed is one episode, bit for bit",
+            CellPromise::SeedRepeats,
             Change::Seen(|link, asked, seen| {
                 if let Some(seed) = seed_of(asked) {
                     link.is_marked = link.seeds.last() == Some(&seed);
@@ -310,7 +310,7 @@ fn trials() -> Vec<Row> {
             }),
         ),
         row(
-            "trials: the episode before has no effect",
+            CellPromise::EarlierEpisodeWithoutEffect,
             Change::Seen(|link, asked, seen| {
                 if let Some(seed) = seed_of(asked) {
                     link.is_marked = link.seeds.last().is_some_and(|before| *before != seed);
@@ -321,7 +321,7 @@ fn trials() -> Vec<Row> {
         // The cells that begin with seed 3, in the order of the check: one of the first promise of trials, one of the
         // second, two of this one.
         row(
-            "trials: another cell tells the same",
+            CellPromise::CellsEqual,
             Change::Seen(|link, asked, seen| {
                 if let Some(seed) = seed_of(asked) {
                     link.is_marked = link.seeds.is_empty() && seed == 3 && link.memory.count() == 4;
@@ -330,7 +330,7 @@ fn trials() -> Vec<Row> {
             }),
         ),
         row(
-            "trials: another seed is another episode",
+            CellPromise::SeedsDiffer,
             Change::Seen(|_, asked, seen| {
                 if seed_of(asked).is_some() {
                     seen.object = Isometry3::identity();
@@ -338,7 +338,7 @@ fn trials() -> Vec<Row> {
             }),
         ),
         row(
-            "trials: a reset clears a stop",
+            CellPromise::ResetClearsStop,
             Change::Seen(|link, asked, seen| {
                 link.is_marked |= stops(asked);
                 if link.is_marked && seed_of(asked).is_some() {
@@ -348,7 +348,7 @@ fn trials() -> Vec<Row> {
             }),
         ),
         row(
-            "trials: an arm that is stopped comes to rest",
+            CellPromise::StoppedArmRests,
             Change::Seen(|link, asked, seen| {
                 link.is_marked = (link.is_marked || stops(asked)) && seed_of(asked).is_none();
                 if link.is_marked {
@@ -362,7 +362,7 @@ fn trials() -> Vec<Row> {
 fn states() -> Vec<Row> {
     vec![
         row(
-            "forks: a handle has the tick of its state",
+            CellPromise::ForkTick,
             Change::Reply(|_, _, reply| {
                 if let CellReply::Fork { tick, .. } = reply {
                     *tick += 1;
@@ -370,21 +370,21 @@ fn states() -> Vec<Row> {
             }),
         ),
         row(
-            "forks: a fork continues as if nothing had been",
+            CellPromise::ForkContinues,
             Change::Seen(|link, asked, seen| {
                 link.is_marked |= link.has_forked && matches!(asked.call, Call::GoOnFrom { .. });
                 differ(link, seen);
             }),
         ),
         row(
-            "forks: another cell of the session continues from one",
+            CellPromise::ForkInOtherCell,
             Change::Seen(|link, asked, seen| {
                 link.is_marked |= !link.has_forked && matches!(asked.call, Call::GoOnFrom { .. });
                 differ(link, seen);
             }),
         ),
         row(
-            "forks: another session knows none of them",
+            CellPromise::ForkOfOtherSession,
             Change::Reply(|link, asked, reply| {
                 let is_foreign = matches!(asked.call, Call::GoOnFrom { fork } if fork != u64::MAX);
                 if is_foreign && !link.has_forked && matches!(reply, CellReply::Refused(_)) {
@@ -393,7 +393,7 @@ fn states() -> Vec<Row> {
             }),
         ),
         row(
-            "forks: one that is released is gone",
+            CellPromise::ForkReleased,
             Change::Request(|_, request| {
                 if matches!(request.call, Call::GoOnFrom { .. }) {
                     request.release.clear();
@@ -401,7 +401,7 @@ fn states() -> Vec<Row> {
             }),
         ),
         row(
-            "forks: a handle that was never given is refused",
+            CellPromise::UnknownForkRefused,
             Change::Reply(|link, asked, reply| {
                 if asked.call == (Call::GoOnFrom { fork: u64::MAX }) {
                     *reply = link.last_seen();
@@ -409,7 +409,7 @@ fn states() -> Vec<Row> {
             }),
         ),
         row(
-            "states: one state is exported as the same bytes",
+            CellPromise::ExportRepeats,
             Change::Bytes(|link, asked, bytes| {
                 if asked.call == Call::Export && link.before == Call::Export.name() {
                     bytes.push(0);
@@ -417,7 +417,7 @@ fn states() -> Vec<Row> {
             }),
         ),
         Row {
-            promise: "states: what is imported is exported again, bit for bit",
+            promise: CellPromise::ImportExportedAgain,
             changes: vec![
                 Change::Seen(|link, asked, _| {
                     link.is_marked |= matches!(asked.call, Call::Import { .. });
@@ -431,23 +431,23 @@ fn states() -> Vec<Row> {
             not_alone: None,
         },
         row(
-            "states: an imported state continues as if nothing had been",
+            CellPromise::ImportContinues,
             Change::Seen(|link, asked, seen| {
                 link.is_marked |= matches!(asked.call, Call::Import { .. });
                 differ(link, seen);
             }),
         ),
         row(
-            "states: bytes that are no state are refused, and change nothing",
+            CellPromise::NoStateRefused,
             Change::Reply(|link, _, reply| {
                 if matches!(reply, CellReply::Refused(CellRefusal::Snapshot(_))) {
                     *reply = link.last_seen();
                 }
             }),
         ),
-        row("states: bytes with another digest are refused", Change::MendedImage),
+        row(CellPromise::OtherDigestRefused, Change::MendedImage),
         row(
-            "films: the frames of an episode are kept, if the cell can film",
+            CellPromise::FramesKept,
             Change::Bytes(|_, asked, bytes| {
                 if asked.call == Call::TakeFilm {
                     *bytes = encode(&Vec::<EpisodeFrame>::new()).unwrap();
@@ -458,14 +458,14 @@ fn states() -> Vec<Row> {
 }
 
 /// Every promise that does not wait, with the one of the run.
-fn verdicts(changes: Vec<Change>, own: &'static str) -> Vec<Verdict> {
-    let is_wanted = move |name: &str| name == own || !SLOW.contains(&name);
+fn verdicts(changes: Vec<Change>, own: Option<CellPromise>) -> Vec<Verdict> {
+    let is_wanted = move |promise: CellPromise| Some(promise) == own || !SLOW.contains(&promise);
     check_those(Relay::new(changes).connect(), Box::new(is_wanted))
 }
 
 /// The promises that are broken, with what was found.
-fn broken(verdicts: Vec<Verdict>) -> Vec<(&'static str, String)> {
-    verdicts.into_iter().filter_map(|verdict| Some((verdict.name, verdict.problem?))).collect()
+fn broken(verdicts: Vec<Verdict>) -> Vec<(CellPromise, String)> {
+    verdicts.into_iter().filter_map(|verdict| Some((verdict.promise, verdict.problem?))).collect()
 }
 
 #[test]
@@ -473,16 +473,16 @@ fn each_promise_is_reported_when_it_is_broken() {
     let others = [broken_limits::limits(), broken_limits::live()];
     let rows: Vec<Row> =
         [opening(), units(), trials(), states()].into_iter().chain(others).flatten().collect();
-    let known: BTreeSet<&str> = rows.iter().map(|row| row.promise).collect();
+    let known: BTreeSet<CellPromise> = rows.iter().map(|row| row.promise).collect();
     assert_eq!(known.len(), rows.len(), "each promise once");
     // Without a change nothing is broken: what is found below is the change's.
-    let mut found = verdicts(Vec::new(), "");
-    let all: BTreeSet<&str> = found.iter().map(|verdict| verdict.name).chain(SLOW).collect();
+    let mut found = verdicts(Vec::new(), None);
+    let all: BTreeSet<CellPromise> = found.iter().map(|verdict| verdict.promise).chain(SLOW).collect();
     assert_eq!(known, all, "a row for each promise of the check");
     found.retain(|verdict| verdict.problem.is_some());
     assert!(found.is_empty(), "{found:#?}");
 
-    let together: Vec<(&str, &str)> =
+    let together: Vec<(CellPromise, &str)> =
         rows.iter().filter_map(|row| Some((row.promise, row.not_alone?))).collect();
     let (total, rows) = (rows.len(), Mutex::new(rows));
     let (alone, wrong) = (AtomicUsize::new(0), Mutex::new(Vec::new()));
@@ -491,8 +491,8 @@ fn each_promise_is_reported_when_it_is_broken() {
             scope.spawn(|| {
                 let next = || rows.lock().unwrap_or_else(PoisonError::into_inner).pop();
                 while let Some(Row { promise, changes, not_alone }) = next() {
-                    let found = broken(verdicts(changes, promise));
-                    let reported = found.iter().any(|(name, _)| *name == promise);
+                    let found = broken(verdicts(changes, Some(promise)));
+                    let reported = found.iter().any(|(broken, _)| *broken == promise);
                     let is_right = reported && (found.len() == 1) == not_alone.is_none();
                     alone.fetch_add(usize::from(is_right && not_alone.is_none()), Ordering::Relaxed);
                     if !is_right {
@@ -506,7 +506,7 @@ fn each_promise_is_reported_when_it_is_broken() {
     let alone = alone.into_inner();
     println!("{alone} of {total} promises are broken alone and reported; together with others:");
     for (promise, why) in &together {
-        println!("  {promise}: {why}");
+        println!("  {promise:?}: {why}");
     }
     assert!(wrong.is_empty(), "{wrong:#?}");
     assert_eq!((alone, together.len(), total), (71, 1, 72));
