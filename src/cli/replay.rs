@@ -15,7 +15,7 @@ use clap::Args;
 use serde_json::json;
 
 use self::episode::EpisodeSelector;
-use super::recordings::{check, on_record};
+use super::recordings::{check, difference, on_record};
 use super::run::ColorArg;
 use crate::cli::context::CliContext;
 use crate::cli::output::CommandOutput;
@@ -217,7 +217,7 @@ fn problems(files: &[PathBuf]) -> Result<Vec<String>, CliError> {
     for path in files {
         let Some((store, filed)) = in_store(path) else { continue };
         let record = on_record(&super::data::open(&store)?)?;
-        if let Some(difference) = check(&filed, &record)?.difference() {
+        if let Some(difference) = difference(&check(&filed, &record)?) {
             problems.push(format!("{} does not match its digest at closure: {difference}", filed.file));
         }
     }

@@ -12,11 +12,10 @@ use crate::cli::output::CommandOutput;
 use crate::error::{CliError, Exit};
 use holdpoint_governance::profile::ProfileName;
 use holdpoint_protocol::command::{Command, Reply, StopPersistence};
-use holdpoint_service::control_socket::{
-    NOT_CONFIRMED_HINT, StopCall, StopOutcome, not_confirmed, stopped_by_mark,
-};
+use holdpoint_service::control_socket::{NOT_CONFIRMED_HINT, StopCall, StopOutcome, not_confirmed};
 use holdpoint_store::Layout;
 use holdpoint_text::{ErrorReason, Untrusted};
+use holdpoint_wording::program::engine::stopped_by_mark;
 use holdpoint_wording::program::run as sentences;
 
 /// The arguments of `stop`.

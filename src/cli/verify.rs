@@ -169,7 +169,7 @@ fn check_recordings(context: &CliContext, bar: &DelayedProgressBar) -> Result<Re
             FileCheck::Matches => good += 1,
             FileCheck::NotOnRecord => {}
             FileCheck::Differs { .. } | FileCheck::OtherSize { .. } => {
-                let difference = checked.difference().unwrap_or_default();
+                let difference = recordings::difference(&checked).unwrap_or_default();
                 return Ok(Err(format!("the recording {:?} is bad: {difference}", filed.file)));
             }
         }

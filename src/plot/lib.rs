@@ -9,4 +9,4 @@ mod trend;
 
 pub use curves::{Curve, Curves, Radar};
 pub use pen::escaped;
-pub use trend::{TrendLine, TrendMark, TrendPanel, TrendPlot, TrendPoint};
+pub use trend::{MARKS_LISTED_MAX, TrendLine, TrendMark, TrendPanel, TrendPlot, TrendPoint};

@@ -24,7 +24,7 @@ const AXIS: f64 = 40.0;
 /// Letters closer than this would overlap: the most important one stands for all.
 const APART: f64 = 9.0;
 /// The most marks listed with their text.
-const LISTED_MAX: usize = 60;
+pub const MARKS_LISTED_MAX: usize = 60;
 
 /// A value at a place of the axis, with its band.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -87,7 +87,11 @@ pub struct TrendPlot {
     /// Labeled places of the axis, as shares from 0 to 1.
     pub ticks: Vec<(f64, String)>,
     pub panels: Vec<TrendPanel>,
+    /// The text in a panel without a point.
+    pub empty: String,
     pub marks: Vec<TrendMark>,
+    /// The line below the listed marks, if there are more than [`MARKS_LISTED_MAX`].
+    pub unlisted: Option<String>,
 }
 
 fn inside() -> f64 {
@@ -104,10 +108,10 @@ impl TrendPlot {
     pub fn svg(&self) -> String {
         let notes = self.notes.len() as f64 * LINE;
         let marks_at = TOP + notes;
-        let listed = self.marks.len().min(LISTED_MAX);
+        let listed = self.marks.len().min(MARKS_LISTED_MAX);
         let panels = self.panels.len() as f64 * (PANEL + TITLE);
         let list_at = marks_at + LETTERS + panels + AXIS;
-        let more = usize::from(self.marks.len() > listed);
+        let more = usize::from(self.unlisted.is_some());
         let height = list_at + (listed + more) as f64 * LINE + 12.0;
         let mut out = String::new();
         head(&mut out, WIDTH, height, &self.title);
@@ -119,7 +123,7 @@ impl TrendPlot {
         self.lines_of_marks(&mut out, marks_at, bottom);
         for (place, panel) in self.panels.iter().enumerate() {
             let top = marks_at + LETTERS + TITLE + place as f64 * (PANEL + TITLE);
-            Self::panel(&mut out, panel, top);
+            self.panel(&mut out, panel, top);
         }
         for (at, words) in &self.ticks {
             let place = x(*at);
@@ -136,9 +140,8 @@ impl TrendPlot {
             text(&mut out, LEFT - 14.0, at, "end", &one.letter.to_string());
             text(&mut out, LEFT, at, "start", &one.text);
         }
-        if more > 0 {
-            let more_text = format!("and {} marks more", self.marks.len() - listed);
-            text(&mut out, LEFT, list_at + LINE * (listed + 1) as f64, "start", &more_text);
+        if let Some(unlisted) = &self.unlisted {
+            text(&mut out, LEFT, list_at + LINE * (listed + 1) as f64, "start", unlisted);
         }
         out.push_str("</svg>\n");
         out
@@ -167,7 +170,7 @@ impl TrendPlot {
         }
     }
 
-    fn panel(out: &mut String, panel: &TrendPanel, top: f64) {
+    fn panel(&self, out: &mut String, panel: &TrendPanel, top: f64) {
         let TrendPanel { title, range: [low, high], digits, lines } = panel;
         let (low, high) = (*low, if high > low { *high } else { low + 1.0 });
         let y = |value: f64| top + PANEL * (1.0 - (value.clamp(low, high) - low) / (high - low));
@@ -220,7 +223,7 @@ impl TrendPlot {
             }
         }
         if lines.iter().all(|line| line.points.is_empty()) {
-            text(out, LEFT + inside() / 2.0, top + PANEL / 2.0, "middle", "no task on record");
+            text(out, LEFT + inside() / 2.0, top + PANEL / 2.0, "middle", &self.empty);
         }
     }
 }
@@ -250,6 +253,8 @@ mod tests {
                 digits: 0,
                 lines: vec![line("grasp@1.0.0", 0, &[0, 1, 2, 5, 6, 9]), line("grasp@1.1.0", 1, &[])],
             }],
+            empty: "no values".to_owned(),
+            unlisted: None,
             marks: vec![TrendMark { at: 0.3, letter: 'P', weight: 0, text: "promotion of \"x\"".to_owned() }],
         }
     }
@@ -275,9 +280,11 @@ mod tests {
         let mut plot = plot();
         plot.panels[0].lines.clear();
         plot.panels[0].range = [1.0, 1.0];
-        assert!(plot.svg().contains("no task"));
-        plot.marks = vec![plot.marks[0].clone(); LISTED_MAX + 5];
+        assert!(plot.svg().contains(&plot.empty));
+        plot.marks = vec![plot.marks[0].clone(); MARKS_LISTED_MAX + 5];
+        plot.unlisted = Some("5 others".to_owned());
         let svg = plot.svg();
-        assert!(svg.contains("5 marks") && svg.trim_end().ends_with("</svg>"));
+        assert!(svg.contains("5 others") && svg.trim_end().ends_with("</svg>"));
+        assert_eq!(svg.matches("promotion of").count(), MARKS_LISTED_MAX);
     }
 }

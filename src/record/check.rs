@@ -33,6 +33,7 @@ use crate::version_table::{VersionTableError, load_member};
 use holdpoint_text::{ErrorDetails, ErrorReason, Hint};
 use holdpoint_trials::embedded::baselines;
 use holdpoint_trials::site::LoadedSite;
+use holdpoint_wording::program::candidate::{ComparedWith, compared_with};
 use serde::Serialize;
 
 /// What helps with a family that does not exist, at a check as at a registration.
@@ -440,16 +441,12 @@ impl RegisteredVersions {
     /// Describes the version that a candidate is compared with.
     #[must_use]
     pub fn described(&self, family: &Family) -> String {
-        match (self.active(family), self.origin) {
-            (Some(active), VersionsOrigin::Store) => format!("{}, active in the store", active.id()),
-            (Some(active), VersionsOrigin::Program) => {
-                format!("{}, built in: there is no store", active.id())
-            }
-            (Some(active), VersionsOrigin::SiteFile) => {
-                format!("{}, the baseline of the site file", active.id())
-            }
-            (None, _) => "nothing: no version of its family is active in the store".to_owned(),
-        }
+        let Some(active) = self.active(family) else { return compared_with(ComparedWith::Nothing) };
+        compared_with(match self.origin {
+            VersionsOrigin::Store => ComparedWith::Active(active.id()),
+            VersionsOrigin::Program => ComparedWith::BuiltIn(active.id()),
+            VersionsOrigin::SiteFile => ComparedWith::SiteBaseline(active.id()),
+        })
     }
 
     fn fallback_match(&self, candidate: &Capability) -> Option<FallbackMatch> {

@@ -85,22 +85,6 @@ pub enum FileCheck {
     NotOnRecord,
 }
 
-impl FileCheck {
-    /// How the file differs from the closed one, for people; `None` if it matches or no record names it.
-    #[must_use]
-    pub fn difference(&self) -> Option<String> {
-        match self {
-            Self::Matches | Self::NotOnRecord => None,
-            Self::Differs { found, recorded } => {
-                Some(format!("its SHA-256 is {found}, {recorded} was recorded at closure"))
-            }
-            Self::OtherSize { found, recorded } => {
-                Some(format!("it has {found} bytes, {recorded} were recorded at closure"))
-            }
-        }
-    }
-}
-
 /// A record of one of the two kinds with an unknown form.
 #[derive(Debug, thiserror::Error)]
 #[error("audit record {seq} of kind {kind:?} cannot be read: {source}")]

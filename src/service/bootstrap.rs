@@ -36,6 +36,7 @@ use holdpoint_engine::{Config, Engine, StartError, StartRules};
 use holdpoint_record::context::Context;
 use holdpoint_record::persisted_clock;
 use holdpoint_record::wall_clock::wall_now;
+use holdpoint_wording::program::engine::ENDS_BEFORE_START;
 
 /// How long a request for the state waits for the engine before the bootstrap answers with unverified rows.
 pub const LOOK_PATIENCE: Duration = Duration::from_millis(250);
@@ -291,7 +292,7 @@ fn answer(
         }
         Command::Shutdown => {
             *ended = true;
-            let text = "the engine ends before its start is complete; nothing was carried out".to_owned();
+            let text = ENDS_BEFORE_START.to_owned();
             Some(Reply::Accepted { text, version: None })
         }
         Command::Snapshot if is_new || waited < LOOK_PATIENCE => None,

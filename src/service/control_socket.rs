@@ -41,7 +41,7 @@ pub use connection_limits::{
 };
 pub use console_registry::{ConsoleRegistration, ConsoleRegistry};
 pub use socket_file::socket_path;
-pub use stop_call::{NOT_CONFIRMED_HINT, StopCall, StopOutcome, not_confirmed, stopped_by_mark};
+pub use stop_call::{NOT_CONFIRMED_HINT, StopCall, StopOutcome, not_confirmed};
 
 use self::accounts::AllowedAccounts;
 use self::connection_limits::ConnectionLimits;

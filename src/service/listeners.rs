@@ -16,6 +16,7 @@ use holdpoint_text::Hint;
 
 use crate::recordings;
 use holdpoint_engine::Engine;
+use holdpoint_wording::program::engine as sentences;
 
 /// How long a script waits at its end for its recordings to close.
 const PATIENCE_SCRIPT: Duration = Duration::from_mins(1);
@@ -79,11 +80,7 @@ impl Listeners {
                         .for_each(|sink| films.iter().for_each(|film| sink.film(version, film)));
                 }
                 Err(fault) => {
-                    let text = format!(
-                        "{version}: the cause of its rejection is not in its recording: {}",
-                        fault.sentence()
-                    );
-                    engine.tell_scene(text, true);
+                    engine.tell_scene(sentences::cause_not_recorded(version, &fault.sentence()), true);
                 }
             }
         }
@@ -143,8 +140,7 @@ fn record_reports(engine: &mut Engine, reports: Vec<SinkReport>) {
                 match found {
                     Ok(None) => {}
                     Ok(Some(why)) | Err(why) => {
-                        let text = format!("{} is not recorded: {why}", closed.file);
-                        engine.tell_scene(text, true);
+                        engine.tell_scene(sentences::not_recorded(&closed.file, &why), true);
                         continue;
                     }
                 }
@@ -157,7 +153,7 @@ fn record_reports(engine: &mut Engine, reports: Vec<SinkReport>) {
                 engine.tell_scene(format!("{of}{text}"), true);
             }
             SinkReport::Serving { url } => {
-                engine.tell_scene(format!("a viewer may connect to {url}"), false);
+                engine.tell_scene(sentences::serves_viewer(url), false);
             }
             SinkReport::NotServing { text } => engine.tell_scene(text, true),
         }

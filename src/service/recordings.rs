@@ -7,6 +7,7 @@ use holdpoint_recordings::audit_record::{FileRecord, KIND, REMOVED_KIND, RecordE
 use holdpoint_recordings::recording_folder::RecordingName;
 use holdpoint_store::{AuditFilter, PAGE_ROWS_MAX, RecordViews, StoreError};
 use holdpoint_text::{ErrorDetails, Hint};
+use holdpoint_wording::program::engine::{RecordingContradiction, recording_contradiction};
 use serde::Deserialize;
 use std::borrow::Cow;
 
@@ -82,14 +83,15 @@ pub fn contradiction(
     closed: &ClosedRecording,
 ) -> Result<Option<String>, RecordListError> {
     let ClosedRecording { version, outcome, file, .. } = closed;
+    let found = |of: RecordingContradiction<'_>| Some(recording_contradiction(of, version));
     let Some(name) = RecordingName::parse(file).filter(|name| name.version == *version) else {
-        return Ok(Some(format!("its name is not that of a recording of {version}")));
+        return Ok(found(RecordingContradiction::OtherName));
     };
     let Some(registered) = views.version(version)? else {
-        return Ok(Some(format!("{version} is not registered")));
+        return Ok(found(RecordingContradiction::Unregistered));
     };
     if !registered.candidate_digest.to_string().starts_with(&name.digest_start) {
-        return Ok(Some(format!("its name has not the digest of {version}")));
+        return Ok(found(RecordingContradiction::OtherDigest));
     }
     let closings = views.audit(&AuditFilter {
         kind: Some(RecordKind::AuditClosed),
@@ -99,15 +101,17 @@ pub fn contradiction(
     let is_end = |record: &&AuditRecord| {
         serde_json::from_str::<UpgradeEndBody>(&record.body).is_ok_and(|closing| closing.outcome == *outcome)
     };
-    let end_count = closings.iter().filter(is_end).count();
+    let ends = closings.iter().filter(is_end).count();
     let of_these = |(file, record): &(String, FileRecord)| {
         RecordingName::parse(file).is_some_and(|name| name.version == *version)
             && record.recorded.as_ref().is_some_and(|recording| recording.outcome == *outcome)
     };
-    let recording_count = on_record(views)?.0.into_iter().filter(of_these).count();
-    Ok((recording_count >= end_count).then(|| {
-        format!("{end_count} upgrades of {version} ended as {outcome}, and {recording_count} recordings of them are kept")
-    }))
+    let recordings = on_record(views)?.0.into_iter().filter(of_these).count();
+    if recordings < ends {
+        return Ok(None);
+    }
+    let outcome = &outcome.to_string();
+    Ok(found(RecordingContradiction::Surplus { ends, outcome, recordings }))
 }
 
 /// The parts read of the record of an upgrade's end.

@@ -28,6 +28,7 @@ use crate::live::stop_mark;
 use crate::live::stop_switch::StopRequest;
 use holdpoint_record::REASON_BYTES_MAX;
 use holdpoint_record::caller;
+use holdpoint_wording::program::engine as sentences;
 
 /// A stop or its end, in the audit chain.
 #[derive(Serialize, Deserialize)]
@@ -452,9 +453,9 @@ impl StopRecord {
     /// An unreadable text counts as a stop by an unknown person.
     fn read(text: &str) -> Self {
         serde_json::from_str(text).unwrap_or(Self {
-            by: "an unknown person".to_owned(),
+            by: sentences::UNKNOWN_PERSON.to_owned(),
             caller: Caller::Script,
-            reason: "a record of a stop that cannot be read".to_owned(),
+            reason: sentences::UNREADABLE_STOP.to_owned(),
             code: None,
         })
     }

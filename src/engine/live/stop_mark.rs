@@ -23,6 +23,7 @@ use serde::{Deserialize, Serialize};
 use crate::live::stop_switch::StopRequest;
 use holdpoint_record::REASON_BYTES_MAX;
 use holdpoint_record::caller;
+use holdpoint_wording::program::engine::mark_replaced;
 
 pub use watch::StopMarkWatch;
 
@@ -142,7 +143,7 @@ pub(crate) fn look(layout: &Layout) -> Option<StopMarkFile> {
         // A mark that is removed before it is read may have the number of one before it.
         id: format!("mark-{}-{}-{}-{}", is.0, is.1, made.0, made.1),
         by: String::new(),
-        reason: format!("{kind} is in the place of the mark of a stop"),
+        reason: mark_replaced(kind),
     });
     let request = StopRequest { id, by, reason, caller: caller::named(owner, process) };
     Some(StopMarkFile { request, is, file, clear })

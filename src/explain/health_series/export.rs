@@ -4,11 +4,12 @@ use std::fmt::Write as _;
 
 use holdpoint_governance::calendar;
 use holdpoint_governance::ids::{CapabilityId, Family};
-use holdpoint_plot::{TrendLine, TrendMark, TrendPanel, TrendPlot, TrendPoint};
+use holdpoint_plot::{MARKS_LISTED_MAX, TrendLine, TrendMark, TrendPanel, TrendPlot, TrendPoint};
 use holdpoint_protocol::clock::clock_time;
 use holdpoint_protocol::health::{HealthClock, HealthPanel, HealthPoint, HealthSeries};
 use holdpoint_text::Untrusted;
 use holdpoint_wording::health::{axis_title, chart_title, mark_legend, panel_title};
+use holdpoint_wording::program::health::{EMPTY_PANEL, unlisted_marks};
 
 /// Columns of the file: a row per version and bucket, then a row per mark.
 const COLUMNS: &str = "row,start_utc,start_virtual_s,end_utc,end_virtual_s,bucket_s,family,version,tasks,succeeded,success_percent,\
@@ -144,7 +145,7 @@ pub fn svg(series: &HealthSeries, family: &Family, notes: &[String]) -> String {
     ];
     let marks =
         series.marks.iter().filter(|mark| mark.family.is_none() || mark.family.as_ref() == Some(family));
-    let marks = marks
+    let marks: Vec<TrendMark> = marks
         .map(|mark| {
             let when = series.time_text(mark.on_clock_ms);
             let text = Untrusted::new(mark_legend(&when, mark)).display(TEXT_MAX).into_string();
@@ -166,6 +167,8 @@ pub fn svg(series: &HealthSeries, family: &Family, notes: &[String]) -> String {
         axis: axis_title(series.clock, series.bucket_ms),
         ticks: ticks(series),
         panels,
+        empty: EMPTY_PANEL.to_owned(),
+        unlisted: marks.len().checked_sub(MARKS_LISTED_MAX).filter(|more| *more > 0).map(unlisted_marks),
         marks,
     }
     .svg()

@@ -8,6 +8,7 @@ use holdpoint_governance::metrics::store_metrics::{NotReplayable, ReplayOutcome}
 use holdpoint_governance::monitor::{Monitor, MonitorDecision, roll_back};
 use holdpoint_governance::record::{AuditRecord, RecordKind};
 use holdpoint_governance::strictness::Strictness;
+use holdpoint_wording::program::replay as sentences;
 
 use super::LiveTask;
 use super::monitor_action::cause;
@@ -104,9 +105,7 @@ pub(super) fn action(
     if newest > 1 {
         return not(NotReplayable::BeginningUnknown);
     }
-    ReplayOutcome::Differs {
-        what: found.unwrap_or_else(|| "no live task on record supports the action".to_owned()),
-    }
+    ReplayOutcome::Differs { what: found.unwrap_or_else(|| sentences::NO_TASK_SUPPORTS.to_owned()) }
 }
 
 /// The records of an operator's restrictions of a version.

@@ -46,6 +46,7 @@ use holdpoint_record::recorded_decision;
 use holdpoint_record::version_concern::{Confirmation, ReEvaluationEvidence, VersionConcern};
 use holdpoint_record::version_origin;
 use holdpoint_record::version_table::{self, VersionEntry};
+use holdpoint_wording::program::replay as sentences;
 
 /// A profile with its compiled policies, and the digests that decisions name.
 pub struct RulesInForce {
@@ -452,9 +453,9 @@ fn replay_sandbox(evidence_file: &EvidenceFile, frame: &RulesInForce) -> Result<
     };
     if let Some(CountedTry { by_author, in_family, level, pairs, .. }) = &evidence_file.counted {
         let settings = &frame.profile.tries;
-        same("level of the try", level, &tries::level(settings, *by_author, *in_family))?;
+        same(sentences::TRY_LEVEL, level, &tries::level(settings, *by_author, *in_family))?;
         let price = tries::price(settings, frame.profile.evaluation.sandbox_pairs, *level);
-        same("pairs of the try", &Some(*pairs), &price)?;
+        same(sentences::TRY_PAIRS, &Some(*pairs), &price)?;
     }
     let pairs = PairedEvidence {
         binding: *binding,
@@ -521,7 +522,7 @@ fn replay_re_evaluation(again: &ReEvaluationEvidence, frame: &RulesInForce) -> R
     let ended = behavior.ended.unwrap_or(EarlyStopReason::Full);
     let mut found = behavior::assess_early_stop(pairs, &pairs.binding, &frame.profile, ended);
     behavior::apply_sequences(&mut found, handovers.as_ref(), &frame.profile);
-    same("behavior in the live cell's conditions", behavior, &found)
+    same(sentences::LIVE_BEHAVIOR, behavior, &found)
 }
 
 fn is_on_record(
@@ -530,7 +531,7 @@ fn is_on_record(
 ) -> Result<(), ReplayFailure> {
     match digest {
         Ok(digest) if digest == entry.digest => Ok(()),
-        _ => Err(ReplayFailure::Differs("the evidence is not the one whose digest is on record".to_owned())),
+        _ => Err(ReplayFailure::Differs(sentences::OTHER_EVIDENCE_ON_RECORD.to_owned())),
     }
 }
 
@@ -543,7 +544,7 @@ fn replay_shadow(evidence_file: &EvidenceFile, frame: &RulesInForce) -> Result<C
     compare_with_sandbox(&mut again, &evidence, &evidence_file.pairs, &frame.profile);
     if let Some(re_evaluation) = &evidence_file.again {
         if !is_suspicious(&again) {
-            return Err(ReplayFailure::Differs("it was re-evaluated, and is not inconclusive".to_owned()));
+            return Err(ReplayFailure::Differs(sentences::NEEDLESS_RE_EVALUATION.to_owned()));
         }
         replay_re_evaluation(re_evaluation, frame)?;
         apply_re_evaluation(&mut again, &re_evaluation.behavior, re_evaluation.pairs.pairs.len());
@@ -563,7 +564,7 @@ fn check_evidence(
     if named && evidence_file.digest().is_ok_and(|digest| digest == entry.digest) {
         return Ok(());
     }
-    Err(ReplayFailure::Differs("the evidence is not the one the decision names by its digest".to_owned()))
+    Err(ReplayFailure::Differs(sentences::OTHER_EVIDENCE_IN_DECISION.to_owned()))
 }
 
 fn check_recorded<O: Serialize>(record: &AuditRecord, again: &Decision<O>) -> Result<(), ReplayFailure> {

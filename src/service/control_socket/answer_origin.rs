@@ -8,6 +8,8 @@ use std::path::Path;
 
 use holdpoint_protocol::command::{Refusal, Reply};
 use holdpoint_store::{LockHolder, holds_lock, lock_holder};
+use holdpoint_wording::program::engine as sentences;
+use holdpoint_wording::program::engine::AnsweringProcess;
 
 /// The process that answers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -60,7 +62,7 @@ impl UnverifiedOrigin {
     /// A short form for places with little room.
     #[must_use]
     pub const fn short(self) -> &'static str {
-        "NOT KNOWN TO COME FROM THE ENGINE"
+        sentences::UNVERIFIED
     }
 }
 
@@ -70,7 +72,7 @@ impl UnverifiedOrigin {
     pub fn of(self, reply: &Reply) -> String {
         match reply {
             Reply::Accepted { text, .. } | Reply::Stopped { text, .. } | Reply::Refused { text, .. } => {
-                format!("{self}; it says: {text}")
+                sentences::unverified_answer(self, text)
             }
             _ => self.to_string(),
         }
@@ -98,17 +100,9 @@ impl UnverifiedOrigin {
 
 impl fmt::Display for UnverifiedOrigin {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str("this answer is not known to come from the engine: ")?;
-        match self.0 {
-            AnswerOrigin::Other { answers, holds: Some(holds) } => {
-                write!(f, "process {answers} answers at the socket, and process {holds} has the store")
-            }
-            AnswerOrigin::Other { answers, holds: None } => {
-                write!(f, "process {answers} answers at the socket, and no process has the store")
-            }
-            AnswerOrigin::Untold | AnswerOrigin::Engine => f.write_str(
-                "the kernel does not say, or not in time, whether the process that answers is the one that has the store",
-            ),
-        }
+        f.write_str(&sentences::unverified(match self.0 {
+            AnswerOrigin::Other { answers, holds } => AnsweringProcess::Other(answers, holds),
+            AnswerOrigin::Untold | AnswerOrigin::Engine => AnsweringProcess::Untold,
+        }))
     }
 }

@@ -33,6 +33,7 @@ use holdpoint_protocol::wire::{
 };
 use holdpoint_record::caller;
 use holdpoint_store::StopMarks;
+use holdpoint_wording::program::engine::ENDED_BY_SIGNAL;
 
 /// How long a connection may stay silent.
 const IDLE_TIME_MAX: Duration = Duration::from_mins(1);
@@ -101,7 +102,7 @@ impl ControlSocketServer {
                     let (server, mut signal) = (self.clone(), signal(kind)?);
                     runtime.spawn(async move {
                         while signal.recv().await.is_some() {
-                            server.consoles.note_ending(|| "a signal to its process".to_owned());
+                            server.consoles.note_ending(|| ENDED_BY_SIGNAL.to_owned());
                             if server.endings.fetch_add(1, Ordering::AcqRel) > 0 {
                                 server.cancel.store(true, Ordering::Release);
                             }

@@ -35,12 +35,6 @@ pub fn not_confirmed(why: &str) -> String {
     format!("it is NOT CONFIRMED that the arm is stopped: {why}")
 }
 
-/// The text for a stop that the engine took from the store's folder.
-#[must_use]
-pub fn stopped_by_mark(instead: &str) -> String {
-    format!("the cell is stopped: the process that has the store took the stop from its folder ({instead})")
-}
-
 /// A stop of the cell, to be requested.
 #[derive(Clone, Debug)]
 pub struct StopCall {

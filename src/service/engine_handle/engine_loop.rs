@@ -13,6 +13,7 @@ use crate::pump::{Pump, TurnStep};
 use holdpoint_engine::decide::pipeline::SliceOutcome;
 use holdpoint_protocol::command::{Command, Reply, Request};
 use holdpoint_protocol::event::{Event, EventKind};
+use holdpoint_wording::program::engine as sentences;
 
 /// How long an idle engine waits for a request before it checks its clock, its socket and the live cell.
 const PAUSE_MAX: Duration = Duration::from_millis(15);
@@ -42,7 +43,7 @@ impl<'a> EngineLoop<'a> {
         loop {
             let lost = self.requests(next.take(), publisher);
             if (lost || publisher.is_lost()) && !self.pump.engine().has_ended() {
-                publisher.seats().note_ending(|| "the loss of its console".to_owned());
+                publisher.seats().note_ending(|| sentences::ENDED_BY_LOSS.to_owned());
                 guarded(&mut self.pump, "an end", |pump| {
                     pump.submit(Request::unsigned("front-end-lost".to_owned(), Command::Shutdown));
                 });
@@ -55,7 +56,7 @@ impl<'a> EngineLoop<'a> {
                 publisher.seats().unattended_for().filter(|_| !self.pump.engine().has_ended())
             {
                 let secs = alone.as_secs();
-                publisher.seats().note_ending(|| format!("{secs} s without an attached console"));
+                publisher.seats().note_ending(|| sentences::ended_alone(secs));
                 guarded(&mut self.pump, "an end", |pump| {
                     pump.submit(Request::unsigned("nobody-sits".to_owned(), Command::Shutdown));
                 });
@@ -128,7 +129,7 @@ impl<'a> EngineLoop<'a> {
                 let consoles = publisher.seats();
                 consoles.note_ending(|| {
                     let who = consoles.named(std::process::id());
-                    who.unwrap_or_else(|| "the process that started it".to_owned())
+                    who.unwrap_or_else(|| sentences::ENDED_BY_STARTER.to_owned())
                 });
             }
             let mut reply = None;

@@ -4,11 +4,11 @@ use std::time::{Duration, Instant};
 
 use crate::control_socket::{
     Client, ControlSocketError, NOT_CONFIRMED_HINT, StopCall, StopOutcome, not_confirmed, socket_path,
-    stopped_by_mark,
 };
 use holdpoint_protocol::command::{Command, Refusal, Reply, StopPersistence};
 use holdpoint_store::{Layout, lock_owner};
 use holdpoint_text::Problem;
+use holdpoint_wording::program::engine::{OTHER_PROCESS as WHO, stopped_by_mark};
 
 /// Interval between checks whether a store is free.
 const END_LOOK: Duration = Duration::from_millis(20);
@@ -89,7 +89,6 @@ pub(super) fn stop(call: &StopCall, layout: &Layout) -> Reply {
 
 /// Its answer, with its origin.
 fn with_origin(reply: Reply) -> Reply {
-    const WHO: &str = "the engine in another process";
     match reply {
         Reply::Accepted { text, version } => Reply::Accepted { text: format!("{WHO}: {text}"), version },
         Reply::Stopped { text, kept } => Reply::Stopped { text: format!("{WHO}: {text}"), kept },

@@ -21,6 +21,7 @@ use holdpoint_protocol::snapshot::Snapshot;
 use holdpoint_protocol::video_frame::VideoFrame;
 use holdpoint_store::Layout;
 use holdpoint_text::Hint as _;
+use holdpoint_wording::program::engine::ended_by;
 
 /// How long the reader waits for a message before it checks that a receiver is left.
 const RECEIVE_TIMEOUT: Duration = Duration::from_millis(250);
@@ -188,7 +189,7 @@ fn receive(mut attachment: ConsoleConnection, (updates, snapshots, frames): &Dis
             }
             ConsoleMessage::Past { events, earlier } => EngineUpdate::Past { events, earlier },
             ConsoleMessage::Ended { by } => {
-                let text = format!("it ended cleanly: {by} ended it");
+                let text = ended_by(&by);
                 drop(updates.blocking_send(EngineUpdate::Ended(Err(EngineEndError::orderly(text)))));
                 return;
             }

@@ -2,6 +2,8 @@
 
 use std::fmt::Display;
 
+use holdpoint_governance::ids::CapabilityId;
+
 /// The signature of the author, in its file.
 #[must_use]
 pub fn signed_by_author(candidate: impl Display, author: impl Display, file: &str) -> String {
@@ -103,5 +105,29 @@ pub fn check_summary(of: CheckSummary<'_>) -> String {
         CheckSummary::Admitted(admits, refuses) => {
             format!("result     admitted under {admits}; refused under {refuses}")
         }
+    }
+}
+
+/// The version that a candidate is compared with.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum ComparedWith {
+    /// The active one of the store.
+    Active(CapabilityId),
+    /// The one of this program, without a store.
+    BuiltIn(CapabilityId),
+    /// The baseline of a site file.
+    SiteBaseline(CapabilityId),
+    /// None.
+    Nothing,
+}
+
+/// The version that a candidate is compared with, and its origin.
+#[must_use]
+pub fn compared_with(of: ComparedWith) -> String {
+    match of {
+        ComparedWith::Active(id) => format!("{id}, active in the store"),
+        ComparedWith::BuiltIn(id) => format!("{id}, built in: there is no store"),
+        ComparedWith::SiteBaseline(id) => format!("{id}, the baseline of the site file"),
+        ComparedWith::Nothing => "nothing: no version of its family is active in the store".to_owned(),
     }
 }

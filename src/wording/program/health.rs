@@ -29,3 +29,12 @@ pub fn chart_heading(family: impl Display, lowest_percent: f64) -> String {
 pub fn earlier_marks(count: usize) -> String {
     format!("({count} earlier marks: --json or --csv has them)")
 }
+
+/// A panel of a chart without a task.
+pub const EMPTY_PANEL: &str = "no task on record";
+
+/// Marks that a chart does not list.
+#[must_use]
+pub fn unlisted_marks(more: usize) -> String {
+    format!("and {more} marks more")
+}

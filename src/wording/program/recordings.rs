@@ -4,6 +4,18 @@ use std::fmt::Display;
 
 use super::counted;
 
+/// A recording with another digest than on record.
+#[must_use]
+pub fn other_digest(found: impl Display, recorded: impl Display) -> String {
+    format!("its SHA-256 is {found}, {recorded} was recorded at closure")
+}
+
+/// A recording with another size than on record, bytes.
+#[must_use]
+pub fn other_size(found: u64, recorded: u64) -> String {
+    format!("it has {found} bytes, {recorded} were recorded at closure")
+}
+
 /// A recording that has no record of its closure.
 pub const NO_RECORD: &str = "its upgrade is open, or was closed without it";
 

@@ -38,6 +38,7 @@ use holdpoint_record::version_concern::VersionConcern;
 use holdpoint_record::version_table::TransitionNote;
 use holdpoint_runtime::safety_event::safety_events;
 use holdpoint_trials::past_limit::MeasuredTask;
+use holdpoint_wording::program::engine::ARM_STOPPED;
 
 /// The monitored live cell. It has neither approval requests nor evaluations.
 pub struct LiveMonitoring<'a> {
@@ -124,7 +125,7 @@ impl LiveMonitoring<'_> {
             success: report.succeeded(),
             tasks,
             refused: if stopped {
-                Some("the arm was stopped".to_owned())
+                Some(ARM_STOPPED.to_owned())
             } else {
                 report.refused.as_ref().map(ToString::to_string)
             },

@@ -25,6 +25,7 @@ use crate::live::monitors::Monitors;
 use holdpoint_record::context::Context;
 use holdpoint_record::evidence_file::EvidenceFiles;
 use holdpoint_record::version_table::TransitionNote;
+use holdpoint_wording::program::engine::RELEASE_APPROVED;
 
 /// A person requests to lift the restriction of an active version.
 pub(crate) fn release(
@@ -83,7 +84,7 @@ pub(crate) fn settle(
             approvals.close(id);
             clear_alarm(live.record, id, answered);
             let notice = Notice::RestrictionLiftedByApprovers { by: by.clone() };
-            lift(live, id, &by, "people approved its release", notice)?;
+            lift(live, id, &by, RELEASE_APPROVED, notice)?;
             Ok(version_effect(id, &VersionEffect::Released))
         }
         ApprovalOutcome::Refused { person } => {

@@ -21,6 +21,7 @@ use rustix::io::Errno;
 use super::{StopMarkFile, is_there, look};
 use crate::live::stop_switch::{StopRequest, StopSwitch};
 use holdpoint_record::caller;
+use holdpoint_wording::program::engine::{FOLDER_AWAY, MARK_REMOVED};
 
 /// Interval between checks of the folder.
 const LOOK_EVERY: Duration = Duration::from_millis(20);
@@ -39,14 +40,6 @@ const ANSWERS_MAX: usize = 8;
 
 /// The author of a stop if no other is known.
 const BY_ITSELF: &str = "the engine";
-
-/// A mark was removed before it could be read.
-const REMOVED: &str =
-    "a stop was requested in the store's folder, and its mark was removed before the engine had read it";
-
-/// The folder has another name, or another folder has its name.
-const AWAY: &str =
-    "the store's folder was moved or replaced: a stop requested there does not reach this engine";
 
 /// Buffer for the kernel's notices of new files in the folder, bytes: some 60 names at a time.
 const MADE_BYTES: usize = 4096;
@@ -179,7 +172,7 @@ fn watch(layout: &Layout, folder: &StopMarkFolder, switch: &StopSwitch, ended: &
         let made = folder.marks_made(layout);
         let found = complete(layout);
         let is_missed = seen.has_missed(made, found.as_ref().map(|found| found.is));
-        let why = if is_missed { Some(REMOVED) } else { folder.is_away().then_some(AWAY) };
+        let why = if is_missed { Some(MARK_REMOVED) } else { folder.is_away().then_some(FOLDER_AWAY) };
         if let Some(why) = why.filter(|_| !switch.is_halted()) {
             own_stops += 1;
             let (id, reason) = (format!("watch-{own_stops}"), why.to_owned());

@@ -4,6 +4,8 @@ use std::collections::BTreeSet;
 
 use serde_json::{Map, Value};
 
+use holdpoint_wording::program::replay::differs;
+
 const QUOTED_CHARS: usize = 60;
 
 /// The first difference of two values, with both; `None` if they are equal.
@@ -47,7 +49,7 @@ fn described(at: &str, recorded: &Value, again: &Value) -> String {
         }
         short
     };
-    format!("{at} is {} on record and {} when replayed", quoted(recorded), quoted(again))
+    differs(at, quoted(recorded), quoted(again))
 }
 
 #[cfg(test)]
