@@ -334,7 +334,7 @@ mod tests {
         }
         // From here on an authorization is required, also by a record that denies it.
         history.set(4, Human, true, None).unwrap();
-        assert!(history.set(5, Real, false, None).unwrap_err().contains("human to real"));
+        assert!(history.set(5, Real, false, None).unwrap_err().contains(&format!("{Human} to {Real}")));
         history.set(6, Human, true, None).unwrap();
         // Right before it, and for it.
         history.allow(7, Sim, None);

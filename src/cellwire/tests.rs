@@ -20,7 +20,7 @@ use crate::messages::{
     Answer, Call, CellReply, CellRequest, Greeting, Hello, MESSAGE_BYTES_MAX, PROTOCOL, RELEASED_MAX, Role,
     ServerLimits, Welcome,
 };
-use crate::refusal::CellRefusal;
+use crate::refusal::{CellRefusal, WatchdogStop};
 use crate::server::{CellServer, ServerOptions};
 
 const SHORT: Duration = Duration::from_millis(20);
@@ -291,7 +291,7 @@ fn watchdog_stops_an_arm_that_moves_and_says_so() {
     live.step(&joints(2.0, 2.0, 0.5)).unwrap();
     // Nothing is asked until the server has reported the stop.
     let told = notes.recv_timeout(LONG).unwrap();
-    assert!(told.contains("no command for 400 ms; it stood still 0 ticks later"), "{told}");
+    assert_eq!(told, WatchdogStop { silent_ms: 400, standstill_ticks: Some(0) }.told());
     let error = live.step(&Command::Hold).unwrap_err();
     assert_eq!(error, BodyError::Lost(told));
     live.interrupt(Interrupt::Release);

@@ -285,14 +285,16 @@ mod tests {
         let until = WallTime::from_ms(calendar::read("2026-11-27T18:30:00").unwrap());
         let (by, reason) = ("ana".to_owned(), "a sensor is replaced".into());
         let kind = AlarmKind::Degraded;
-        let open = OpenAlarm {
-            consequence: wording::consequence(kind),
-            look_at: wording::look_at(kind),
-            shelf: Some(Shelving { until, by, reason }),
-        };
+        let shelf = Shelving { until, by, reason };
+        let shelving = sentences::shelving(&shelf);
+        let (consequence, look_at) = (wording::consequence(kind), wording::look_at(kind));
+        let open = OpenAlarm { consequence, look_at, shelf: Some(shelf) };
         let line = open.line();
-        assert!(line.starts_with("shelved by ana until "), "{line}");
-        assert!(line.contains(": a sensor is replaced; without action: "), "{line}");
-        assert!(OpenAlarm { shelf: None, ..open }.line().starts_with("without action: "));
+        assert!(line.starts_with(&shelving) && shelving.contains("ana"), "{line}");
+        assert!(shelving.ends_with("a sensor is replaced") && line.contains(consequence), "{line}");
+        assert_eq!(
+            OpenAlarm { shelf: None, ..open }.line(),
+            sentences::open_alarm(None, consequence, look_at)
+        );
     }
 }

@@ -302,11 +302,8 @@ mod tests {
         let path = folder.path().join(LOG_NAME);
         std::fs::write(&path, "error: an older one\n").unwrap();
         let log = ServiceLog::open(path).unwrap();
-        assert!(
-            log.last_error().contains("without a message") && log.last_error().contains("engine.log"),
-            "{}",
-            log.last_error()
-        );
+        let message = log.last_error();
+        assert!(message.contains(LOG_NAME) && !message.contains("an older one"), "{message}");
         let mut file = log.file.try_clone().unwrap();
         let error = Problem::new("the disk is full\u{1b}[2J").with_hint("make room");
         writeln!(file, "something").unwrap();

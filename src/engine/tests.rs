@@ -128,7 +128,7 @@ fn a_pointer_of_another_robot_is_refused_under_any_context() {
     let change = context_change((profile, policy_digest, context.to_string()));
     commit(store, change);
     let refused = engine(folder.path(), "arm6").err().unwrap();
-    assert!(refused.to_string().contains("made active with the robot"), "{refused}");
+    assert!(matches!(refused, StartError::Store(StoreError::OtherRobot { .. })), "{refused}");
     assert!(refused.hint().unwrap().contains("--data"), "{:?}", refused.hint());
     drop(engine(folder.path(), "arm7").unwrap());
 }
@@ -146,7 +146,7 @@ fn store_changed_under_a_running_engine_halts_it() {
     assert!(matches!(reply, Reply::Accepted { .. }), "{reply:?}");
     pipeline.advance();
     let holding = pipeline.record().holding().map(Hint::sentence).unwrap_or_default();
-    assert!(holding.contains("the family \"align\" does not match the audit chain"), "{holding}");
+    assert!(holding.contains("\"align\""), "the row is named: {holding}");
     drop(pipeline);
     assert!(matches!(Store::open(folder.path()), Err(holdpoint_store::StoreError::Refused { .. })));
 }
@@ -168,7 +168,8 @@ fn another_agent_halts_the_engine() {
     let change = context_change((profile, policy_digest, context.to_string()));
     commit(store, change);
     let second = pipeline(folder.path(), ProfileName::Sim);
-    assert!(second.record().holding().is_some_and(|why| why.sentence().contains("the agent is not the one")));
+    let recorded = Agent::called("another").identity_hash().short();
+    assert!(second.record().holding().is_some_and(|why| why.sentence().contains(&recorded)), "it is named");
 }
 
 #[test]
@@ -246,8 +247,8 @@ fn no_version_becomes_active_under_another_agent() {
     let before = other.record().active_of(&id.family).unwrap().id();
     other.live().world.cell.replace_agent(Agent::called("another"));
     assert_eq!(work(&mut other, &id), Some(State::Shadowed));
-    let why = other.record().holding().map(Hint::sentence);
-    assert!(why.is_some_and(|why| why.sentence().contains("the agent is not the one")));
+    let present = Agent::called("another").identity_hash().short();
+    assert!(other.record().holding().is_some_and(|why| why.sentence().contains(&present)), "it is named");
     assert_eq!(other.record().active_of(&id.family).unwrap().id(), before);
     let events = other.drain_events();
     assert!(!events.iter().any(|event| matches!(event, EventKind::Activated { .. })), "{events:?}");
@@ -515,7 +516,9 @@ fn a_goal_is_recorded_and_outlasts_a_restart() {
     assert_eq!(works(&mut first), (1, "grasp".to_owned()));
     let filter = AuditFilter { kind: Some(RecordKind::GoalSet), ..AuditFilter::default() };
     let records = first.record().version_table().store().views().unwrap().audit(&filter).unwrap();
-    assert!(records.len() == 1 && records[0].body.contains("the tray is being cleaned"), "{records:?}");
+    let [record] = records.as_slice() else { panic!("{records:?}") };
+    let body: serde_json::Value = serde_json::from_str(&record.body).unwrap();
+    assert_eq!(body["reason"], "the tray is being cleaned");
     drop(first);
     let mut second = pipeline(folder.path(), ProfileName::Sim);
     assert_eq!(works(&mut second), (1, "grasp".to_owned()));

@@ -564,7 +564,7 @@ mod tests {
             }
         };
         assert_eq!(back, [stop("early")]);
-        assert!(why.in_use && why.text.contains("is in use by"), "{why}");
+        assert!(why.in_use, "{why}");
         for count in 0..=OUTSTANDING_MAX {
             let result = host.submit(stop(&count.to_string()));
             assert_eq!(result, Err(RequestRejected::Ended(Box::new(stop(&count.to_string())))), "never busy");

@@ -22,6 +22,7 @@ use holdpoint::trials::cache::EpisodeCache;
 use holdpoint::trials::cell::Cell;
 use holdpoint_sim::SimCells;
 use rusqlite::Connection;
+use serde_json::Value;
 
 use crate::host::{Front, PATIENCE};
 use crate::reported_error::assert_error;
@@ -172,7 +173,7 @@ fn while_the_record_is_read_only_views_and_stops_work() {
     let Caller::Process { process, .. } = &stopped.caller else { panic!("{:?}", stopped.caller) };
     assert_eq!((stopped.by.clone(), *process), (by().0, Some(std::process::id())));
     let on_record = stops_on_record(&layout);
-    assert!(on_record.len() == 1 && on_record[0].contains("a person is in the cell"), "{on_record:?}");
+    assert!(on_record.len() == 1 && on_record[0].contains(&by().1), "{on_record:?}");
     assert_eq!(snapshot.live.sequences, 0, "it started stopped");
     assert_eq!(snapshot.candidates, Vec::new(), "a refused request did not run later");
     host.stop(PATIENCE).unwrap();
@@ -266,7 +267,10 @@ fn an_engine_that_a_signal_stopped_is_named_soon_and_the_store_is_shown() {
         .spawn()
         .unwrap();
     let until = Instant::now() + PATIENCE;
-    while !verb(&data, &["status"]).1.contains("engine   running") {
+    let runs = |status: &Value| status["engine_running"] == true && status["reading"].is_null();
+    while !serde_json::from_str::<Value>(&verb(&data, &["status", "--json"]).1)
+        .is_ok_and(|status| runs(&status))
+    {
         assert!(Instant::now() < until, "the engine does not start");
     }
     let signal = |name: &str| {

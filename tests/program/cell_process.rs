@@ -18,6 +18,7 @@ use holdpoint_cellwire::messages::Truth;
 use holdpoint_cellwire::{CellServer, ServerOptions, WireFactory};
 use holdpoint_sim::SimCells;
 use rustix::process::{Pid, Signal, kill_process};
+use holdpoint_wording::program::cell::listens;
 use serde_json::Value;
 
 const SHIPPED: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/manifests/site.toml");
@@ -53,7 +54,7 @@ impl CellProcess {
         });
         let mut first = String::new();
         BufReader::new(process.stdout.take().unwrap()).read_line(&mut first).unwrap();
-        assert!(first.contains("listens at unix:"), "{first}");
+        assert_eq!(first.trim_end(), listens("arm7", &endpoint));
         Self { process, endpoint, notes }
     }
 
@@ -105,10 +106,11 @@ fn site_file_names_a_served_cell() {
     let root = tempfile::tempdir().unwrap();
     let served = CellProcess::in_folder(root.path());
     let site = site_at(root.path(), &served.endpoint);
-    let checked = holdpoint(&["site", "check", &site]);
-    let text = String::from_utf8(checked.stdout).unwrap();
-    assert!(checked.status.success() && text.contains("wire at unix:"), "{text}");
-    assert!(text.contains("arm7"), "{text}");
+    let checked = holdpoint(&["site", "check", &site, "--json"]);
+    let document: Value = serde_json::from_slice(&checked.stdout).unwrap();
+    assert!(checked.status.success() && document["robot"] == "arm7", "{document}");
+    assert_eq!(document["live"]["kind"], "wire");
+    assert_eq!(document["live"]["endpoint"], served.endpoint.as_str());
     drop(served);
     let gone = holdpoint(&["site", "check", &site, "--json"]);
     let error: Value = serde_json::from_slice(&gone.stderr).unwrap();

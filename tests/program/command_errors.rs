@@ -11,6 +11,8 @@ use std::process::{Command, Output, Stdio};
 
 use holdpoint::cli::Cli;
 use holdpoint::store::Layout;
+use holdpoint_text::users::described_user;
+use holdpoint_wording::program::candidate::registered_already;
 use rusqlite::Connection;
 use serde_json::Value;
 
@@ -216,9 +218,7 @@ fn a_profile_without_authorization_names_the_command_for_one() {
     let data = fixture.data();
     let started = holdpoint(&data, &["run", "--plain", "--profile", "human"]);
     assert_eq!(started.status.code(), Some(5), "{started:?}");
-    let (error, commands) =
-        fails(&data, &["run", "--plain", "--profile", "sim"], 3, "profile-not-authorized");
-    assert!(error["error"].as_str().unwrap().contains("an administrator must authorize"), "{error}");
+    let (_, commands) = fails(&data, &["run", "--plain", "--profile", "sim"], 3, "profile-not-authorized");
     assert_eq!(commands, ["holdpoint profile allow sim --by admin --reason 'the reason'"]);
 }
 
@@ -309,7 +309,8 @@ fn an_unmet_expectation_has_its_own_code() {
     let run = ["scenario", "run", script.to_str().unwrap()];
     let output = holdpoint(&root.path().join("store"), &[&run[..], &["--json"]].concat());
     let error = assert_error(&output, 7, "expectation");
-    assert!(error["error"].as_str().unwrap().contains("rejected, expected active"), "{error}");
+    let text = error["error"].as_str().unwrap();
+    assert!(["rejected", "active"].iter().all(|state| text.contains(state)), "both states: {error}");
     let stdout = String::from_utf8(output.stdout).unwrap();
     let last: Value = serde_json::from_str(stdout.lines().next_back().unwrap()).unwrap();
     assert_eq!((&last["event"], &last["step"]), (&"expectation".into(), &3.into()), "{last}");
@@ -334,8 +335,11 @@ fn a_candidate_check_names_the_field_the_state_and_the_profiles() {
         "{report}"
     );
     assert_eq!(unmet["there"], serde_json::json!(["park@1.0.0"]));
+    let report: Value =
+        serde_json::from_str(&succeeds(&data, &["candidate", "check", IMPROVED, "--json"])).unwrap();
+    let state = report["registered"].as_str().unwrap();
     let text = succeeds(&data, &["candidate", "check", IMPROVED]);
-    assert!(text.contains("registered grasp@1.1.0 is in the store already"), "{text}");
+    assert!(text.contains(&registered_already("grasp@1.1.0", state)), "{text}");
     assert!(text.lines().next_back().unwrap().starts_with("result     admitted under sim"), "{text}");
     // Registration and check answer alike about a family that does not exist.
     let folder = fixture.candidate("push", "name = \"grasp\"", "name = \"push\"");
@@ -366,7 +370,7 @@ fn a_store_of_another_user_is_named_with_its_owner() {
         let mut other = command(&fixture.data(), &[arguments, &["--json"]].concat());
         let Ok(output) = other.uid(OTHER).gid(OTHER).current_dir("/").output() else { return };
         let error = assert_error(&output, 2, "store/io");
-        assert!(error["error"].as_str().unwrap().contains("belongs to user "), "{error}");
+        assert!(error["error"].as_str().unwrap().contains(&described_user(0)), "the owner: {error}");
     }
 }
 
@@ -374,10 +378,10 @@ fn a_store_of_another_user_is_named_with_its_owner() {
 fn a_backup_names_what_it_lacks() {
     let fixture = Fixture::new();
     let text = succeeds(&fixture.data(), &["store", "backup", &fixture.text("copy")]);
-    let lacks = text.lines().find(|line| line.starts_with("the copy lacks the secret keys")).unwrap();
-    let commands = commands_in(lacks);
+    let commands = commands_in(&text);
     let arguments: Vec<&str> = commands[0].split_whitespace().skip(1).collect();
-    assert!(!succeeds(&fixture.data(), &arguments).contains("the copy lacks"), "{arguments:?}");
+    assert!(arguments.contains(&"--with-keys"), "{text}");
+    assert_eq!(commands_in(&succeeds(&fixture.data(), &arguments)), Vec::<String>::new(), "{arguments:?}");
 }
 
 /// The signal of a limit on a file's size ended the program without a message.

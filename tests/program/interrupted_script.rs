@@ -33,5 +33,5 @@ fn a_killed_script_continues_and_an_ended_one_names_the_remedy() {
 
     let third = run(&data).arg("--json").output().unwrap();
     let error = assert_error(&third, 2, "exists");
-    assert!(error["hint"].as_str().unwrap().contains("leave out --data"), "{error}");
+    assert!(error["hint"].as_str().unwrap().contains("--data"), "{error}");
 }

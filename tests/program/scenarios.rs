@@ -65,7 +65,7 @@ fn declared_and_observed_permissions_are_on_record() {
     assert!(permissions[0]["used"]["undeclared"].as_u64().unwrap() > 0);
     assert!(permissions[0]["tasks"].as_u64().unwrap() > 0);
     let text = explain(&[]);
-    assert!(text.contains("declaration: zone tray"), "{text}");
+    assert!(text.contains("zone tray"), "{text}");
 }
 
 #[test]

@@ -4,6 +4,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
+use holdpoint_wording::program::profile::site_well_formed;
 use serde_json::Value;
 
 use crate::reported_error::{assert_error, is_about};
@@ -40,9 +41,10 @@ fn check_prints_what_an_engine_starts_with() {
     let families: Vec<&str> =
         checked["families"].as_array().unwrap().iter().map(|one| one["baseline"].as_str().unwrap()).collect();
     assert_eq!(families, ["park@1.0.0", "grasp@1.0.0", "align@1.0.0", "place@1.0.0"]);
+    let said = site_well_formed(checked["digest"].as_str().unwrap(), true);
     let plain = on(Path::new("/nowhere"), &["site", "check", SHIPPED]);
     let text = String::from_utf8(plain.stdout).unwrap();
-    assert!(plain.status.success() && text.contains("the built-in site"), "{text}");
+    assert!(plain.status.success() && text.contains(&said), "{text}");
 }
 
 /// One error for each: file, field, and a command that checks the corrected file.

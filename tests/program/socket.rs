@@ -462,8 +462,9 @@ fn a_too_long_path_is_an_error() {
     let folder = tempfile::tempdir().unwrap();
     let deep = folder.path().join("d".repeat(120));
     std::fs::create_dir(&deep).unwrap();
-    let error = open_socket(&deep).err().unwrap().sentence();
-    assert!(error.contains("at most 107") && error.contains("--data"), "{error}");
+    let error = open_socket(&deep).err().unwrap();
+    assert!(matches!(error, ControlSocketError::PathTooLong { allowed: 107, .. }), "{error}");
+    assert!(error.hint().is_some_and(|hint| hint.contains("--data")), "{error}");
     assert!(Client::connect(&Layout::new(&deep)).unwrap().is_none());
 }
 

@@ -86,7 +86,12 @@ fn non_file_with_the_name_of_a_recording_is_reported() {
     std::fs::create_dir(folder.join(SECOND)).unwrap();
     let (ended, text) = run_verb(&context, RecordingsVerb::List, false);
     assert_eq!(ended.unwrap(), Exit::Confirmed);
-    assert!(text.contains("2 files, ") && text.contains(PIPE) && text.contains(SECOND), "{text}");
+    assert!(
+        text.contains(&holdpoint_wording::program::counted(2, "file"))
+            && text.contains(PIPE)
+            && text.contains(SECOND),
+        "{text}"
+    );
     let (_, text) = run_verb(&context, RecordingsVerb::List, true);
     for no_file in
         [json!({ "file": PIPE, "no_file": "a socket" }), json!({ "file": SECOND, "no_file": "a folder" })]

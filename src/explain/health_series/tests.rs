@@ -315,7 +315,7 @@ fn an_empty_record_and_a_bad_question_are_answered_plainly() {
     let series = shift.read(&query);
     assert!(series.points.is_empty() && series.families().is_empty());
     assert_eq!(series.verdict(&grasp(), 0).trend(), Trend::NoData);
-    assert!(svg(&series, &grasp(), &[]).contains("no task on record"));
+    assert!(svg(&series, &grasp(), &[]).contains(holdpoint_wording::program::health::EMPTY_PANEL));
     let reader = HealthReader::open(&*shift.store.reader()).unwrap();
     for (bucket_ms, buckets) in
         [(0, 1), (MINUTE_MS - 1, 1), (86_400_001, 1), (MINUTE_MS, 0), (MINUTE_MS, 481)]

@@ -306,10 +306,7 @@ mod tests {
             (error.to_string(), error.hint().unwrap().into_owned())
         };
         let (text, hint) = refused(&root.path().join("absent"));
-        assert!(
-            text.contains("does not exist") && hint.contains("sudo install -d -m 0710 -o "),
-            "{text}: {hint}"
-        );
+        assert!(text.contains("absent") && hint.contains("sudo install -d -m 0710 -o "), "{text}: {hint}");
         fs::set_permissions(root.path(), Permissions::from_mode(0o777)).unwrap();
         let (text, hint) = refused(root.path());
         let owner = described_user(rustix::process::geteuid().as_raw());

@@ -124,8 +124,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let stop = Command::Stop { by: String::new(), reason: String::new() };
         let reply = RemoteEngine::new(Layout::new(folder.path())).send(stop);
-        let Reply::Refused { code: Refusal::NotNow, text, hint } = reply else { panic!("{reply:?}") };
-        assert!(text.contains("no engine is running"), "{text}");
+        let Reply::Refused { code: Refusal::NotNow, hint, .. } = reply else { panic!("{reply:?}") };
         assert!(hint.is_some_and(|hint| hint.contains("holdpoint stop")));
     }
 }

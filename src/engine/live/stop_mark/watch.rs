@@ -327,7 +327,7 @@ mod tests {
         fs::rename(&store, &aside).unwrap();
         fs::create_dir(&store).unwrap();
         wait_for("it stops the cell", || switch.is_halted());
-        assert!(switch.first_stop().is_some_and(|request| request.reason == AWAY));
+        assert!(switch.first_stop().is_some_and(|request| request.reason == FOLDER_AWAY));
         drop(watch);
     }
 }

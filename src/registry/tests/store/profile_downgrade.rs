@@ -56,7 +56,7 @@ fn a_change_of_profile_needs_an_administrators_authorization_directly_before_it(
     commit_change(&store, "real", &real).unwrap();
     let error = commit_change(&store, "sim", &sim).unwrap_err();
     let StoreError::UnauthorizedProfile { named, problem } = &error else { panic!("{error}") };
-    assert!(named == "sim" && problem.contains("real to sim"), "{error}");
+    assert!(named == "sim" && problem.contains(&format!("{Real} to {Sim}")), "{error}");
     // A stricter profile needs an authorization too, and so does the same profile with other numbers.
     assert!(commit_change(&store, "human", &profile_change(Human, "human", &[])).is_err());
     assert!(commit_change(&store, "other numbers", &profile_change(Real, "other numbers", &[])).is_err());
@@ -174,7 +174,11 @@ fn no_rebuild_applies_an_unsigned_change_of_profile() {
     let database = folder.path().join("holdpoint.db");
     let assert_unsigned_profile = |error: &StoreError| {
         let (cause, problem) = refusal(error);
-        assert!(cause == RefusalCause::UnsignedProfile && problem.contains("human to sim"), "{error}");
+        assert!(
+            cause == RefusalCause::UnsignedProfile
+                && problem.contains(&format!("{} to {}", ProfileName::Human, ProfileName::Sim)),
+            "{error}"
+        );
     };
     let assert_rebuild_refused = || {
         for unsigned in [UnsignedRecords::Refuse, UnsignedRecords::Take] {

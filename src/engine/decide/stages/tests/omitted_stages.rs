@@ -43,14 +43,13 @@ fn only_a_script_can_omit_a_stage() {
     let refused =
         Engine::start_experiment(config(folder.path(), false), without(AblationPart::Shadow)).err().unwrap();
     assert!(matches!(refused, StartError::Omitted(_)), "{refused}");
-    assert!(refused.to_string().contains("only a script can omit"), "{refused}");
     assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0, "nothing was written");
     let both = Experiment {
         omitted: AblatedParts::of(&[AblationPart::Sandbox, AblationPart::Shadow]),
         first: Vec::new(),
     };
     let refused = Engine::start_experiment(config(folder.path(), true), both).err().unwrap();
-    assert!(refused.to_string().contains("cannot both be omitted"), "{refused}");
+    assert!(matches!(refused, StartError::Omitted(_)), "{refused}");
     assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0, "nothing was written");
     // Nothing left out is an engine like any other.
     drop(Engine::start_experiment(config(folder.path(), false), Experiment::default()).unwrap());
@@ -92,8 +91,8 @@ fn a_skipped_stage_is_reported_and_its_store_has_no_other_use() {
     drop(engine);
     for experiment in [Experiment::default(), without(AblationPart::Shadow)] {
         let refused = start(experiment).err().unwrap();
-        assert!(refused.to_string().contains("sandbox was omitted in this store"), "{refused}");
-        assert!(refused.hint().unwrap().contains("use another store"), "{:?}", refused.hint());
+        let StartError::Omitted(problem) = &refused else { panic!("{refused}") };
+        assert!(problem.contains(AblationPart::Sandbox.name()) && refused.hint().is_some(), "{problem}");
     }
     drop(start(without(AblationPart::Sandbox)).unwrap());
 }

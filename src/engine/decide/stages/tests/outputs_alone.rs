@@ -6,6 +6,7 @@ use holdpoint_governance::cell_ability::CellAbility;
 use holdpoint_governance::composition::Kappas;
 use holdpoint_governance::decision::ReasonCode;
 use holdpoint_governance::evidence::{OutputSequence, Pair};
+use holdpoint_governance::finding::Finding;
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::lifecycle::{Stage, State};
 use holdpoint_governance::outcome::{BehaviorOutcome, InterfaceOutcome, PolicyOutcome, RecoveryOutcome};
@@ -86,8 +87,7 @@ fn version_without_a_twin_is_on_hold_under_real_and_human() {
         assert_eq!(evidence_file.outputs.len(), profile.evaluation.shadow_sequences as usize, "{name}");
         let [reason] = &*evidence_file.reasons else { panic!("{:?}", evidence_file.reasons) };
         assert_eq!(reason.code, ReasonCode::ShadowTwinMissing);
-        let words = holdpoint_wording::reason(reason);
-        assert!(words.contains("export its state or set a trial cell to the observed state"), "{words}");
+        assert_eq!(reason.finding, Some(Finding::TwinMissing { missing: CellAbility::ALL.to_vec() }));
     }
 }
 
