@@ -16,6 +16,7 @@ use crate::cli::output::CommandOutput;
 use crate::error::{CliError, Exit};
 use holdpoint_approvals::keyfile;
 use holdpoint_audit::rebuild_report::RebuildReport;
+use holdpoint_governance::store_finding::StoreFinding;
 use holdpoint_record::caller;
 use holdpoint_recordings::audit_record::RecordingClosure;
 use holdpoint_registry::{
@@ -28,6 +29,7 @@ use holdpoint_text::shell_word;
 use holdpoint_wording::program::audit::exported_with_heads;
 use holdpoint_wording::program::store as sentences;
 use holdpoint_wording::program::store::CopyGap;
+use holdpoint_wording::program::store_check::{checked, store_finding};
 use serde_json::json;
 
 /// The arguments of `store`.
@@ -159,14 +161,13 @@ pub fn run(context: &CliContext, args: &StoreArgs, out: &mut CommandOutput<'_>) 
         StoreVerb::Check => {
             data::database(&context.data)?;
             let found = check_store(&context.data).map_err(CliError::usage)?;
-            let sound = found.iter().all(|finding| finding.good);
-            let value = json!({ "good": sound, "found": found, "not_checked": ["recordings"] });
+            let sound = found.iter().all(StoreFinding::is_good);
+            let rows = found.iter().map(|one| json!({ "good": one.is_good(), "text": store_finding(one) }));
+            let value =
+                json!({ "good": sound, "found": rows.collect::<Vec<_>>(), "not_checked": ["recordings"] });
             out.answer(&value, |out| {
                 out.line(sentences::RECORDINGS_NOT_CHECKED)?;
-                found.iter().try_for_each(|finding| {
-                    let mark = if finding.good { "ok   " } else { "WRONG" };
-                    out.line(&format!("{mark}  {}", finding.text))
-                })
+                found.iter().try_for_each(|one| out.line(&checked(one)))
             })?;
             Ok(if sound { Exit::Confirmed } else { Exit::Rejected })
         }

@@ -273,6 +273,7 @@ pub mod site_profile;
 pub mod start_domain;
 pub mod startup_stop;
 pub mod stats;
+pub mod store_finding;
 pub mod strictness;
 pub mod submission;
 pub mod text_error;

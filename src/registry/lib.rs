@@ -32,7 +32,7 @@ pub use transaction::witness_acts::witnesses_are_signed;
 pub use upkeep::backup::{
     BackupError, BackupParts, BackupReport, ListRecordings, OmittedFile, RetainedRecording, backup,
 };
-pub use upkeep::info::{StoreCheck, StoreInfo, check_store, store_info};
+pub use upkeep::info::{StoreInfo, check_store, store_info};
 pub use upkeep::rebuild::{UnsignedRecords, rebuild};
 pub use verification::verify::{DatabaseLocation, VerifyOptions, verify, verify_against, verify_copy};
 pub use writer::profile_authorization::allow_profile;

@@ -20,6 +20,7 @@ pub mod run;
 pub mod skill;
 pub mod status;
 pub mod store;
+pub mod store_check;
 pub mod version;
 
 /// A count with its noun.

@@ -22,6 +22,7 @@ use holdpoint_approvals::keyfile;
 use holdpoint_audit::chain::Head;
 use holdpoint_audit::checkpoint::{Checkpoint, names, read_all};
 use holdpoint_audit::witness::witness_heads;
+use holdpoint_governance::store_finding::StoreFinding;
 use holdpoint_store::{Layout, StoreError, VerifyError, lock_owner, size};
 
 /// Less free space than this gives a warning, bytes.
@@ -112,28 +113,12 @@ pub fn store_info(folder: &Path) -> Result<StoreInfo, StoreError> {
     })
 }
 
-/// The result of one check.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
-pub struct StoreCheck {
-    pub good: bool,
-    /// Its result, a sentence.
-    pub text: String,
-}
-
-pub(crate) fn good(text: impl Into<String>) -> StoreCheck {
-    StoreCheck { good: true, text: text.into() }
-}
-
-pub(crate) fn bad(text: impl Into<String>) -> StoreCheck {
-    StoreCheck { good: false, text: text.into() }
-}
-
 /// Checks a store: its history with every row and sealed batch, shape, signed end, counts, keys, free space, locks,
 /// witnesses. Recordings are not checked. Writes nothing.
 ///
 /// # Errors
 /// If the database cannot be opened.
-pub fn check_store(folder: &Path) -> Result<Vec<StoreCheck>, StoreError> {
+pub fn check_store(folder: &Path) -> Result<Vec<StoreFinding>, StoreError> {
     let layout = Layout::new(folder);
     let info = store_info(folder)?;
     // Before the connection here: the verifier closes files, which drops the locks of this process.
@@ -142,14 +127,8 @@ pub fn check_store(folder: &Path) -> Result<Vec<StoreCheck>, StoreError> {
     let failed = sqlite_error("read the store");
     connection.execute_batch("BEGIN").map_err(&failed)?;
     let mut checks = vec![match first_difference(&connection, &STORE).map_err(&failed)? {
-        None if info.schema == info.schema_newest => {
-            good(format!("The tables are those of schema {}, the newest.", info.schema))
-        }
-        None => good(format!(
-            "The tables are those of schema {}; the next engine brings them to schema {}.",
-            info.schema, info.schema_newest
-        )),
-        Some(problem) => bad(format!("The tables are not those of this program: {problem}.")),
+        None => StoreFinding::Schema { present: info.schema, newest: info.schema_newest },
+        Some(problem) => StoreFinding::WrongTables { problem },
     }];
     checks.push(verdict);
     let head = audit::head(&connection).map_err(&failed)?;
@@ -158,49 +137,39 @@ pub fn check_store(folder: &Path) -> Result<Vec<StoreCheck>, StoreError> {
     checks.push(signed_end(&layout, &connection, head));
     match person_rows::read(&connection, &info.store_id).map_err(&failed)? {
         Ok(persons) => checks.extend(check_key_files(&layout, &persons)),
-        Err((name, problem)) => checks.push(bad(format!("The person {name:?} is bad: {problem}."))),
+        Err((name, problem)) => checks.push(StoreFinding::BadPerson { name, problem }),
     }
-    checks.push(if info.free_bytes < FREE_BYTES_MIN {
-        bad(format!("Only {} are free where the store lies.", size(info.free_bytes)))
-    } else {
-        good(format!("{} are free where the store lies.", size(info.free_bytes)))
-    });
-    checks.push(match &info.in_use_by {
-        Some(owner) => good(format!("The store is in use by {owner}.")),
-        None => good("No engine has the store."),
-    });
-    for witness in &info.witnesses {
-        checks.push(match witness_heads(witness, &info.store_id) {
-            Ok(heads) => good(format!("The witness {witness:?} has {heads} heads and can be written.")),
-            Err(problem) => bad(format!("The witness {witness:?} cannot be used: {problem}.")),
+    let is_enough = info.free_bytes >= FREE_BYTES_MIN;
+    checks.push(StoreFinding::FreeSpace { size: size(info.free_bytes), is_enough });
+    checks.push(StoreFinding::InUse { owner: info.in_use_by });
+    for folder in info.witnesses {
+        checks.push(match witness_heads(&folder, &info.store_id) {
+            Ok(heads) => StoreFinding::Witness { folder, heads },
+            Err(problem) => StoreFinding::UnusableWitness { folder, problem },
         });
     }
     Ok(checks)
 }
 
 /// The verdict of the verifier: it alone finds a row that was edited with another program.
-fn history(layout: &Layout) -> StoreCheck {
+fn history(layout: &Layout) -> StoreFinding {
     let key = keyfile::read_public(&layout.store_public_key()).ok().map(|(key, _)| key);
     let report = match verify(&layout.database(), key.as_ref()) {
         Ok(report) => report,
         Err(error) => {
-            let remedy = if matches!(error, VerifyError::State { .. }) {
-                "`holdpoint store rebuild --from-chain` rebuilds the tables from the audit chain"
-            } else {
-                "restore the folder from a backup"
-            };
-            return bad(format!("The history is not sound: {error}; {remedy}."));
+            let can_rebuild = matches!(error, VerifyError::State { .. });
+            return StoreFinding::BadHistory { problem: error.to_string(), can_rebuild };
         }
     };
-    let signatures = if report.key_given { "" } else { "; without the public key no signature was checked" };
-    good(format!(
-        "The history is sound: every row matches the {} records, and {} sealed batches of telemetry match{signatures}.",
-        report.records, report.batches
-    ))
+    StoreFinding::SoundHistory {
+        records: report.records,
+        batches: report.batches,
+        signatures_checked: report.key_given,
+    }
 }
 
 /// The shape of the telemetry file, if there is one; the verifier compares its batches with their seals.
-fn telemetry_file(layout: &Layout) -> Result<Option<StoreCheck>, StoreError> {
+fn telemetry_file(layout: &Layout) -> Result<Option<StoreFinding>, StoreError> {
     let path = layout.telemetry();
     if fs::symlink_metadata(&path).is_err() {
         return Ok(None);
@@ -213,64 +182,51 @@ fn telemetry_file(layout: &Layout) -> Result<Option<StoreCheck>, StoreError> {
         Err(error) => return Err(error),
     };
     Ok(Some(match problem {
-        None => good("The telemetry file is as this program makes it."),
-        Some(problem) => bad(format!(
-            "The telemetry file is damaged or foreign: {problem}; the next engine quarantines it."
-        )),
+        None => StoreFinding::TelemetryFile,
+        Some(problem) => StoreFinding::WrongTelemetryFile { problem },
     }))
 }
 
-fn counted_records(connection: &Connection, head: Head) -> Result<StoreCheck, StoreError> {
+fn counted_records(connection: &Connection, head: Head) -> Result<StoreFinding, StoreError> {
     let counts = connection.query_row("SELECT count(*), coalesce(max(seq), 0) FROM audit", [], |row| {
         Ok((row.get::<_, u64>(0)?, row.get::<_, u64>(1)?))
     });
     let (count, last) = counts.map_err(sqlite_error("read the audit chain"))?;
     Ok(if (count, last) == (head.seq, head.seq) {
-        good(format!("The audit chain has {count} records, none is missing."))
+        StoreFinding::WholeChain { records: count }
     } else {
-        bad(format!(
-            "The audit chain has {count} records up to {last}, and its end was recorded at {}.",
-            head.seq
-        ))
+        StoreFinding::CutChain { records: count, last, recorded_end: head.seq }
     })
 }
 
-fn signed_end(layout: &Layout, connection: &Connection, head: Head) -> StoreCheck {
+fn signed_end(layout: &Layout, connection: &Connection, head: Head) -> StoreFinding {
     let key = match keyfile::read_public(&layout.store_public_key()) {
         Ok((key, _)) => key,
-        Err(error) => return bad(format!("The store's public key cannot be read: {error}.")),
+        Err(error) => return StoreFinding::UnreadablePublicKey { problem: error.to_string() },
     };
     let end: Checkpoint = match chain_signature::read(connection) {
         Ok(Some(end)) => end,
-        Ok(None) if head.seq == 0 => return good("There is no record yet that had to be signed."),
+        Ok(None) if head.seq == 0 => return StoreFinding::NothingToSign,
         Ok(None) => {
             let newest = read_all(&layout.checkpoints()).ok().and_then(|mut checkpoints| checkpoints.pop());
             return match newest.filter(|stored| stored.checkpoint.link.is_none()) {
-                Some(stored) if stored.checkpoint.seq == head.seq => good(
-                    "An earlier version signed the audit chain by checkpoints alone; the next engine signs its end.",
-                ),
-                Some(stored) => bad(format!(
-                    "An earlier version signed the audit chain up to record {}; later records are unsigned; \
-                    `holdpoint store rebuild --from-chain` names them.",
-                    stored.checkpoint.seq
-                )),
-                None => bad("The end of the audit chain is not signed."),
+                Some(stored) if stored.checkpoint.seq == head.seq => StoreFinding::SignedByCheckpoints,
+                Some(stored) => StoreFinding::SignedUpTo { record: stored.checkpoint.seq },
+                None => StoreFinding::UnsignedEnd,
             };
         }
-        Err(problem) => return bad(format!("The signed end of the audit chain is bad: {problem}.")),
+        Err(problem) => return StoreFinding::BadSignedEnd { problem },
     };
     if !end.is_signed_by(&key) || (end.seq, end.head) != (head.seq, head.hash) {
-        return bad("The signed end is not the end of this audit chain, or another key signed it.");
+        return StoreFinding::OtherSignedEnd;
     }
     match read_all(&layout.checkpoints()) {
-        Err(problem) => bad(format!("The checkpoint {:?} is bad: {}.", problem.file, problem.problem)),
+        Err(bad) => StoreFinding::BadCheckpoint { file: bad.file, problem: bad.problem },
         Ok(checkpoints) => match checkpoints.last() {
             Some(newest) if newest.checkpoint.number() > end.number() => {
-                bad(format!("There is a newer checkpoint than the chain: {:?}.", newest.file))
+                StoreFinding::NewerCheckpoint { file: newest.file.clone() }
             }
-            Some(_) | None => {
-                good(format!("The audit chain is signed to its end, with {} checkpoints.", checkpoints.len()))
-            }
+            Some(_) | None => StoreFinding::SignedToEnd { checkpoints: checkpoints.len() },
         },
     }
 }

@@ -5,9 +5,9 @@ use std::fs;
 use std::os::unix::fs::PermissionsExt;
 use std::path::Path;
 
-use crate::upkeep::info::{StoreCheck, bad, good};
 use holdpoint_approvals::keyfile::{self, KeyError, Protection};
 use holdpoint_approvals::{Identity, IdentityError, Person, PersonDirectory, PersonState};
+use holdpoint_governance::store_finding::StoreFinding;
 use holdpoint_store::{FIRST_ADMINISTRATOR, Layout};
 use holdpoint_text::Hint;
 
@@ -18,17 +18,15 @@ const UNFINISHED: [&str; 2] = ["part", "new"];
 /// The most files read: some for each of the most persons.
 const FILES_MAX: usize = 4_000;
 
-const RESTORE: &str = "put it back from a backup of the folder keys; a store's key cannot be replaced";
-
 /// Checks every key file. Reads secrets, and neither stores nor reports them.
-pub(crate) fn check_key_files(layout: &Layout, persons: &PersonDirectory) -> Vec<StoreCheck> {
+pub(crate) fn check_key_files(layout: &Layout, persons: &PersonDirectory) -> Vec<StoreFinding> {
     let mut found = Vec::new();
     for folder in [layout.keys(), layout.identities()] {
         found.extend(open_folder(&folder));
     }
     found.push(store_keys(layout));
     match names(&layout.identities()) {
-        Err(problem) => found.push(bad(problem)),
+        Err(problem) => found.push(problem),
         Ok((names, unfinished)) => {
             found.extend(unfinished);
             let before = found.len();
@@ -36,7 +34,7 @@ pub(crate) fn check_key_files(layout: &Layout, persons: &PersonDirectory) -> Vec
                 found.extend(look_at(&layout.identities(), name, persons));
             }
             if found.len() == before {
-                found.push(good(format!("The key files of {} names are as they have to be.", names.len())));
+                found.push(StoreFinding::KeyFiles { names: names.len() });
             }
         }
     }
@@ -44,52 +42,45 @@ pub(crate) fn check_key_files(layout: &Layout, persons: &PersonDirectory) -> Vec
 }
 
 /// A folder in which other users could put keys.
-fn open_folder(folder: &Path) -> Option<StoreCheck> {
+fn open_folder(folder: &Path) -> Option<StoreFinding> {
     let mode = fs::metadata(folder).ok()?.permissions().mode() & 0o7777;
-    (mode & 0o022 != 0).then(|| {
-        bad(format!(
-            "Others may write into the folder {folder:?} (mode {mode:04o}); `chmod 700 {}` ends that.",
-            folder.display()
-        ))
-    })
+    (mode & 0o022 != 0).then(|| StoreFinding::OpenKeyFolder { folder: folder.to_owned(), mode })
 }
 
-fn store_keys(layout: &Layout) -> StoreCheck {
+fn store_keys(layout: &Layout) -> StoreFinding {
     let (secret_path, public_path) = (layout.store_key(), layout.store_public_key());
     let secret = match keyfile::read_secret(&secret_path) {
         Ok(secret) => secret,
         Err(error @ KeyError::Permissions { .. }) => {
-            return bad(format!("The store's secret key: {}.", sentence(&error)));
+            return StoreFinding::OpenSecretKey { problem: sentence(&error) };
         }
-        Err(error) => return bad(format!("The store's secret key cannot be used: {error}; {RESTORE}.")),
+        Err(error) => return StoreFinding::UnusableSecretKey { problem: error.to_string() },
     };
     match keyfile::read_public(&public_path) {
-        Err(error) => {
-            bad(format!("The store's public key cannot be used: {error}; put it back from a backup."))
+        Err(error) => StoreFinding::UnusablePublicKey { problem: error.to_string() },
+        Ok((public, _)) if public != secret.verifying_key() => {
+            StoreFinding::OtherStoreKey { public: public_path, secret: secret_path }
         }
-        Ok((public, _)) if public != secret.verifying_key() => bad(format!(
-            "{public_path:?} does not belong to {secret_path:?}; put back the two that belong together from a backup."
-        )),
-        Ok(_) => {
-            good("The store's secret key is there, for its owner alone, and the public one belongs to it.")
-        }
+        Ok(_) => StoreFinding::StoreKeys,
     }
 }
 
 /// The persons with files here, and incompletely written files.
-fn names(folder: &Path) -> Result<(BTreeSet<String>, Vec<StoreCheck>), String> {
+fn names(folder: &Path) -> Result<(BTreeSet<String>, Vec<StoreFinding>), StoreFinding> {
     let (mut names, mut unfinished) = (BTreeSet::new(), Vec::new());
+    let unlisted = |error: std::io::Error| StoreFinding::UnlistedKeyFolder {
+        folder: folder.to_owned(),
+        problem: error.to_string(),
+    };
     let entries = match fs::read_dir(folder) {
         Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok((names, unfinished)),
-        entries => entries.map_err(|error| format!("The folder {folder:?} cannot be listed: {error}."))?,
+        entries => entries.map_err(unlisted)?,
     };
     for (number, entry) in entries.enumerate() {
         if number == FILES_MAX {
-            return Err(format!(
-                "The folder {folder:?} holds more than {FILES_MAX} files; take away what is no key."
-            ));
+            return Err(StoreFinding::TooManyKeyFiles { folder: folder.to_owned(), most: FILES_MAX });
         }
-        let path = entry.map_err(|error| format!("The folder {folder:?} cannot be listed: {error}."))?.path();
+        let path = entry.map_err(unlisted)?.path();
         let part = |part: Option<&std::ffi::OsStr>| {
             part.and_then(std::ffi::OsStr::to_str).unwrap_or_default().to_owned()
         };
@@ -97,38 +88,32 @@ fn names(folder: &Path) -> Result<(BTreeSet<String>, Vec<StoreCheck>), String> {
         if ENDINGS.contains(&ending.as_str()) {
             names.insert(part(path.file_stem()));
         } else if UNFINISHED.contains(&ending.as_str()) {
-            unfinished.push(bad(format!(
-                "{path:?} was not written to its end, and may hold a key; remove it, unless a key is just being written."
-            )));
+            unfinished.push(StoreFinding::UnfinishedKey { path });
         }
     }
     Ok((names, unfinished))
 }
 
 /// The problems of one person's files.
-fn look_at(folder: &Path, name: &str, persons: &PersonDirectory) -> Vec<StoreCheck> {
+fn look_at(folder: &Path, name: &str, persons: &PersonDirectory) -> Vec<StoreFinding> {
     let file = |ending: &str| folder.join(format!("{name}.{ending}"));
     let (key, public) = (file("key"), file("pub"));
     let has_key = fs::symlink_metadata(&key).is_ok();
     let mut found = Vec::new();
     let protection = Identity::protection(folder, name);
     if let Err(error) = &protection {
-        found.push(bad(format!("The key of {name}: {}.", sentence(error))));
+        found.push(StoreFinding::BadPersonKey { name: name.to_owned(), problem: sentence(error) });
     }
     let known = match keyfile::read_public(&public) {
         Ok((known, _)) => Some(known),
         Err(error) => {
-            found.push(bad(format!(
-                "The public key of {name} cannot be used: {error}; put it back from a backup."
-            )));
+            found.push(StoreFinding::UnusablePersonKey { name: name.to_owned(), problem: error.to_string() });
             None
         }
     };
     let plain = matches!(protection, Ok(Protection::None)) && known.is_some();
     if plain && matches!(Identity::load(folder, name), Err(IdentityError::Mismatch(_))) {
-        found.push(bad(format!(
-            "{key:?} and {public:?} do not belong together; put back the two that do from a backup."
-        )));
+        found.push(StoreFinding::OtherPersonKey { key: key.clone(), public: public.clone() });
     }
     match persons.named(name) {
         // No person was ever enrolled: an earlier version kept people in files alone.
@@ -136,11 +121,11 @@ fn look_at(folder: &Path, name: &str, persons: &PersonDirectory) -> Vec<StoreChe
         None => {
             let admin =
                 persons.administrators().next().map_or(FIRST_ADMINISTRATOR, |admin| admin.name.as_str());
-            let path = if has_key { &key } else { &public };
-            found.push(bad(format!(
-                "The key {path:?} is not enrolled and decides nothing; `holdpoint identity enroll {name} --by {admin} \
-                --reason TEXT` enrolls it, or remove it."
-            )));
+            found.push(StoreFinding::NotEnrolled {
+                key: if has_key { key } else { public },
+                name: name.to_owned(),
+                administrator: admin.to_owned(),
+            });
         }
         Some(person) => found.extend(key_mismatch(person, known.as_ref(), &public)),
     }
@@ -152,17 +137,13 @@ fn key_mismatch(
     person: &Person,
     known: Option<&ed25519_dalek::VerifyingKey>,
     public: &Path,
-) -> Option<StoreCheck> {
+) -> Option<StoreFinding> {
     let other =
         person.state == PersonState::Enrolled && known.is_some_and(|known| *known != person.public_key);
-    other.then(|| {
-        bad(format!(
-            "{public:?} is not the key that {} is enrolled with ({}); put back the files of that key from a backup, or \
-             have {} revoked and another name enrolled.",
-            person.name,
-            keyfile::hex(person.public_key.as_bytes()),
-            person.name
-        ))
+    other.then(|| StoreFinding::OtherEnrolledKey {
+        public: public.to_owned(),
+        name: person.name.clone(),
+        enrolled: keyfile::hex(person.public_key.as_bytes()),
     })
 }
 

@@ -6,6 +6,7 @@ use std::process::Command;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use holdpoint_governance::ids::Digest;
+use holdpoint_governance::store_finding::StoreFinding;
 use holdpoint_registry::{
     BackupError, BackupParts, OmittedFile, RetainedRecording, Store, Views, backup, check_store, store_info,
     verify, verify_copy,
@@ -240,11 +241,11 @@ fn non_file_in_place_of_the_database_is_named() {
 fn quick_check_finds_evident_problems() {
     let folder = quick_folder();
     make_full_store(folder.path());
-    let bad = || -> Vec<String> {
+    let bad = || -> Vec<StoreFinding> {
         let found = check_store(folder.path()).unwrap();
-        found.into_iter().filter(|looked| !looked.good).map(|looked| looked.text).collect()
+        found.into_iter().filter(|one| !one.is_good()).collect()
     };
-    assert_eq!(bad(), Vec::<String>::new());
+    assert_eq!(bad(), Vec::<StoreFinding>::new());
     let info = store_info(folder.path()).unwrap();
     assert_eq!((info.signed_at, info.in_use_by), (Some(info.records), None));
     let store = open(folder.path());
@@ -258,8 +259,14 @@ fn quick_check_finds_evident_problems() {
     let key = folder.path().join("keys").join("store.key");
     let mode = std::os::unix::fs::PermissionsExt::from_mode;
     fs::set_permissions(&key, mode(0o644)).unwrap();
-    let found = bad().join("\n");
-    for expected in ["not of this program", "was recorded at", "not the end", "chmod 600"] {
-        assert!(found.contains(expected), "{expected}: {found}");
+    let found = bad();
+    let is_expected: [fn(&StoreFinding) -> bool; 4] = [
+        |one| matches!(one, StoreFinding::WrongTables { .. }),
+        |one| matches!(one, StoreFinding::CutChain { records, recorded_end, .. } if recorded_end + 1 == *records),
+        |one| matches!(one, StoreFinding::OtherSignedEnd),
+        |one| matches!(one, StoreFinding::OpenSecretKey { problem } if problem.contains("chmod 600")),
+    ];
+    for (nth, is_expected) in is_expected.iter().enumerate() {
+        assert!(found.iter().any(is_expected), "{nth}: {found:#?}");
     }
 }

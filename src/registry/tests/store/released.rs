@@ -4,6 +4,7 @@ use std::fs;
 use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
 
+use holdpoint_governance::store_finding::StoreFinding;
 use holdpoint_registry::{Views, verify};
 use rusqlite::Connection;
 
@@ -46,8 +47,7 @@ fn schema_1_is_read_unchanged_and_migrated_by_its_first_writer() {
     assert_eq!(Views::open(&database).unwrap().pointer_robots().unwrap(), []);
     assert_eq!(schema(&database), 1, "reading changes nothing");
     let looked = holdpoint_registry::check_store(&store).unwrap();
-    let signed = looked.iter().find(|looked| looked.text.contains("checkpoints alone"));
-    assert!(signed.is_some_and(|looked| looked.good), "{looked:?}");
+    assert!(looked.contains(&StoreFinding::SignedByCheckpoints), "{looked:?}");
     let opened = open(&store);
     assert_eq!(opened.opening().head.hash, before.head);
     assert_eq!(opened.views().unwrap().pointer_robots().unwrap(), [], "no record says with which robot");

@@ -5,6 +5,7 @@ use std::os::unix::fs::symlink;
 use std::path::Path;
 use std::process::Command;
 
+use holdpoint_governance::store_finding::StoreFinding;
 use holdpoint_registry::{Store, TelemetryLimits, check_store, verify};
 use holdpoint_store::{Batch, BatchReceipt, Change, Layout, StoreError};
 use rusqlite::Connection;
@@ -93,7 +94,7 @@ fn changed_telemetry_schema_is_quarantined_and_sealed_batches_are_kept() {
         assert!(verify(&layout.database(), None).is_err(), "{edit}: not found by the verifier");
         let looked = check_store(layout.folder()).unwrap();
         assert!(
-            looked.iter().any(|looked| !looked.good && looked.text.contains("telemetry")),
+            looked.iter().any(|one| matches!(one, StoreFinding::WrongTelemetryFile { .. })),
             "{edit}: {looked:?}"
         );
         let bytes = fs::read(layout.telemetry()).unwrap();
