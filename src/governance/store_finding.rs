@@ -80,7 +80,7 @@ pub enum StoreFinding {
     NotEnrolled { key: PathBuf, name: String, administrator: String },
     /// A person is enrolled with another key.
     OtherEnrolledKey { public: PathBuf, name: String, enrolled: String },
-    /// The key files of so many names are right.
+    /// The key files are right; `names` is their number.
     KeyFiles { names: usize },
 }
 

@@ -6,6 +6,7 @@
 mod approval;
 mod explanation;
 mod explanation_summary;
+mod program;
 
 use std::collections::BTreeSet;
 

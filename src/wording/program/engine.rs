@@ -48,7 +48,7 @@ pub const ENDED_BY_SIGNAL: &str = "a signal to its process";
 /// The cause of an end: its console is lost.
 pub const ENDED_BY_LOSS: &str = "the loss of its console";
 
-/// The cause of an end: no console for so many seconds.
+/// The cause of an end: no console for N seconds.
 #[must_use]
 pub fn ended_alone(secs: u64) -> String {
     format!("{secs} s without an attached console")
@@ -93,7 +93,7 @@ pub fn unverified(of: AnsweringProcess) -> String {
 /// The same for places with little room.
 pub const UNVERIFIED: &str = "NOT KNOWN TO COME FROM THE ENGINE";
 
-/// A doubt with the text of the answer.
+/// An answer that is not known to come from the engine, with its text.
 #[must_use]
 pub fn unverified_answer(doubt: impl Display, text: &str) -> String {
     format!("{doubt}; it says: {text}")
@@ -126,7 +126,7 @@ pub enum RecordingContradiction<'a> {
     Unregistered,
     /// Its name has another digest.
     OtherDigest,
-    /// So many upgrades ended like this, and so many recordings of them are kept already.
+    /// There are as many recordings of upgrades with this end as there are such upgrades.
     Surplus {
         /// Upgrades with this end.
         ends: usize,

@@ -79,11 +79,11 @@ pub fn removed_all(dry_run: bool, files: usize, size: &str) -> String {
 /// The limit for which recordings are removed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum RemovalLimit {
-    /// Only so many upgrades are kept.
+    /// Only the newest N upgrades are kept.
     Newest(usize),
     /// Older ones, by the number of days, are removed.
     Days(u64),
-    /// All together have at most so many MiB.
+    /// All together have at most N MiB.
     Mebibytes(u64),
 }
 

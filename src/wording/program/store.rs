@@ -73,7 +73,7 @@ pub fn took_unsigned(first: u64, last: u64) -> String {
     format!("taken   {first} to {last} although they are unsigned: nothing vouches for these records")
 }
 
-/// A row that was made anew, with the columns that differed.
+/// A row that was made again, with the columns that differed.
 #[must_use]
 pub fn repaired(table: impl Display, key: &str, problem: impl Display, columns: &[String]) -> String {
     let columns = if columns.is_empty() { String::new() } else { format!(" ({})", columns.join(", ")) };

@@ -1,0 +1,124 @@
+//! What the programs print: counts, lists that may be empty, and the cases that say how far a statement goes.
+
+use holdpoint_governance::ids::CapabilityId;
+use holdpoint_governance::store_finding::StoreFinding;
+use holdpoint_governance::wall_time::WallTime;
+use holdpoint_protocol::snapshot::RequestKind;
+
+use crate::program::audit::{checkpoints, sound};
+use crate::program::candidate::{CheckSummary, check_summary, static_verdict};
+use crate::program::counted;
+use crate::program::engine::{RecordingContradiction, recording_contradiction};
+use crate::program::metrics::{covered, omitted_batches};
+use crate::program::recordings::{checked, checked_all, missing};
+use crate::program::status::{ApprovalLine, ApprovalProgress, approval_request, provisional};
+use crate::program::store_check::{checked as checked_store, store_finding};
+
+#[test]
+fn one_thing_has_no_plural() {
+    assert_eq!([0, 1, 2].map(|count| counted(count, "file")), ["0 files", "1 file", "2 files"]);
+    let approvals = [0, 1, 2].map(|count| static_verdict("sim", "pass", "pass", count));
+    let ends = ["no approval", "1 approval at least", "2 approvals at least"];
+    for (line, end) in approvals.iter().zip(ends) {
+        assert_eq!(*line, format!("in sim     interface pass, policy pass, {end}"));
+    }
+}
+
+#[test]
+fn a_check_names_the_profiles_that_refuse_only_if_there_are_some() {
+    let of = check_summary;
+    assert_eq!(of(CheckSummary::Admitted("sim", "")), "result     admitted under sim");
+    assert_eq!(
+        of(CheckSummary::Admitted("sim", "real, human")),
+        "result     admitted under sim; refused under real, human"
+    );
+    assert_eq!(of(CheckSummary::Refused("real, human")), "result     refused under real, human");
+}
+
+#[test]
+fn a_verification_without_a_key_limits_its_statement() {
+    assert_eq!(sound(true, 3, "ab"), "sound: 3 records, head ab");
+    assert_eq!(
+        sound(false, 3, "ab"),
+        "sound but for its signatures, which were not checked: 3 records, head ab"
+    );
+    assert!(checkpoints(2, false).ends_with("(no public key: name one with --key)"));
+}
+
+#[test]
+fn only_batches_that_are_missing_are_told() {
+    assert_eq!(omitted_batches([0, 0, 0]), Vec::<String>::new());
+    let late = omitted_batches([0, 2, 0]);
+    assert!(late.len() == 1 && late[0].starts_with("2 batches of live tasks"), "{late:?}");
+    assert_eq!(covered(5, 9, 40, [0, 0, 0]), "records 5 to 9; live tasks of upgrades: 40");
+    assert_eq!(
+        covered(10, 9, 0, [1, 0, 3]),
+        "no record since 10, the last is 9; live tasks of upgrades: 0; of other versions: 1; that a person stopped: 3"
+    );
+}
+
+#[test]
+fn a_request_names_its_approvals_its_permissions_and_its_deadline() {
+    let version: CapabilityId = "grasp@1.1.0".parse().unwrap();
+    let (until, now) = (WallTime::SCRIPT_EPOCH.plus_ms(90_000), WallTime::SCRIPT_EPOCH);
+    let line = ApprovalLine {
+        version: &version,
+        evidence: "0123abcd",
+        purpose: RequestKind::Release,
+        needed: 2,
+        approved_by: &[],
+        new_permissions: &["zone tray".to_owned()],
+        until,
+        now,
+    };
+    let by = until.as_deadline(now);
+    assert_eq!(
+        approval_request(&line, ApprovalProgress::Asked),
+        format!(
+            "waiting  grasp@1.1.0 for 2 people to approve the evidence 0123abcd (its release) by {by}; approved by no one \
+             yet; new permissions: zone tray"
+        )
+    );
+    let approved_by = ["ana".to_owned(), "ben".to_owned()];
+    let granted = ApprovalLine { approved_by: &approved_by, new_permissions: &[], needed: 1, ..line };
+    assert_eq!(
+        approval_request(&granted, ApprovalProgress::Granted),
+        "granted  grasp@1.1.0 over the evidence 0123abcd (its release): approved by ana, ben; it takes effect after the \
+         current sequence"
+    );
+    assert!(approval_request(&granted, ApprovalProgress::OnRecord).contains(" asks one person to approve "));
+    assert_eq!(
+        [provisional(None), provisional(Some((3, 8)))],
+        [", provisional", ", provisional 3 of 8 episodes"]
+    );
+}
+
+#[test]
+fn a_recording_has_its_mark_and_what_differs() {
+    assert_eq!(checked("a.rrd", "matches", ""), "a.rrd  matches");
+    assert_eq!(checked("a.rrd", "MISSING", &missing(Some("a folder"))), {
+        "a.rrd  MISSING: it was recorded at closure, and no removal is on record; a folder has its name"
+    });
+    assert_eq!(checked_all(1, 0, 0), "sound: 1 recording, 0 not as recorded");
+    assert_eq!(checked_all(3, 1, 2), "not sound: 3 recordings, 1 not as recorded, 2 not on record");
+    let surplus = RecordingContradiction::Surplus { ends: 1, outcome: "confirmed", recordings: 1 };
+    assert_eq!(
+        recording_contradiction(surplus, "grasp@1.1.0"),
+        "1 upgrades of grasp@1.1.0 ended as confirmed, and 1 recordings of them are kept"
+    );
+}
+
+#[test]
+fn a_finding_of_a_store_has_the_mark_of_its_kind() {
+    let free = |is_enough| StoreFinding::FreeSpace { size: "3 MiB".to_owned(), is_enough };
+    assert_eq!(checked_store(&free(true)), "ok     3 MiB are free where the store lies.");
+    assert_eq!(checked_store(&free(false)), "WRONG  Only 3 MiB are free where the store lies.");
+    let schema = |present| store_finding(&StoreFinding::Schema { present, newest: 4 });
+    assert_eq!(schema(4), "The tables are those of schema 4, the newest.");
+    assert_eq!(schema(1), "The tables are those of schema 1; the next engine brings them to schema 4.");
+    let bad = |can_rebuild| {
+        store_finding(&StoreFinding::BadHistory { problem: "a row differs".to_owned(), can_rebuild })
+    };
+    assert!(bad(true).contains("`holdpoint store rebuild --from-chain`") && !bad(true).contains("backup"));
+    assert!(bad(false).contains("backup") && !bad(false).contains("rebuild"));
+}
