@@ -96,9 +96,10 @@ fn a_request_names_its_approvals_its_permissions_and_its_deadline() {
 #[test]
 fn a_recording_has_its_mark_and_what_differs() {
     assert_eq!(checked("a.rrd", "matches", ""), "a.rrd  matches");
-    assert_eq!(checked("a.rrd", "MISSING", &missing(Some("a folder"))), {
+    assert_eq!(
+        checked("a.rrd", "MISSING", &missing(Some("a folder"))),
         "a.rrd  MISSING: it was recorded at closure, and no removal is on record; a folder has its name"
-    });
+    );
     assert_eq!(checked_all(1, 0, 0), "sound: 1 recording, 0 not as recorded");
     assert_eq!(checked_all(3, 1, 2), "not sound: 3 recordings, 1 not as recorded, 2 not on record");
     let surplus = RecordingContradiction::Surplus { ends: 1, outcome: "confirmed", recordings: 1 };
