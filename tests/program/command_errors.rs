@@ -388,10 +388,9 @@ fn a_backup_names_what_it_lacks() {
 #[test]
 fn a_limit_of_a_files_size_is_an_error() {
     let root = tempfile::tempdir().unwrap();
-    let line = format!("ulimit -f 1; exec '{}' completions bash > out", env!("CARGO_BIN_EXE_holdpoint"));
+    let line =
+        format!("ulimit -f 1; exec '{}' completions bash --json > out", env!("CARGO_BIN_EXE_holdpoint"));
     let output =
         std::process::Command::new("sh").args(["-c", &line]).current_dir(root.path()).output().unwrap();
-    let stderr = String::from_utf8_lossy(&output.stderr);
-    assert_eq!(output.status.code(), Some(2), "{stderr}");
-    assert!(stderr.contains("cannot write the output"), "{stderr}");
+    assert_error(&output, 2, "output");
 }

@@ -561,7 +561,7 @@ fn console_of_another_account_stops_the_cell_and_a_stranger_does_not() {
     let engine = GenuineEngine::of(serve(), &data);
     let socket = socket_path(&Layout::new(&console_folder)).metadata().unwrap();
     assert_eq!((socket.mode() & 0o777, socket.gid()), (0o660, fs::metadata(&console_folder).unwrap().gid()));
-    let arguments = ["stop", "--as", "night", "--data"];
+    let arguments = ["stop", "--as", "night", "--json", "--data"];
     // The build folder may be closed to other accounts. A program that this process had open for writing could not
     // be started while another test starts one.
     let program = folder.path().join("holdpoint");
@@ -582,7 +582,8 @@ fn console_of_another_account_stops_the_cell_and_a_stranger_does_not() {
     }
     let output = stop_as(member, group);
     assert_eq!(output.status.code(), Some(0), "{}", output_text(&output));
-    assert!(output_text(&output).contains("the cell is stopped;"), "{}", output_text(&output));
+    let reply: Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!(reply["reply"], "stopped", "{reply}");
     engine.await_event("cell-stopped");
     assert_eq!(engine.stops_on_record(), 1);
     if is_root {

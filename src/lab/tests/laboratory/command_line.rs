@@ -47,12 +47,12 @@ fn a_key_of_cached_cells_needs_their_folder() {
 fn a_limit_of_a_files_size_is_an_error() {
     let root = tempfile::tempdir().unwrap();
     let pool = concat!(env!("CARGO_MANIFEST_DIR"), "/../../manifests/pool");
-    let line =
-        format!("ulimit -f 1; exec '{}' pool show '{pool}' > out", env!("CARGO_BIN_EXE_holdpoint-lab"));
+    let line = format!(
+        "ulimit -f 1; exec '{}' pool show '{pool}' --json > out",
+        env!("CARGO_BIN_EXE_holdpoint-lab")
+    );
     let output = Command::new("sh").args(["-c", &line]).current_dir(root.path()).output().unwrap();
-    let stderr = String::from_utf8_lossy(&output.stderr);
-    assert_eq!(output.status.code(), Some(2), "{stderr}");
-    assert!(stderr.contains("cannot write the output"), "{stderr}");
+    assert_error(&output, 2, "output");
 }
 
 /// The rules with stated error rates, by their names in the study.
