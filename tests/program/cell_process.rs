@@ -17,8 +17,8 @@ use holdpoint_cellwire::framing::{WireStream, encode};
 use holdpoint_cellwire::messages::Truth;
 use holdpoint_cellwire::{CellServer, ServerOptions, WireFactory};
 use holdpoint_sim::SimCells;
-use rustix::process::{Pid, Signal, kill_process};
 use holdpoint_wording::program::cell::listens;
+use rustix::process::{Pid, Signal, kill_process};
 use serde_json::Value;
 
 const SHIPPED: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/manifests/site.toml");

@@ -79,7 +79,7 @@ pub fn no_viewer_thread(error: impl Display) -> String {
 }
 
 #[must_use]
-pub fn overview_draws(why: &str) -> String {
+pub fn overview_draws(why: impl Display) -> String {
     format!("{why}; the Overview draws the arm")
 }
 

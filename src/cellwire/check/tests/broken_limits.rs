@@ -79,10 +79,7 @@ pub(super) fn limits() -> Vec<Row> {
         ),
         row(CellPromise::EmptyMessageRefused, Change::Unread(<[u8]>::is_empty)),
         row(CellPromise::LongMessageRefused, Change::TooLong),
-        row(
-            CellPromise::NoMessageRefused,
-            Change::Unread(|bytes| bytes.first() == Some(&0xC1)),
-        ),
+        row(CellPromise::NoMessageRefused, Change::Unread(|bytes| bytes.first() == Some(&0xC1))),
         row(
             CellPromise::UnknownCallRefused,
             Change::Unread(|bytes| bytes.first().is_some_and(|first| *first != 0xC1)),
@@ -101,11 +98,7 @@ pub(super) fn limits() -> Vec<Row> {
         ),
         row(CellPromise::SilentConnectionClosed, Change::SpeaksFirst),
         // A torn message is not passed on: the connection is closed without the refusal that is due.
-        Row {
-            promise: CellPromise::EndlessMessageGivenUp,
-            changes: Vec::new(),
-            not_alone: None,
-        },
+        Row { promise: CellPromise::EndlessMessageGivenUp, changes: Vec::new(), not_alone: None },
     ]
 }
 

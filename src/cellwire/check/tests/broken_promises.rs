@@ -107,10 +107,7 @@ fn opening() -> Vec<Row> {
                 }
             }),
         ),
-        row(
-            CellPromise::OtherVersionRefused,
-            Change::Hello(|_, hello| hello.protocol = PROTOCOL),
-        ),
+        row(CellPromise::OtherVersionRefused, Change::Hello(|_, hello| hello.protocol = PROTOCOL)),
         row(CellPromise::UnknownFieldRefused, Change::AnyHello),
         row(
             CellPromise::UnknownSessionRefused,
@@ -149,14 +146,8 @@ fn opening() -> Vec<Row> {
                 hello.watchdog_ms = hello.watchdog_ms.filter(|_| link.role != Role::Trial);
             }),
         ),
-        row(
-            CellPromise::LongNameRefused,
-            Change::Hello(|_, hello| hello.client.truncate(CLIENT_BYTES_MAX)),
-        ),
-        row(
-            CellPromise::ProtocolBounds,
-            Change::Welcome(|_, welcome| welcome.bounds.forks = 1),
-        ),
+        row(CellPromise::LongNameRefused, Change::Hello(|_, hello| hello.client.truncate(CLIENT_BYTES_MAX))),
+        row(CellPromise::ProtocolBounds, Change::Welcome(|_, welcome| welcome.bounds.forks = 1)),
         row(
             CellPromise::DescriptionDigest,
             Change::Welcome(|_, welcome| welcome.description = "0".repeat(64)),
@@ -170,10 +161,7 @@ fn opening() -> Vec<Row> {
             })],
             not_alone: Some("no episode begins without the description: most other promises need it"),
         },
-        row(
-            CellPromise::DescriptionUsable,
-            Change::Description(|described| described.spec.camera_hz = 0),
-        ),
+        row(CellPromise::DescriptionUsable, Change::Description(|described| described.spec.camera_hz = 0)),
         row(
             CellPromise::DescriptionDistributions,
             Change::Description(|described| described.distributions[1].format = 2),
@@ -182,10 +170,7 @@ fn opening() -> Vec<Row> {
             CellPromise::DescriptionBuild,
             Change::Description(|described| "another".clone_into(&mut described.build)),
         ),
-        row(
-            CellPromise::DescriptionRate,
-            Change::Welcome(|_, welcome| welcome.rate_hz = 120),
-        ),
+        row(CellPromise::DescriptionRate, Change::Welcome(|_, welcome| welcome.rate_hz = 120)),
         row(
             CellPromise::DescriptionSameForRoles,
             Change::Bytes(|link, asked, bytes| {
@@ -215,10 +200,7 @@ fn opening() -> Vec<Row> {
 
 fn units() -> Vec<Row> {
     vec![
-        row(
-            CellPromise::FiniteNumbers,
-            Change::Seen(|_, _, seen| seen.telemetry.slip_m = Some(f64::NAN)),
-        ),
+        row(CellPromise::FiniteNumbers, Change::Seen(|_, _, seen| seen.telemetry.slip_m = Some(f64::NAN))),
         row(
             CellPromise::JointsInLimits,
             Change::Seen(|link, _, seen| {
@@ -234,10 +216,7 @@ fn units() -> Vec<Row> {
                 }
             }),
         ),
-        row(
-            CellPromise::ToolPlace,
-            Change::Seen(|_, _, seen| seen.telemetry.tool.position[0] += 0.01),
-        ),
+        row(CellPromise::ToolPlace, Change::Seen(|_, _, seen| seen.telemetry.tool.position[0] += 0.01)),
         row(
             CellPromise::GripperWidth,
             Change::Seen(|link, _, seen| {
