@@ -455,7 +455,7 @@ fn check(
         out.line(&sentences::well_formed(&report.id))?;
         out.line(&format!("digest     {}", report.digest))?;
         out.line(&format!("bundle     {}", report.bundle))?;
-        out.line(&sentences::submitted(&report.author, &report.provenance))?;
+        out.line(&sentences::submitted(&report.author, report.provenance))?;
         out.line(&sentences::risk(&report.risk.label(), report.estimated_risk))?;
         if !report.summary.is_blank() {
             out.line(&format!("summary    {}", report.summary.line()))?;

@@ -250,7 +250,7 @@ fn show(detail: &VersionDetail, out: &mut CommandOutput<'_>) -> Result<(), CliEr
     let [interface, policy, behavior, recovery] = summary.kappas.map(kappa);
     out.line(&format!("κI {interface}  κP {policy}  κB {behavior}  κR {recovery}"))?;
     let parent = detail.parent.as_ref().map_or_else(|| "none".to_owned(), ToString::to_string);
-    out.line(&sentences::submitted(&summary.author, &summary.provenance, parent, &summary.risk))?;
+    out.line(&sentences::submitted(&summary.author, summary.provenance, parent, summary.risk))?;
     for (name, digest) in [
         ("candidate", detail.candidate_digest),
         ("manifest ", detail.manifest_digest),
