@@ -359,19 +359,7 @@ impl ReportSource<'_> {
                 }
                 Ok(Some(*snapshot))
             }
-            Ok(
-                Reply::Accepted { .. }
-                | Reply::Stopped { .. }
-                | Reply::Refused { .. }
-                | Reply::Question { .. }
-                | Reply::Detail { .. }
-                | Reply::Film { .. }
-                | Reply::Registry { .. }
-                | Reply::Audit { .. }
-                | Reply::Health { .. }
-                | Reply::Verified { .. },
-            )
-            | Err(ControlSocketError::NoAnswer { .. } | ControlSocketError::Ended { .. }) => Ok(None),
+            Ok(_) | Err(ControlSocketError::NoAnswer { .. } | ControlSocketError::Ended { .. }) => Ok(None),
             Err(error) => Err(error),
         }
     }

@@ -153,15 +153,7 @@ impl VerbExecutor {
                 }
             },
             Reply::Refused { code, text, hint } => Err(refused(code, &text, hint.as_deref())),
-            Reply::Accepted { .. }
-            | Reply::Question { .. }
-            | Reply::Stopped { .. }
-            | Reply::Detail { .. }
-            | Reply::Film { .. }
-            | Reply::Registry { .. }
-            | Reply::Audit { .. }
-            | Reply::Health { .. }
-            | Reply::Verified { .. } => Err(CliError::internal("the engine answered without a snapshot")),
+            _ => Err(CliError::internal("the engine answered without a snapshot")),
         }
     }
 
@@ -182,15 +174,7 @@ impl VerbExecutor {
                 Ok((*question, bound))
             }
             Reply::Refused { code, text, hint } => Err(refused(code, &text, hint.as_deref())),
-            Reply::Accepted { .. }
-            | Reply::Stopped { .. }
-            | Reply::Snapshot { .. }
-            | Reply::Detail { .. }
-            | Reply::Film { .. }
-            | Reply::Registry { .. }
-            | Reply::Audit { .. }
-            | Reply::Health { .. }
-            | Reply::Verified { .. } => Err(CliError::internal("the engine answered without the question")),
+            _ => Err(CliError::internal("the engine answered without the question")),
         }
     }
 
@@ -255,14 +239,7 @@ pub(super) fn print_action_reply(reply: &Reply, out: &mut CommandOutput<'_>) -> 
             Ok(Exit::Confirmed)
         }
         Reply::Refused { code, text, hint } => Err(refused(*code, text, hint.as_deref())),
-        Reply::Snapshot { .. }
-        | Reply::Question { .. }
-        | Reply::Detail { .. }
-        | Reply::Film { .. }
-        | Reply::Registry { .. }
-        | Reply::Audit { .. }
-        | Reply::Health { .. }
-        | Reply::Verified { .. } => Err(CliError::internal("the engine sent an unexpected answer")),
+        _ => Err(CliError::internal("the engine sent an unexpected answer")),
     }
 }
 

@@ -497,21 +497,13 @@ impl<'a> Driver<'a> {
 
 fn accepted(reply: Reply) -> Result<StepEnd, CliError> {
     match reply {
-        Reply::Accepted { .. }
-        | Reply::Question { .. }
-        | Reply::Stopped { kept: StopPersistence::OnRecord, .. }
-        | Reply::Snapshot { .. }
-        | Reply::Detail { .. }
-        | Reply::Film { .. }
-        | Reply::Registry { .. }
-        | Reply::Audit { .. }
-        | Reply::Health { .. }
-        | Reply::Verified { .. } => Ok(StepEnd::Done),
         Reply::Refused { code, text, hint } => {
             Err(CliError::usage(Problem::from((text, hint))).with_details(refusal_reason(code)))
         }
         Reply::Stopped { text, kept: StopPersistence::InMark | StopPersistence::InMemory } => {
             Err(CliError::usage(text).with_details(ErrorReason::Store))
         }
+        // Done, or the data that it asked for.
+        _ => Ok(StepEnd::Done),
     }
 }

@@ -177,16 +177,7 @@ impl PlainStream<'_> {
                 let error = CliError::usage(Problem::from((text, hint)));
                 return Err(error.with_details(refusal_reason(code)));
             }
-            Reply::Accepted { .. }
-            | Reply::Stopped { .. }
-            | Reply::Snapshot { .. }
-            | Reply::Question { .. }
-            | Reply::Detail { .. }
-            | Reply::Film { .. }
-            | Reply::Registry { .. }
-            | Reply::Audit { .. }
-            | Reply::Health { .. }
-            | Reply::Verified { .. } => {}
+            _ => {}
         }
         let events = self.pump.deliver_events();
         self.print_events(&events)

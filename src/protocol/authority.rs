@@ -21,53 +21,14 @@ pub enum AuthorityEffect {
 impl Command {
     /// Its effect on authority.
     #[must_use]
-    pub const fn authority_effect(&self) -> AuthorityEffect {
-        match self {
-            Self::Question { .. }
-            | Self::Detail { .. }
-            | Self::Film { .. }
-            | Self::Registry { .. }
-            | Self::Audit { .. }
-            | Self::Health { .. }
-            | Self::VerifyAudit
-            | Self::Snapshot => AuthorityEffect::Reads,
-            Self::Stop { .. }
-            | Self::Rollback(_)
-            | Self::Vacate(_)
-            | Self::Restrict(_)
-            | Self::Reject(_)
-            | Self::Demote { .. }
-            | Self::Pause(_)
-            | Self::Shutdown => AuthorityEffect::TakesAway,
-            // A reset alarm no longer blocks anything, and a shelved one is hidden.
-            Self::Register { .. }
-            | Self::Release { .. }
-            | Self::Resume(_)
-            | Self::Repeat { .. }
-            | Self::Rearm(_)
-            | Self::Anchor(_)
-            | Self::ReviewTries(_)
-            | Self::Continue(_)
-            | Self::Go { .. }
-            | Self::ConfirmTime { .. }
-            | Self::Goal { .. }
-            // A link that is down leaves a monitor without data.
-            | Self::Drift { .. }
-            | Self::LiveFault { .. }
-            | Self::ResetAlarm { .. }
-            | Self::ShelveAlarm { .. } => AuthorityEffect::Gives,
-            Self::Decide { .. } | Self::Person { .. } => AuthorityEffect::SignedItself,
-            Self::AcknowledgeAlarm { .. }
-            | Self::UnshelveAlarm { .. }
-            | Self::Note { .. }
-            | Self::Pace { .. } => AuthorityEffect::Neither,
-        }
+    pub fn authority_effect(&self) -> AuthorityEffect {
+        self.facts().authority
     }
 
     /// Whether it only takes or withholds authority: the engine accepts it under any load of other requests.
     #[must_use]
-    pub const fn takes_authority_away(&self) -> bool {
-        matches!(self.authority_effect(), AuthorityEffect::TakesAway)
+    pub fn takes_authority_away(&self) -> bool {
+        self.authority_effect() == AuthorityEffect::TakesAway
     }
 
     /// The version whose authority over the arm it takes away or narrows; `None` if there is none.
@@ -92,45 +53,7 @@ impl Command {
     /// The person it names as requester; `None` if it names none.
     #[must_use]
     pub fn by(&self) -> Option<&str> {
-        match self {
-            Self::Reject(operation)
-            | Self::Rollback(operation)
-            | Self::Vacate(operation)
-            | Self::Pause(operation)
-            | Self::Resume(operation)
-            | Self::Restrict(operation)
-            | Self::Rearm(operation)
-            | Self::Anchor(operation)
-            | Self::ReviewTries(operation)
-            | Self::Continue(operation)
-            | Self::Demote { operation, .. }
-            | Self::Release { operation, .. }
-            | Self::Repeat { operation, .. } => Some(&operation.by),
-            Self::AcknowledgeAlarm { by, .. }
-            | Self::ResetAlarm { by, .. }
-            | Self::ShelveAlarm { by, .. }
-            | Self::UnshelveAlarm { by, .. }
-            | Self::Stop { by, .. }
-            | Self::Go { by, .. }
-            | Self::ConfirmTime { by, .. }
-            | Self::Goal { by, .. }
-            | Self::Note { by, .. } => Some(by),
-            Self::Register { by, .. } => by.as_deref(),
-            Self::Question { .. }
-            | Self::Decide { .. }
-            | Self::Person { .. }
-            | Self::Drift { .. }
-            | Self::LiveFault { .. }
-            | Self::Pace { .. }
-            | Self::Detail { .. }
-            | Self::Film { .. }
-            | Self::Registry { .. }
-            | Self::Audit { .. }
-            | Self::Health { .. }
-            | Self::VerifyAudit
-            | Self::Snapshot
-            | Self::Shutdown => None,
-        }
+        self.facts().by
     }
 
     /// The digest of its content that a signature covers: canonical JSON, without spaces and with sorted field names.

@@ -13,7 +13,7 @@ use super::health::{HealthQuery, HealthSeries};
 use super::request_kind::RequestKind;
 use holdpoint_approvals::{SignedApproval, SignedCall, SignedPersonAct};
 use holdpoint_body::disturbance::{DriftKind, LiveFault, Magnitude};
-use holdpoint_governance::ids::{CapabilityId, Family};
+use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::lifecycle::Stage;
 use holdpoint_governance::profile::ProfileName;
 use holdpoint_governance::record::{RecordKind, VersionGroup};
@@ -300,9 +300,10 @@ impl Request {
     }
 }
 
-/// The engine's answer to one request.
+/// The engine's answer to one request. A client reads the replies to its own requests and expects others.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case", tag = "reply", deny_unknown_fields)]
+#[non_exhaustive]
 pub enum Reply {
     /// Done, and on disk: a crash does not undo it.
     Accepted {
@@ -413,65 +414,89 @@ pub enum Refusal {
     NoAnswer,
 }
 
-impl Command {
+/// What the engine and its clients know of a command beside its content.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct CommandFacts<'a> {
+    /// Its effect on authority over the arm, which decides who may send it.
+    pub authority: AuthorityEffect,
+    /// The person it names as requester; `None` if it names none.
+    pub by: Option<&'a str>,
     /// Whether it only reads, concerns alarms, or stops the cell: a halted engine accepts it as well.
+    pub is_harmless: bool,
+    /// Whether it changes the live cell, so that it waits for the end of the sequence that runs.
+    pub waits_for_sequence: bool,
+}
+
+impl<'a> CommandFacts<'a> {
+    const fn of(authority: AuthorityEffect, by: Option<&'a str>) -> Self {
+        let is_harmless = matches!(authority, AuthorityEffect::Reads);
+        Self { authority, by, is_harmless, waits_for_sequence: false }
+    }
+
+    const fn harmless(self) -> Self {
+        Self { is_harmless: true, ..self }
+    }
+
+    const fn between_sequences(self) -> Self {
+        Self { waits_for_sequence: true, ..self }
+    }
+}
+
+impl Command {
+    /// What the engine and its clients know of it beside its content. Each command states its facts here alone.
     #[must_use]
-    pub const fn is_harmless(&self) -> bool {
+    pub fn facts(&self) -> CommandFacts<'_> {
+        use AuthorityEffect as Effect;
         match self {
-            Self::AcknowledgeAlarm { .. }
-            | Self::ResetAlarm { .. }
-            | Self::ShelveAlarm { .. }
-            | Self::UnshelveAlarm { .. }
-            | Self::Stop { .. }
-            | Self::Question { .. }
+            Self::Question { .. }
             | Self::Detail { .. }
             | Self::Film { .. }
             | Self::Registry { .. }
             | Self::Audit { .. }
             | Self::Health { .. }
             | Self::VerifyAudit
-            | Self::Snapshot => true,
-            Self::Register { .. }
-            | Self::Decide { .. }
-            | Self::Person { .. }
-            | Self::Reject(_)
-            | Self::Rollback(_)
-            | Self::Vacate(_)
-            | Self::Demote { .. }
-            | Self::Release { .. }
-            | Self::Pause(_)
-            | Self::Resume(_)
-            | Self::Repeat { .. }
-            | Self::Restrict(_)
-            | Self::Rearm(_)
-            | Self::Anchor(_)
-            | Self::ReviewTries(_)
-            | Self::Drift { .. }
-            | Self::LiveFault { .. }
-            | Self::Continue(_)
-            | Self::Go { .. }
-            | Self::ConfirmTime { .. }
-            | Self::Goal { .. }
-            | Self::Note { .. }
-            | Self::Pace { .. }
-            | Self::Shutdown => false,
+            | Self::Snapshot => CommandFacts::of(Effect::Reads, None),
+            Self::Stop { by, .. } => CommandFacts::of(Effect::TakesAway, Some(by)).harmless(),
+            Self::Shutdown => CommandFacts::of(Effect::TakesAway, None),
+            Self::Rollback(operation)
+            | Self::Vacate(operation)
+            | Self::Restrict(operation)
+            | Self::Reject(operation)
+            | Self::Demote { operation, .. }
+            | Self::Pause(operation) => CommandFacts::of(Effect::TakesAway, Some(&operation.by)),
+            Self::Release { operation, .. }
+            | Self::Repeat { operation, .. }
+            | Self::Resume(operation)
+            | Self::Rearm(operation)
+            | Self::Anchor(operation)
+            | Self::ReviewTries(operation)
+            | Self::Continue(operation) => CommandFacts::of(Effect::Gives, Some(&operation.by)),
+            Self::Register { by, .. } => CommandFacts::of(Effect::Gives, by.as_deref()),
+            Self::ConfirmTime { by, .. } => CommandFacts::of(Effect::Gives, Some(by)),
+            Self::Go { by, .. } | Self::Goal { by, .. } => {
+                CommandFacts::of(Effect::Gives, Some(by)).between_sequences()
+            }
+            // A link that is down leaves a monitor without data.
+            Self::Drift { .. } | Self::LiveFault { .. } => {
+                CommandFacts::of(Effect::Gives, None).between_sequences()
+            }
+            // A reset alarm no longer blocks anything, and a shelved one is hidden.
+            Self::ResetAlarm { by, .. } | Self::ShelveAlarm { by, .. } => {
+                CommandFacts::of(Effect::Gives, Some(by)).harmless()
+            }
+            Self::AcknowledgeAlarm { by, .. } | Self::UnshelveAlarm { by, .. } => {
+                CommandFacts::of(Effect::Neither, Some(by)).harmless()
+            }
+            Self::Note { by, .. } => CommandFacts::of(Effect::Neither, Some(by)),
+            Self::Pace { .. } => CommandFacts::of(Effect::Neither, None),
+            Self::Decide { .. } | Self::Person { .. } => CommandFacts::of(Effect::SignedItself, None),
         }
     }
 
     /// Whether it changes nothing, so that its answer need not be remembered.
     #[must_use]
-    pub const fn only_reads(&self) -> bool {
-        matches!(
-            self,
-            Self::Question { .. }
-                | Self::Detail { .. }
-                | Self::Film { .. }
-                | Self::Registry { .. }
-                | Self::Audit { .. }
-                | Self::Health { .. }
-                | Self::VerifyAudit
-                | Self::Snapshot
-        )
+    pub fn only_reads(&self) -> bool {
+        self.facts().authority == AuthorityEffect::Reads
     }
 
     /// Whether it takes authority away: it stops the arm in any work.
@@ -491,50 +516,6 @@ impl Command {
             self,
             Self::Stop { .. } | Self::Rollback(_) | Self::Vacate(_) | Self::Restrict(_) | Self::Pause(_)
         )
-    }
-
-    /// The family the command is about; `None` if it names none.
-    #[must_use]
-    pub const fn family(&self) -> Option<&Family> {
-        match self {
-            Self::Reject(operation)
-            | Self::Rollback(operation)
-            | Self::Vacate(operation)
-            | Self::Pause(operation)
-            | Self::Resume(operation)
-            | Self::Restrict(operation)
-            | Self::Rearm(operation)
-            | Self::Anchor(operation)
-            | Self::ReviewTries(operation)
-            | Self::Continue(operation)
-            | Self::Demote { operation, .. }
-            | Self::Release { operation, .. }
-            | Self::Repeat { operation, .. } => Some(&operation.version.family),
-            Self::Question { version, .. } | Self::Detail { version } | Self::Film { version, .. } => {
-                Some(&version.family)
-            }
-            Self::Register { .. }
-            | Self::Decide { .. }
-            | Self::Person { .. }
-            | Self::Drift { .. }
-            | Self::LiveFault { .. }
-            | Self::AcknowledgeAlarm { .. }
-            | Self::ResetAlarm { .. }
-            | Self::ShelveAlarm { .. }
-            | Self::UnshelveAlarm { .. }
-            | Self::Stop { .. }
-            | Self::Go { .. }
-            | Self::ConfirmTime { .. }
-            | Self::Goal { .. }
-            | Self::Note { .. }
-            | Self::Pace { .. }
-            | Self::Registry { .. }
-            | Self::Audit { .. }
-            | Self::Health { .. }
-            | Self::VerifyAudit
-            | Self::Snapshot
-            | Self::Shutdown => None,
-        }
     }
 }
 

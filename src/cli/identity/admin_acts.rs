@@ -136,17 +136,7 @@ impl IdentityRegister {
                     Reply::Refused { code, text, hint } => {
                         Err(ActError::Refused(refused(code, &text, hint.as_deref())))
                     }
-                    Reply::Stopped { .. }
-                    | Reply::Snapshot { .. }
-                    | Reply::Question { .. }
-                    | Reply::Detail { .. }
-                    | Reply::Film { .. }
-                    | Reply::Registry { .. }
-                    | Reply::Audit { .. }
-                    | Reply::Health { .. }
-                    | Reply::Verified { .. } => {
-                        Err(ActError::Unknown(CliError::internal("the engine sent an unexpected answer")))
-                    }
+                    _ => Err(ActError::Unknown(CliError::internal("the engine sent an unexpected answer"))),
                 }
             }
             ActExecutor::Store(store) => {

@@ -313,6 +313,8 @@ pub(super) fn answer(model: &mut ConsoleModel, id: &str, reply: Reply) -> Vec<Ef
                 Vec::new()
             }
         }
+        // This console did not ask for it.
+        _ => Vec::new(),
     }
 }
 
@@ -325,13 +327,7 @@ fn reply_text(reply: &Reply) -> Option<(String, bool)> {
             Some((Problem::from((text.clone(), hint.clone())).sentence(), true))
         }
         Reply::Verified { verified } => Some((verified.text.clone(), !verified.holds)),
-        Reply::Snapshot { .. }
-        | Reply::Question { .. }
-        | Reply::Detail { .. }
-        | Reply::Film { .. }
-        | Reply::Registry { .. }
-        | Reply::Audit { .. }
-        | Reply::Health { .. } => None,
+        _ => None,
     }
 }
 

@@ -113,6 +113,31 @@ fn every_command_has_one_authority_class() {
     assert_eq!(count, commands().len(), "one class for each");
 }
 
+/// The commands that a halted engine accepts beside queries, and those that wait for the end of a sequence.
+#[test]
+fn alarms_and_stops_are_harmless_and_changes_of_the_cell_wait() {
+    use super::{Command, CommandFacts};
+    let named = |fits: fn(CommandFacts<'_>) -> bool| {
+        let mut names: Vec<String> = Vec::new();
+        for written in commands() {
+            let command: Command = serde_json::from_value(written.clone()).unwrap();
+            if !command.only_reads() && fits(command.facts()) {
+                names.push(written["command"].as_str().unwrap().to_owned());
+            }
+        }
+        names.sort();
+        names.join(" ")
+    };
+    let harmless = "acknowledge-alarm reset-alarm shelve-alarm stop unshelve-alarm";
+    assert_eq!(named(|facts| facts.is_harmless), harmless);
+    assert_eq!(named(|facts| facts.waits_for_sequence), "drift go goal live-fault");
+    let is_refused_on_hold = |written| {
+        let command: Command = serde_json::from_value(written).unwrap();
+        command.only_reads() && !command.facts().is_harmless
+    };
+    assert!(!commands().into_iter().any(is_refused_on_hold), "a halted engine answers every query");
+}
+
 /// Adds an unknown field to every object within, one at a time.
 fn spoilt(value: &Value) -> Vec<Value> {
     let Value::Object(fields) = value else { return Vec::new() };

@@ -114,7 +114,7 @@ impl Pipeline {
 
     fn answered(&mut self, command: Command, caller: &Caller, signer: Option<&Signer>) -> Reply {
         // Who holds must still be able to look, and to say that the alarm was seen.
-        if let Some(why) = self.record.holding().filter(|_| !command.is_harmless()) {
+        if let Some(why) = self.record.holding().filter(|_| !command.facts().is_harmless) {
             return refuse_held(why);
         }
         let carried_out = self.carry_out(command, caller, signer);
@@ -285,16 +285,8 @@ impl Pipeline {
             Command::Note { by, text } => Ok(shift_note::take(record, by, text)?),
             Command::Goal { goal, by, reason } => Ok(goal::set(record, world, &goal, by, reason)?),
             Command::Pace { times } => operations::set_pace(record, world, times),
-            // The engine answers these itself.
-            Command::Stop { .. }
-            | Command::Detail { .. }
-            | Command::Film { .. }
-            | Command::Registry { .. }
-            | Command::Audit { .. }
-            | Command::Snapshot
-            | Command::Health { .. }
-            | Command::VerifyAudit
-            | Command::Shutdown => Ok(Reply::Refused {
+            // The engine answers the others itself.
+            _ => Ok(Reply::Refused {
                 code: Refusal::BadInput,
                 text: "this is for the engine, not for the pipeline".to_owned(),
                 hint: None,

@@ -63,41 +63,8 @@ impl Pipeline {
                 if has_question { CommandTiming::Stop } else { CommandTiming::Between }
             }
             Command::Decide { signed } => self.decision_timing(signed.approval()),
-            Command::Drift { .. } | Command::LiveFault { .. } | Command::Goal { .. } | Command::Go { .. } => {
-                CommandTiming::Between
-            }
-            Command::Rollback(_)
-            | Command::Vacate(_)
-            | Command::Release { .. }
-            | Command::Restrict(_)
-            | Command::Rearm(_)
-            | Command::Anchor(_)
-            | Command::ReviewTries(_)
-            | Command::Shutdown
-            | Command::Continue(_)
-            | Command::Register { .. }
-            | Command::Person { .. }
-            | Command::Demote { .. }
-            | Command::Reject(_)
-            | Command::Pause(_)
-            | Command::Resume(_)
-            | Command::Repeat { .. }
-            | Command::AcknowledgeAlarm { .. }
-            | Command::ResetAlarm { .. }
-            | Command::ShelveAlarm { .. }
-            | Command::UnshelveAlarm { .. }
-            | Command::Stop { .. }
-            | Command::ConfirmTime { .. }
-            | Command::Note { .. }
-            | Command::Pace { .. }
-            | Command::Question { .. }
-            | Command::Detail { .. }
-            | Command::Film { .. }
-            | Command::Registry { .. }
-            | Command::Audit { .. }
-            | Command::Health { .. }
-            | Command::VerifyAudit
-            | Command::Snapshot => CommandTiming::Now,
+            command if command.facts().waits_for_sequence => CommandTiming::Between,
+            _ => CommandTiming::Now,
         }
     }
 

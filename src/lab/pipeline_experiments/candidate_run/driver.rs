@@ -134,21 +134,12 @@ impl<'a> CandidateDriver<'a> {
         self.requests += 1;
         let request = Request::unsigned(format!("experiment-{}", self.requests), command);
         match self.pump.submit(request) {
-            Reply::Accepted { .. }
-            | Reply::Stopped { .. }
-            | Reply::Snapshot { .. }
-            | Reply::Question { .. }
-            | Reply::Detail { .. }
-            | Reply::Film { .. }
-            | Reply::Registry { .. }
-            | Reply::Audit { .. }
-            | Reply::Health { .. }
-            | Reply::Verified { .. } => {
-                let events = self.pump.deliver_events();
-                self.learn(events)
-            }
             Reply::Refused { text, hint, .. } => {
                 Err(ExperimentError::candidate(self.name, Problem::from((text, hint)).sentence()))
+            }
+            _ => {
+                let events = self.pump.deliver_events();
+                self.learn(events)
             }
         }
     }
