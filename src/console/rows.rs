@@ -18,6 +18,7 @@ use holdpoint_protocol::detail::{Detail, DrillView, FieldDiff, MeasuredValue};
 use holdpoint_protocol::event::DimensionResult;
 use holdpoint_protocol::explanation::DecisionExplanation;
 use holdpoint_protocol::snapshot::{AlarmView, CandidateView, Disagreement, current_progress};
+use holdpoint_wording::console::record::record_sentence;
 
 /// A row of the registry's tree.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -236,7 +237,7 @@ impl ConsoleModel {
         let shown = self.engine_data.audit.rows.iter().filter(|row| group.shows(row.kind.known()));
         // The content behind a sentence is not on the screen.
         audit::rows(shown.filter(|row| {
-            let sentence = std::fmt::from_fn(|f| f.write_str(&audit::sentence(row)));
+            let sentence = std::fmt::from_fn(|f| f.write_str(&record_sentence(row)));
             sieve.fits(&[&row.kind, &row.subject, &sentence])
         }))
     }

@@ -14,7 +14,7 @@ use ratatui::layout::Rect;
 use super::console_view::{ConsoleView, ORDER_OF_TIME, ViewDescription};
 use super::tabs;
 use crate::action::{Action, Scope};
-use crate::audit::{self, AuditGroup, AuditItem, sentence};
+use crate::audit::{self, AuditGroup, AuditItem};
 use crate::effect::{Effect, EngineQuery};
 use crate::formatters::{record_moment, record_time, seconds};
 use crate::look::{Glyph, ThemeRole};
@@ -26,6 +26,7 @@ use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::metrics::store_metrics::ObservedCounts;
 use holdpoint_governance::record::AuditRecord;
 use holdpoint_wording::console::audit as wording;
+use holdpoint_wording::console::record::record_sentence;
 
 /// The most lines for the record under the cursor.
 const DETAIL_ROWS_MAX: u16 = 8;
@@ -73,7 +74,7 @@ impl ConsoleView for AuditBehavior {
     fn row_texts(&self, model: &ConsoleModel) -> Vec<String> {
         let text = |row: &AuditItem<'_>| {
             let record = row.record;
-            format!("{} {} {}", record.kind, record.subject, sentence(record))
+            format!("{} {} {}", record.kind, record.subject, record_sentence(record))
         };
         model.audit_rows().iter().map(text).collect()
     }
@@ -213,9 +214,9 @@ fn line(row: &AuditItem<'_>, columns: &AuditColumns) -> Row {
 /// The text of a row; for a run, the number of its records.
 fn summary(row: &AuditItem<'_>) -> String {
     if row.count > 1 {
-        return wording::run_of_telemetry(row.count, &sentence(row.record));
+        return wording::run_of_telemetry(row.count, &record_sentence(row.record));
     }
-    sentence(row.record)
+    record_sentence(row.record)
 }
 
 /// One line of the log for the smallest windows.
