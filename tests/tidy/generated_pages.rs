@@ -1,4 +1,4 @@
-//! The pages of the guide that are made from the program: the command line and the codes of reasons.
+//! The pages of the guide that are made from the program: command line, codes of reasons, kinds of records.
 //!
 //! `HOLDPOINT_WRITE_GUIDE=1` writes them.
 
@@ -9,6 +9,8 @@ use clap::{Arg, Command, CommandFactory as _};
 use holdpoint::cli::Cli;
 use holdpoint::governance::closed_set::schemars::schema_for;
 use holdpoint::governance::decision::ReasonCode;
+use holdpoint::governance::record::RecordKind;
+use serde_json::Value;
 
 use crate::data::root;
 
@@ -124,23 +126,36 @@ fn the_page_of_the_command_line_is_the_program_s() {
     check("src/guide/reference/command-line.md", &page);
 }
 
+/// A table of the members of a closed set: names in order, each with its description in the schema.
+fn set_table(head: &str, names: &[&str], schema: &Value) -> String {
+    let variants = schema["oneOf"].as_array().unwrap();
+    let mut rows = format!("| {head} | meaning |\n| --- | --- |\n");
+    for name in names {
+        let variant = variants.iter().find(|variant| variant["const"] == *name);
+        let text = variant.and_then(|variant| variant["description"].as_str()).unwrap_or_default();
+        let meaning = text.split_whitespace().collect::<Vec<_>>().join(" ").replace('|', "\\|");
+        assert!(!meaning.is_empty(), "{name} has no description");
+        let _ = writeln!(rows, "| `{name}` | {meaning} |");
+    }
+    rows
+}
+
 #[test]
 fn the_page_of_reason_codes_is_the_program_s() {
-    let schema = serde_json::to_value(schema_for!(ReasonCode)).unwrap();
-    let mut page = String::from(
+    let names: Vec<&str> = ReasonCode::ALL.iter().map(|code| code.as_str()).collect();
+    let page = String::from(
         "# Reason codes\n\nEach decision carries reasons; each reason has one of these codes. `holdpoint explain` \
-         prints its sentence, JSON has the code.\n\n| code | meaning |\n| --- | --- |\n",
-    );
-    let variants = schema["oneOf"].as_array().unwrap();
-    let meaning = |code: &str| -> String {
-        let variant = variants.iter().find(|variant| variant["const"] == code);
-        let text = variant.and_then(|variant| variant["description"].as_str()).unwrap_or_default();
-        text.split_whitespace().collect::<Vec<_>>().join(" ").replace('|', "\\|")
-    };
-    for code in ReasonCode::ALL {
-        let meaning = meaning(code.as_str());
-        assert!(!meaning.is_empty(), "{} has no description", code.as_str());
-        let _ = writeln!(page, "| `{}` | {meaning} |", code.as_str());
-    }
+         prints its sentence, JSON has the code.\n\n",
+    ) + &set_table("code", &names, schema_for!(ReasonCode).as_value());
     check("src/guide/reference/reason-codes.md", &page);
+}
+
+#[test]
+fn the_page_of_record_kinds_is_the_program_s() {
+    let names = RecordKind::ALL.map(RecordKind::name);
+    let page = String::from(
+        "# Kinds of records\n\nEach record of the audit log has one of these kinds. [Record format](record-format.md) has \
+         its other fields.\n\n",
+    ) + &set_table("kind", &names, schema_for!(RecordKind).as_value());
+    check("src/guide/reference/record-kinds.md", &page);
 }
