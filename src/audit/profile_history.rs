@@ -12,7 +12,7 @@ use holdpoint_governance::ids::Digest;
 use holdpoint_governance::profile::ProfileName;
 use holdpoint_governance::profile_downgrade::{
     ActiveProfile, AdmissionContext, DowngradedField, IncomingProfile, PreviousProfile, ProfileRules,
-    ProfileSettings, downgrade_summary, is_at_risk, needs_authorization,
+    ProfileSettings, downgrade_summary, needs_authorization,
 };
 
 /// The rules of a profile in its record's form. Fields are in the order of their names.
@@ -156,8 +156,8 @@ impl ProfileHistory {
     #[must_use]
     pub fn next(&self, rules: &ProfileRules, scripted: bool) -> ContextRules {
         let before = match (self.last, &self.settings) {
-            (Some(last), Some(settings)) if is_at_risk(last.class) => PreviousProfile::Known(settings),
-            (Some(last), None) if is_at_risk(last.class) => PreviousProfile::Unknown,
+            (Some(last), Some(settings)) if last.class.is_at_risk() => PreviousProfile::Known(settings),
+            (Some(last), None) if last.class.is_at_risk() => PreviousProfile::Unknown,
             (Some(_) | None, _) => PreviousProfile::Nothing,
         };
         let ProfileRules { digest, settings, .. } = rules;
@@ -253,7 +253,7 @@ impl ProfileHistory {
         self.ruled |= rules.is_some();
         self.scripted = rules.as_ref().is_some_and(|rules| rules.scripted);
         self.was_used |= !self.scripted;
-        self.was_live |= is_at_risk(class) && !self.scripted;
+        self.was_live |= class.is_at_risk() && !self.scripted;
         let digest = rules.as_ref().map(|rules| rules.digest);
         self.authorized = match &rules {
             Some(rules) if checked.is_ok() && self.needs(class, rules) => digest,
@@ -267,7 +267,7 @@ impl ProfileHistory {
     /// As [`Self::check`], for a record of an earlier version, without rules.
     fn check_of_earlier(&self, seq: u64, class: ProfileName, looser_by_word: bool) -> Result<(), String> {
         let last = self.last.map(|last| last.class);
-        if self.ruled && (is_at_risk(class) || last.is_some_and(is_at_risk)) {
+        if self.ruled && (class.is_at_risk() || last.is_some_and(ProfileName::is_at_risk)) {
             return Err(format!("{}, and does not name its rules", self.change_description(class)));
         }
         let is_authorized = self.authorization.as_ref().is_some_and(|authorization| {
@@ -300,7 +300,8 @@ pub fn check_key_guarded(
 ) -> Result<(), PersonError> {
     // Earlier versions checked the profile in force alone.
     let next = act.act().rules.as_ref().map(|_| act.act().profile);
-    if [last, next].contains(&Some(ProfileName::Human)) { act.check_guarded(persons) } else { Ok(()) }
+    let is_beside_people = [last, next].into_iter().flatten().any(ProfileName::is_beside_people);
+    if is_beside_people { act.check_guarded(persons) } else { Ok(()) }
 }
 
 #[cfg(test)]

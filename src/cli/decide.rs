@@ -26,7 +26,6 @@ use holdpoint_approvals::keyfile::Protection;
 use holdpoint_approvals::{Identity, LockedIdentity, SignedFacts};
 use holdpoint_governance::approval::ApprovalDecision;
 use holdpoint_governance::ids::{CapabilityId, Family, is_name};
-use holdpoint_governance::profile::ProfileName;
 use holdpoint_protocol::command::{Command, Operation, Refusal, Reply};
 use holdpoint_protocol::snapshot::{ApprovalRequestView, RequestKind, Snapshot};
 use holdpoint_registry::Views;
@@ -301,7 +300,7 @@ fn check_digest(digest: Option<&str>, facts: &SignedFacts) -> Result<(), CliErro
                 .with_hint("read the evidence again, then approve its digest")
                 .with_details(ErrorReason::Stale))
         }
-        None if facts.profile == ProfileName::Human => {
+        None if facts.profile.is_beside_people() => {
             let text =
                 format!("the profile {:?} needs --digest with the evidence that was read", facts.profile);
             Err(CliError::usage(text).with_hint(format!("`holdpoint status {}` shows it", facts.version)))

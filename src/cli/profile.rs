@@ -201,7 +201,7 @@ fn allow(context: &CliContext, args: &AllowArgs, out: &mut CommandOutput<'_>) ->
     let signed = SignedProfileAct::by(&signer, (class, change.clone()), end, args.reason.raw())
         .map_err(CliError::internal)?;
     signed.check(&persons, class, head.hash).map_err(CliError::from_engine_fault)?;
-    if [Some(class), course.last().map(|last| last.class)].contains(&Some(ProfileName::Human)) {
+    if class.is_beside_people() || course.last().is_some_and(|last| last.class.is_beside_people()) {
         signed.check_guarded(&persons).map_err(CliError::from_engine_fault)?;
     }
     let requester = serde_json::to_string(&caller::own()).map_err(CliError::internal)?;

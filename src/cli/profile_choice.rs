@@ -29,6 +29,11 @@ pub enum RequestedProfile {
     File(PathBuf),
 }
 
+/// A built-in profile, for help and completion.
+pub(super) fn possible_value(name: ProfileName) -> PossibleValue {
+    PossibleValue::new(name.name()).help(name.declaration().help)
+}
+
 /// Reads [`RequestedProfile`]; help and completion list the built-in profiles.
 #[derive(Clone, Copy, Debug)]
 pub struct RequestedProfileParser;
@@ -60,14 +65,7 @@ impl TypedValueParser for RequestedProfileParser {
     }
 
     fn possible_values(&self) -> Option<Box<dyn Iterator<Item = PossibleValue> + '_>> {
-        let help = |name: ProfileName| match name {
-            ProfileName::Sim => "Simulation only: no approvals",
-            ProfileName::Real => "A real cell, no people inside",
-            ProfileName::Human => "People work beside the robot: the tightest limits",
-        };
-        Some(Box::new(
-            ProfileName::ALL.into_iter().map(move |name| PossibleValue::new(name.name()).help(help(name))),
-        ))
+        Some(Box::new(ProfileName::ALL.into_iter().map(possible_value)))
     }
 }
 

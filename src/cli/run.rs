@@ -4,11 +4,12 @@ use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+use clap::builder::PossibleValue;
 use clap::{Args, ValueEnum};
 
 use super::data;
 use super::profile_authorization;
-use super::profile_choice::{RequestedProfile, RequestedProfileParser, chosen};
+use super::profile_choice::{RequestedProfile, RequestedProfileParser, chosen, possible_value};
 use super::result_cache::CacheKeyArgs;
 use super::site_choice;
 use crate::error::CliError;
@@ -305,22 +306,33 @@ impl EngineArgs {
 }
 
 /// The name of a built-in profile, on the command line.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub enum ProfileArg {
-    /// Simulation only: no approvals.
-    Sim,
-    /// A real cell, no people inside.
-    Real,
-    /// People work beside the robot: the tightest limits.
-    Human,
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct ProfileArg(ProfileName);
+
+impl ProfileArg {
+    const ALL: [Self; ProfileName::ALL.len()] = {
+        let mut all = [Self(ProfileName::ALL[0]); ProfileName::ALL.len()];
+        let mut at = 0;
+        while at < all.len() {
+            all[at] = Self(ProfileName::ALL[at]);
+            at += 1;
+        }
+        all
+    };
+}
+
+impl ValueEnum for ProfileArg {
+    fn value_variants<'a>() -> &'a [Self] {
+        &Self::ALL
+    }
+
+    fn to_possible_value(&self) -> Option<PossibleValue> {
+        Some(possible_value(self.0))
+    }
 }
 
 impl From<ProfileArg> for ProfileName {
     fn from(argument: ProfileArg) -> Self {
-        match argument {
-            ProfileArg::Sim => Self::Sim,
-            ProfileArg::Real => Self::Real,
-            ProfileArg::Human => Self::Human,
-        }
+        argument.0
     }
 }

@@ -229,7 +229,7 @@ fn witnessed_by(
     let signed =
         SignedWitnessAct::by(&signer, (folder, present), end, reason.raw()).map_err(CliError::internal)?;
     signed.check(&persons, (folder, present), head.hash).map_err(CliError::from_engine_fault)?;
-    if profile == Some(ProfileName::Human) {
+    if profile.is_some_and(ProfileName::is_beside_people) {
         signed.check_guarded(&persons).map_err(CliError::from_engine_fault)?;
     }
     Ok((requester, Some(Box::new(signed))))

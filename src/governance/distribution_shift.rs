@@ -24,7 +24,7 @@ use super::finding::Finding;
 use super::gate::ShadowAssessment;
 use super::harm::HarmKind;
 use super::outcome::{BehaviorOutcome, CheckResult};
-use super::profile::{Profile, ProfileName};
+use super::profile::Profile;
 use super::stats::holm;
 use super::stats::smirnov::smirnov_above;
 
@@ -256,11 +256,7 @@ pub fn compare_with_sandbox(
     if found.is_empty() {
         return;
     }
-    let holds = match profile.name {
-        ProfileName::Sim => false,
-        ProfileName::Real | ProfileName::Human => true,
-    };
-    if result.sequences < profile.evaluation.shadow_sequences_max || holds {
+    if result.sequences < profile.evaluation.shadow_sequences_max || profile.name.is_at_risk() {
         result.check = CheckResult::Inconclusive;
         result.reasons.retain(|reason| reason.code != ReasonCode::ShadowClean);
     }
@@ -273,6 +269,7 @@ mod tests {
     use crate::evidence::{Conduct, EvidenceBinding};
     use crate::harm::HarmMeasures;
     use crate::ids::Digest;
+    use crate::profile::ProfileName;
 
     fn values(slip_m: f64) -> EpisodeValues {
         EpisodeValues {

@@ -465,8 +465,7 @@ impl GateFindings {
             self.hold.push(reason(Finding::DependenciesNotActive { dependencies }));
         }
         let needs_people = people_needed(input.kappas, (input.risk, input.provenance), table, profile) > 0;
-        let strict =
-            profile.name == ProfileName::Human || (profile.name == ProfileName::Real && needs_people);
+        let strict = profile.name.is_beside_people() || (profile.name.is_at_risk() && needs_people);
         if *input.requester == Requester::Unknown && strict {
             self.hold.push(reason(Finding::RequesterUnknown));
         }

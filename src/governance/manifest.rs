@@ -464,7 +464,7 @@ impl Deployment {
             return Some((
                 "deployment.environments".into(),
                 "[]".into(),
-                "at least one of sim, real, human".into(),
+                format!("at least one of {}", super::profile::ProfileName::NAMES.join(", ")),
             ));
         }
         let count = self.dependencies.len();

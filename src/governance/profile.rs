@@ -30,7 +30,7 @@ pub use evaluation_settings::EvaluationSettings;
 use fields::Weights;
 pub use harm::{HarmSettings, HarmTolerance};
 pub use live_harm::LiveHarmSettings;
-pub use name::{ProfileName, ProfileNameError, SiteName, SiteNameError, titled};
+pub use name::{ClassRisk, ProfileName, ProfileNameError, SiteName, SiteNameError, titled};
 pub use reasons::ReasonedNumber;
 use reasons::Reasons;
 pub use runtime_limits::RuntimeLimits;
@@ -475,21 +475,13 @@ impl Profile {
     /// The file and the text of a profile that comes with the program.
     #[must_use]
     pub const fn builtin_text(name: ProfileName) -> (&'static str, &'static str) {
-        match name {
-            ProfileName::Sim => ("profiles/sim.toml", include_str!("../../profiles/sim.toml")),
-            ProfileName::Real => ("profiles/real.toml", include_str!("../../profiles/real.toml")),
-            ProfileName::Human => ("profiles/human.toml", include_str!("../../profiles/human.toml")),
-        }
+        name.declaration().profile
     }
 
     /// The policy text that comes with the program for a profile.
     #[must_use]
     pub const fn builtin_policy(name: ProfileName) -> (&'static str, &'static str) {
-        match name {
-            ProfileName::Sim => ("profiles/sim.cedar", include_str!("../../profiles/sim.cedar")),
-            ProfileName::Real => ("profiles/real.cedar", include_str!("../../profiles/real.cedar")),
-            ProfileName::Human => ("profiles/human.cedar", include_str!("../../profiles/human.cedar")),
-        }
+        name.declaration().policy
     }
 
     /// What is wrong with a profile that does not come with the program, beyond what [`Profile::parse`] refuses:

@@ -368,7 +368,7 @@ impl AdmissionContext {
     /// script decided.
     #[must_use]
     pub fn suffices(self, now: Self) -> bool {
-        !is_at_risk(now.class) || (self.class >= now.class && (now.scripted || !self.scripted))
+        !now.class.is_at_risk() || (self.class >= now.class && (now.scripted || !self.scripted))
     }
 }
 
@@ -385,15 +385,6 @@ pub struct IncomingProfile {
     pub scripted: bool,
 }
 
-/// Whether a class of profile is for a cell in which damage or injury is possible.
-#[must_use]
-pub const fn is_at_risk(class: ProfileName) -> bool {
-    match class {
-        ProfileName::Sim => false,
-        ProfileName::Real | ProfileName::Human => true,
-    }
-}
-
 /// Whether a profile takes an administrator's signed authorization. `authorized` is the digest of the rules that the
 /// last used authorization permits. A script needs none: its store was never used under `real` or `human` by another
 /// engine, and no later engine inherits what it left in force.
@@ -406,10 +397,10 @@ pub fn needs_authorization(
     if next.scripted {
         return false;
     }
-    let looser = is_at_risk(next.class) && next.is_looser;
+    let looser = next.class.is_at_risk() && next.is_looser;
     match last {
         Some(last) if last.rules == Some(next.rules) => looser && authorized != Some(next.rules),
-        Some(last) if is_at_risk(last.class) => true,
+        Some(last) if last.class.is_at_risk() => true,
         Some(_) | None => looser,
     }
 }

@@ -141,7 +141,8 @@ impl Site {
         match self.profile_file() {
             Some(path) if !is_path(path) => return refuse("profile", path, &path_allowed()),
             None if self.profile.parse::<ProfileName>().is_err() => {
-                return refuse("profile", &self.profile, "sim, real, human, or the TOML file of a profile");
+                let allowed = format!("{}, or the TOML file of a profile", ProfileName::NAMES.join(", "));
+                return refuse("profile", &self.profile, &allowed);
             }
             Some(_) | None => {}
         }

@@ -12,7 +12,7 @@ use serde::{Deserialize, Serialize};
 
 use super::mode::{Authority, CommandKind, ModeKey, UnknownZone, ZoneName};
 use super::policy::{ModeRuling, PolicyError, PolicyProblem, PolicySource, PolicyTable};
-use super::profile::{Profile, ProfileName, ReasonedNumber, SiteName};
+use super::profile::{ClassRisk, Profile, ProfileName, ReasonedNumber, SiteName};
 use super::text_error::TextError;
 use holdpoint_text::{ErrorDetails, ErrorReason, Hint};
 
@@ -259,10 +259,10 @@ fn carried_text(text: &str) -> Option<String> {
 /// never allowed without one (paper: approval for higher-risk activation).
 fn too_open(profile: &Profile, table: &PolicyTable, file: &str) -> Result<(), SiteProfileError> {
     let class = profile.name;
-    let closed = |mode: &ModeKey| match class {
-        ProfileName::Sim => false,
-        ProfileName::Real => mode.command == CommandKind::Direct,
-        ProfileName::Human => {
+    let closed = |mode: &ModeKey| match class.declaration().risk {
+        ClassRisk::Nothing => false,
+        ClassRisk::Machine => mode.command == CommandKind::Direct,
+        ClassRisk::People => {
             let of_high_risk = mode.zone == ZoneName::Human || mode.authority >= Authority::HIGH_RISK_FROM;
             mode.command == CommandKind::Direct || (of_high_risk && mode.command != CommandKind::Stop)
         }

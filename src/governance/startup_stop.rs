@@ -29,10 +29,7 @@ pub enum LastEngineRun {
 /// Whether an engine under this profile records that it runs the cell. Consoles and services have secret seeds.
 #[must_use]
 pub const fn records_run_end(profile: ProfileName, has_secret_seeds: bool) -> bool {
-    match profile {
-        ProfileName::Sim => has_secret_seeds,
-        ProfileName::Real | ProfileName::Human => true,
-    }
+    profile.is_at_risk() || has_secret_seeds
 }
 
 /// Why the cell comes up stopped, under whatever profile; `None` if it does not. `marked`: a stop is kept beside the
@@ -60,8 +57,9 @@ mod tests {
         ] {
             assert_eq!(start_stopped_reason(last, marked), why, "{last:?}, marked: {marked}");
         }
+        let classes = [ProfileName::Sim, ProfileName::Real, ProfileName::Human];
         for (has_secret_seeds, records) in [(true, [true; 3]), (false, [false, true, true])] {
-            assert_eq!(ProfileName::ALL.map(|profile| records_run_end(profile, has_secret_seeds)), records);
+            assert_eq!(classes.map(|profile| records_run_end(profile, has_secret_seeds)), records);
         }
     }
 }

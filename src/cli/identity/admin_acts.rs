@@ -84,10 +84,18 @@ impl IdentityRegister {
         Ok(Self { executor, layout, persons, profile })
     }
 
-    /// An administrator whose key signs without a prompt, in a store that is not used under `human`.
+    /// Whether the store is used beside people.
+    fn is_beside_people(&self) -> bool {
+        self.profile.is_some_and(ProfileName::is_beside_people)
+    }
+
+    /// An administrator whose key signs without a prompt, in a store that is not used beside people.
     fn default_administrator(&self) -> Option<Identity> {
-        let allowed = self.profile != Some(ProfileName::Human);
-        if allowed { self.persons.unprotected_administrator(&self.layout.identities()) } else { None }
+        if self.is_beside_people() {
+            None
+        } else {
+            self.persons.unprotected_administrator(&self.layout.identities())
+        }
     }
 
     /// The opened key of an administrator who may enroll here.
@@ -100,7 +108,7 @@ impl IdentityRegister {
     ) -> Result<Identity, CliError> {
         let locked = passphrase::stored_identity(context, name)?;
         let reason = match act {
-            PersonActKind::Enrol if self.profile == Some(ProfileName::Human) => {
+            PersonActKind::Enrol if self.is_beside_people() => {
                 Some("and under the profile human such a key cannot enroll people")
             }
             PersonActKind::Confirm => Some("so any process that can read it could verify any person with it"),

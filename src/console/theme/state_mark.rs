@@ -8,7 +8,7 @@ use holdpoint_governance::closed_set::Lenient;
 use holdpoint_governance::lifecycle::{Stage, State, VersionFlags};
 use holdpoint_governance::monitor::MonitorOutcome;
 use holdpoint_governance::outcome::{DimensionOutcome, StageOutcome};
-use holdpoint_governance::profile::ProfileName;
+use holdpoint_governance::profile::{ClassRisk, ProfileName};
 use holdpoint_governance::record::UpgradeEnd;
 use holdpoint_governance::rollback::PostStatus;
 use holdpoint_protocol::explanation::{PeopleRuling, Ruling};
@@ -51,10 +51,11 @@ impl StateMark {
 
     #[must_use]
     pub const fn profile(profile: ProfileName) -> Self {
-        match profile {
-            ProfileName::Sim => mark(Glyph::Sim, "SIM", ThemeRole::BannerSim),
-            ProfileName::Real => mark(Glyph::Real, "REAL", ThemeRole::BannerReal),
-            ProfileName::Human => mark(Glyph::Human, "HUMAN", ThemeRole::BannerHuman),
+        let declared = profile.declaration();
+        match declared.risk {
+            ClassRisk::Nothing => mark(Glyph::Sim, declared.label, ThemeRole::BannerSim),
+            ClassRisk::Machine => mark(Glyph::Real, declared.label, ThemeRole::BannerReal),
+            ClassRisk::People => mark(Glyph::Human, declared.label, ThemeRole::BannerHuman),
         }
     }
 

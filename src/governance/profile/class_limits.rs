@@ -61,12 +61,8 @@ const STRICTER: &[ClassLimit] = &[
 ];
 
 /// The class before this one.
-const fn less_strict_class(class: ProfileName) -> Option<ProfileName> {
-    match class {
-        ProfileName::Sim => None,
-        ProfileName::Real => Some(ProfileName::Sim),
-        ProfileName::Human => Some(ProfileName::Real),
-    }
+fn less_strict_class(class: ProfileName) -> Option<ProfileName> {
+    ProfileName::ALL.into_iter().rev().find(|before| *before < class)
 }
 
 /// A contradiction within a profile, or with its class.

@@ -2,8 +2,8 @@
 //!
 //! One table; a test checks that it names every number of the shipped profiles, and no other.
 
-use super::Profile;
 use super::later_numbers::{self, LATER_NUMBERS};
+use super::{Profile, ProfileName};
 use crate::text_error::number_text;
 
 /// In which direction a number makes a profile tighter.
@@ -223,7 +223,7 @@ pub fn default_of(path: &str) -> Option<f64> {
 
 /// Settings whose words have an order of strictness: path, and the words, the least strict first.
 pub const WORDS: &[(&str, &[&str])] = &[
-    ("name", &["sim", "real", "human"]),
+    ("name", &ProfileName::NAMES),
     ("shadow.outputs_alone", &["enough", "hold"]),
     ("activation.require_improvement", &["false", "true"]),
     ("activation.rollback_coupled", &["false", "true"]),

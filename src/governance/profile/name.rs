@@ -1,33 +1,101 @@
-//! The three settings there are profiles for, and the names of profiles that do not come with the program.
+//! The settings there are profiles for, each declared once, and the names of profiles that do not come with the program.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::ids::is_name;
 
-/// The setting a profile is for (paper: `Gamma_sim`, `Gamma_real`, `Gamma_human`).
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, JsonSchema)]
-#[serde(rename_all = "kebab-case")]
-pub enum ProfileName {
+/// What can be damaged or injured in the cell of a class of profiles, the least first.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum ClassRisk {
+    /// Nothing: the cell is simulated.
+    Nothing,
+    /// The robot and its cell.
+    Machine,
+    /// People beside the robot.
+    People,
+}
+
+/// What a class of profiles is, beside the numbers of its shipped profile.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct ClassDeclaration {
+    /// What can be damaged or injured in its cell.
+    pub risk: ClassRisk,
+    /// Its name on the console.
+    pub label: &'static str,
+    /// What it is for, in the help of the command line.
+    pub help: &'static str,
+    /// File and text of its shipped profile.
+    pub profile: (&'static str, &'static str),
+    /// File and text of its shipped policies.
+    pub policy: (&'static str, &'static str),
+}
+
+/// Declares the classes: the variant, the name in files, and what the class is.
+macro_rules! classes {
+    ($($(#[$doc:meta])* $class:ident = $name:literal, $label:literal: $risk:ident, $help:literal;)+) => {
+        /// The setting a profile is for (paper: `Gamma_sim`, `Gamma_real`, `Gamma_human`).
+        #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, JsonSchema)]
+        pub enum ProfileName { $($(#[$doc])* #[serde(rename = $name)] $class),+ }
+
+        impl ProfileName {
+            /// Every profile, the loosest first.
+            pub const ALL: [Self; [$($name),+].len()] = [$(Self::$class),+];
+
+            /// Every name, in the same order.
+            pub const NAMES: [&'static str; Self::ALL.len()] = [$($name),+];
+
+            /// The name in files, policies and records.
+            #[must_use]
+            pub const fn name(self) -> &'static str {
+                match self { $(Self::$class => $name),+ }
+            }
+
+            /// What the class is.
+            #[must_use]
+            pub const fn declaration(self) -> &'static ClassDeclaration {
+                match self {
+                    $(Self::$class => const {
+                        &ClassDeclaration {
+                            risk: ClassRisk::$risk,
+                            label: $label,
+                            help: $help,
+                            profile: (
+                                concat!("profiles/", $name, ".toml"),
+                                include_str!(concat!("../../../profiles/", $name, ".toml")),
+                            ),
+                            policy: (
+                                concat!("profiles/", $name, ".cedar"),
+                                include_str!(concat!("../../../profiles/", $name, ".cedar")),
+                            ),
+                        }
+                    }),+
+                }
+            }
+        }
+    };
+}
+
+classes! {
     /// Simulation only: nothing can be damaged, no approval is required (paper appendix D).
-    Sim,
+    Sim = "sim", "SIM": Nothing, "Simulation only: no approvals";
     /// A real cell with no person inside while it runs.
-    Real,
+    Real = "real", "REAL": Machine, "A real cell, no people inside";
     /// People work beside the robot: the tightest limits, and activation needs signatures.
-    Human,
+    Human = "human", "HUMAN": People, "People work beside the robot: the tightest limits";
 }
 
 impl ProfileName {
-    /// Every profile, the loosest first.
-    pub const ALL: [Self; 3] = [Self::Sim, Self::Real, Self::Human];
-    /// The name in files, policies and records.
+    /// Whether it is for a cell in which damage or injury is possible.
     #[must_use]
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::Sim => "sim",
-            Self::Real => "real",
-            Self::Human => "human",
-        }
+    pub const fn is_at_risk(self) -> bool {
+        !matches!(self.declaration().risk, ClassRisk::Nothing)
+    }
+
+    /// Whether people work beside the robot.
+    #[must_use]
+    pub const fn is_beside_people(self) -> bool {
+        matches!(self.declaration().risk, ClassRisk::People)
     }
 }
 
@@ -98,5 +166,28 @@ impl From<SiteName> for String {
 impl std::fmt::Display for SiteName {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.write_str(&self.0)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A class never protects less than the looser one before it; records and files have these names.
+    #[test]
+    fn classes_are_declared_in_the_order_of_their_risk() {
+        let risks = ProfileName::ALL.map(|class| class.declaration().risk);
+        assert!(risks.is_sorted(), "{risks:?}");
+        let named = ["sim", "real", "human"].map(|name| name.parse::<ProfileName>().unwrap());
+        assert_eq!(named, [ProfileName::Sim, ProfileName::Real, ProfileName::Human]);
+        for class in ProfileName::ALL {
+            assert_eq!(serde_json::to_value(class).unwrap(), class.name());
+            assert_eq!(class.declaration().label, class.name().to_uppercase());
+            let texts = [class.declaration().profile, class.declaration().policy];
+            assert_eq!(
+                texts.map(|(file, _)| file),
+                ["toml", "cedar"].map(|end| format!("profiles/{class}.{end}"))
+            );
+        }
     }
 }

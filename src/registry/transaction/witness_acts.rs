@@ -8,10 +8,7 @@ use holdpoint_store::StoreError;
 /// Whether a profile requires an administrator's signed authorization to change witnesses.
 #[must_use]
 pub const fn witnesses_are_signed(profile: ProfileName) -> bool {
-    match profile {
-        ProfileName::Sim => false,
-        ProfileName::Real | ProfileName::Human => true,
-    }
+    profile.is_at_risk()
 }
 
 impl Applier<'_> {
@@ -38,8 +35,8 @@ impl Applier<'_> {
         let persons = self.persons()?;
         let checked = signed.check(&persons, (folder, present), self.head.hash);
         let checked = checked.and_then(|()| match profile {
-            Some(ProfileName::Human) => signed.check_guarded(&persons),
-            Some(ProfileName::Sim | ProfileName::Real) | None => Ok(()),
+            Some(profile) if profile.is_beside_people() => signed.check_guarded(&persons),
+            Some(_) | None => Ok(()),
         });
         checked.map_err(|error| refused(error.to_string()))
     }

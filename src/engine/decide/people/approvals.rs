@@ -14,7 +14,7 @@ use holdpoint_governance::gate;
 use holdpoint_governance::ids::{CapabilityId, Digest};
 use holdpoint_governance::lifecycle::LifecycleEvent;
 use holdpoint_governance::notice::Notice;
-use holdpoint_governance::profile::ProfileName;
+use holdpoint_governance::profile::{ClassRisk, ProfileName};
 use holdpoint_governance::submission::{Provenance, Risk};
 use holdpoint_governance::wall_time::WallTime;
 use holdpoint_protocol::command::{Operation, Refusal, Reply};
@@ -420,10 +420,10 @@ pub(super) const fn tier(profile: ProfileName, quorum: u8, review: bool) -> u8 {
     if quorum >= 2 || review {
         return 2;
     }
-    match profile {
-        ProfileName::Sim => 0,
-        ProfileName::Real => 1,
-        ProfileName::Human => 2,
+    match profile.declaration().risk {
+        ClassRisk::Nothing => 0,
+        ClassRisk::Machine => 1,
+        ClassRisk::People => 2,
     }
 }
 

@@ -9,7 +9,6 @@ use std::collections::BTreeMap;
 use holdpoint_approvals::keyfile::Protection;
 use holdpoint_approvals::{ApprovalError, Identity, Nonce, SignedCall};
 use holdpoint_governance::approval::Role;
-use holdpoint_governance::profile::ProfileName;
 use holdpoint_protocol::command::{AuthorityEffect, Command, Refusal, Reply, Request};
 use holdpoint_protocol::snapshot::SigningView;
 use holdpoint_text::Hint;
@@ -171,10 +170,7 @@ pub(crate) fn still_stands(record: &EngineRecorder, signer: &Signer) -> Result<(
 
 /// Whether every request that gives authority needs a signature here.
 pub(crate) fn is_required(context: &Context) -> bool {
-    match context.profile.name {
-        ProfileName::Sim => false,
-        ProfileName::Real | ProfileName::Human => true,
-    }
+    context.profile.name.is_at_risk()
 }
 
 fn unsigned(context: &Context) -> Reply {
