@@ -1,4 +1,4 @@
-//! The pages of the guide that are made from the program: command line, codes of reasons, kinds of records.
+//! The pages and tables of the guide that are made from the program: command line, codes of reasons, kinds of records, keys.
 //!
 //! `HOLDPOINT_WRITE_GUIDE=1` writes them.
 
@@ -7,6 +7,7 @@ use std::fs;
 
 use clap::{Arg, Command, CommandFactory as _};
 use holdpoint::cli::Cli;
+use holdpoint::cli::keys::markdown;
 use holdpoint::governance::closed_set::schemars::schema_for;
 use holdpoint::governance::decision::ReasonCode;
 use holdpoint::governance::record::RecordKind;
@@ -124,6 +125,24 @@ fn the_page_of_the_command_line_is_the_program_s() {
     }
     push_shared(&mut page, &program);
     check("src/guide/reference/command-line.md", &page);
+}
+
+/// A page with another table in place of the first one beneath a heading.
+fn with_table(page: &str, heading: &str, table: &str) -> String {
+    let text = fs::read_to_string(root().join(page)).unwrap();
+    let head = format!("\n## {heading}\n");
+    let (above, below) = text.split_once(&head).unwrap_or_else(|| panic!("{page} has no {heading:?}"));
+    let is_row = |line: &&str| line.starts_with('|');
+    let lead: String = below.split_inclusive('\n').take_while(|line| !is_row(line)).collect();
+    let rest: String =
+        below.split_inclusive('\n').skip_while(|line| !is_row(line)).skip_while(is_row).collect();
+    format!("{above}{head}{lead}{table}{rest}")
+}
+
+#[test]
+fn the_table_of_keys_is_the_program_s() {
+    let page = "src/guide/reference/keys.md";
+    check(page, &with_table(page, "Keys", &markdown()));
 }
 
 /// A table of the members of a closed set: names in order, each with its description in the schema.

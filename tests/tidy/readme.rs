@@ -5,8 +5,6 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use holdpoint::cli::Exit;
-use holdpoint::console::action::Action;
-use holdpoint::console::keymap::Keymap;
 use holdpoint::governance::profile::{Profile, ProfileName};
 use holdpoint::protocol::schema::documents;
 use holdpoint::protocol::wire::PROTOCOL;
@@ -278,21 +276,6 @@ fn documented_exit_codes_are_those_of_the_program() {
     }
     report(&problems);
     assert_eq!(documented.len(), Exit::ALL.len(), "{documented:?}");
-}
-
-#[test]
-fn documented_keys_are_those_of_the_program() {
-    let keymap = Keymap::default();
-    let row = |action: &Action| {
-        let keys: Vec<String> = keymap.keys(*action).iter().map(|key| format!("`{key}`")).collect();
-        let keys = if keys.is_empty() { format!("`:{}`", action.name()) } else { keys.join(" ") };
-        vec![action.scope().title().to_owned(), keys, action.name().to_owned(), action.help().to_owned()]
-    };
-    let mut actual: Vec<Vec<String>> = Action::ALL.iter().map(row).collect();
-    let mut documented = table("src/guide/reference/keys.md", "Keys");
-    actual.sort();
-    documented.sort();
-    assert_eq!(documented, actual);
 }
 
 /// The variants of an enum of the protocol, in kebab case as on the wire, read from its source.
