@@ -81,8 +81,8 @@ pub(super) fn chosen(data: &Path, requested: Option<&RequestedProfile>) -> Resul
         Some(RequestedProfile::Own(site)) => {
             let path = Layout::new(data).profiles().join(format!("{site}.toml"));
             if !path.exists() {
-                let text =
-                    format!("there is no profile {site}: the built-in profiles are sim, real and human");
+                let built_in = ProfileName::listed("and");
+                let text = format!("there is no profile {site}: the built-in profiles are {built_in}");
                 let hint = format!("a custom profile of that name would be {}", display_path(&path));
                 let details = ErrorDetails::of_path(ErrorReason::NotFound, &path);
                 return Err(CliError::usage(text).with_hint(hint).with_details(details));

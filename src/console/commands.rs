@@ -98,7 +98,7 @@ pub fn parse(text: &str) -> Result<ConsoleCommand, String> {
         "goal" => needs(wording::NEEDS_GOAL).map(ConsoleCommand::Goal),
         "confirm-time" if rest.is_empty() => Ok(ConsoleCommand::ConfirmTime),
         "note" => Ok(ConsoleCommand::Note(rest.to_owned())),
-        "close" => needs(wording::NEEDS_PROFILE).and_then(|name| profile(&name, true)),
+        "close" => needs(&wording::needs_profile()).and_then(|name| profile(&name, true)),
         "open" if !rest.is_empty() => profile(rest, false),
         "candidate" if !rest.is_empty() => {
             let version = rest.parse::<CapabilityId>();
@@ -278,7 +278,7 @@ mod tests {
             ("goal", wording::NEEDS_GOAL.to_owned()),
             ("drift strong", "allowed are".to_owned()),
             ("filter moon", "running, waiting, held".to_owned()),
-            ("close", wording::NEEDS_PROFILE.to_owned()),
+            ("close", wording::needs_profile()),
             ("close moon", "moon".to_owned()),
             ("alarms now", wording::takes_nothing("alarms")),
             ("candidate grasp", "is no version".to_owned()),

@@ -86,6 +86,13 @@ classes! {
 }
 
 impl ProfileName {
+    /// Every name in one text, with `word` instead of the last comma: `sim, real and human`.
+    #[must_use]
+    pub fn listed(word: &str) -> String {
+        let [names @ .., last] = Self::NAMES;
+        format!("{} {word} {last}", names.join(", "))
+    }
+
     /// Whether it is for a cell in which damage or injury is possible.
     #[must_use]
     pub const fn is_at_risk(self) -> bool {
@@ -115,9 +122,9 @@ impl std::fmt::Display for ProfileName {
     }
 }
 
-/// A text that names no profile; `sim`, `real` and `human` are.
+/// A text that names no profile.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("the profile {0:?} does not exist; sim, real and human do")]
+#[error("the profile {0:?} does not exist; {known} do", known = ProfileName::listed("and"))]
 pub struct ProfileNameError(pub String);
 
 /// The name of a profile that does not come with the program, e.g. `line-4`: as every name here, and none of the
@@ -137,7 +144,8 @@ pub fn titled(class: ProfileName, site: Option<&SiteName>) -> String {
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error(
     "the name {0:?} is not allowed: 1 to 64 characters of a-z, 0-9, '.', '_' and '-', starting with a letter or \
-     digit, and none of sim, real and human"
+     digit, and none of {taken}",
+    taken = ProfileName::listed("and")
 )]
 pub struct SiteNameError(pub String);
 
@@ -173,13 +181,14 @@ impl std::fmt::Display for SiteName {
 mod tests {
     use super::*;
 
-    /// A class never protects less than the looser one before it; records and files have these names.
+    /// No class has less at risk than the one before it; records and files have these names.
     #[test]
     fn classes_are_declared_in_the_order_of_their_risk() {
         let risks = ProfileName::ALL.map(|class| class.declaration().risk);
         assert!(risks.is_sorted(), "{risks:?}");
         let named = ["sim", "real", "human"].map(|name| name.parse::<ProfileName>().unwrap());
         assert_eq!(named, [ProfileName::Sim, ProfileName::Real, ProfileName::Human]);
+        assert_eq!(ProfileName::listed("or"), "sim, real or human");
         for class in ProfileName::ALL {
             assert_eq!(serde_json::to_value(class).unwrap(), class.name());
             assert_eq!(class.declaration().label, class.name().to_uppercase());

@@ -2,6 +2,8 @@
 
 use std::fmt::Display;
 
+use holdpoint_governance::profile::ProfileName;
+
 pub const USE_IDENTITY: &str = "Use this identity";
 pub const SHOW_VERSION: &str = "Show a version in full";
 pub const BLOCK_FOR_A_PROFILE: &str = "Block the version under the cursor for a profile, reason required";
@@ -20,7 +22,11 @@ pub const USE_THEME: &str = "Use this theme";
 pub const NEEDS_IDENTITY: &str = "the name of an identity; `holdpoint identity list` shows them";
 pub const NEEDS_THEME: &str = "a name; tab shows them";
 pub const NEEDS_GOAL: &str = "a goal: pick-align-place, grasp, align or place";
-pub const NEEDS_PROFILE: &str = "a profile: sim, real or human";
+
+#[must_use]
+pub fn needs_profile() -> String {
+    format!("a profile: {}", ProfileName::listed("or"))
+}
 
 #[must_use]
 pub fn is_no_version(text: &str, error: impl Display) -> String {
