@@ -146,7 +146,8 @@ fn killed_rebuild_leaves_the_damaged_or_the_rebuilt_store() {
     assert!(at_every_call(test, prepare, check) > 20);
 }
 
-fn copy(from: &Path, to: &Path) {
+/// Copies a folder's files and folders into a folder.
+pub fn copy(from: &Path, to: &Path) {
     for entry in fs::read_dir(from).unwrap() {
         let (from, to) = (entry.as_ref().unwrap().path(), to.join(entry.unwrap().file_name()));
         if from.is_dir() {

@@ -14,7 +14,8 @@ use crate::released::schema_1;
 use crate::support::*;
 use crate::tree::{JsonNode, Letters};
 use crate::verifiers::{
-    export_lines, problem_kind, python_and_script, python_verdict, sample_stores, verify_by_both,
+    export_lines, has_python, problem_kind, python_and_script, sample_stores, verify_by_both,
+    verify_contents_by_both,
 };
 
 const SIGNATURES_ONLY: RepairedParts = RepairedParts { chain: false, links: false, signatures: true };
@@ -155,19 +156,22 @@ fn other_notation_is_refused_by_both_verifiers() {
             })
         }),
     ];
+    let (mut cases, mut contents) = (Vec::new(), Vec::new());
     for (case, edit) in edits {
-        let mut tried = 0;
+        let before = cases.len();
         for (lines, keys) in &sound_exports {
             let mut lines = lines.clone();
             if lines.iter_mut().find_map(edit).is_none() {
                 continue;
             }
-            tried += 1;
             repair_export(&mut lines, keys, CHAIN_AND_SIGNATURES);
-            fs::write(&file, written(&lines)).unwrap();
-            assert!(verify_by_both(&file).is_err(), "{case}");
+            cases.push(case);
+            contents.push(written(&lines));
         }
-        assert!(tried > 0, "{case} is nowhere");
+        assert!(cases.len() > before, "{case} is nowhere");
+    }
+    for (case, verdict) in cases.iter().zip(verify_contents_by_both(root.path(), &contents)) {
+        assert!(verdict.is_err(), "{case}");
     }
 }
 
@@ -177,7 +181,7 @@ fn other_bytes_are_refused_by_both_verifiers() {
     let file = root.path().join("store.jsonl");
     let store = sample_stores(root.path()).remove(0);
     let whole = export_lines(&store, &file).join("\n") + "\n";
-    for (case, bytes) in [
+    let cases = [
         ("a mark at the beginning", format!("\u{feff}{whole}")),
         ("a blank at the beginning", format!(" {whole}")),
         ("carriage returns", whole.replace('\n', "\r\n")),
@@ -189,15 +193,17 @@ fn other_bytes_are_refused_by_both_verifiers() {
         ("letters that are escapes", whole.replacen("grasp", "gr\u{e4}sp", 1)),
         ("an escape for a letter", whole.replacen("grasp", "gr\\u0061sp", 1)),
         ("two lines in one", whole.replacen("}\n", "} ", 1)),
-    ] {
-        fs::write(&file, bytes).unwrap();
-        assert!(verify_by_both(&file).is_err(), "{case}");
-    }
+    ];
+    let mut contents: Vec<Vec<u8>> = cases.iter().map(|(_, text)| text.clone().into_bytes()).collect();
     let mut bytes = whole.into_bytes();
     let at = bytes.windows(5).position(|five| five == b"grasp").unwrap();
     bytes[at] = 0xff;
-    fs::write(&file, &bytes).unwrap();
-    assert!(matches!(verify_by_both(&file), Err(HistoryError::Line { .. })));
+    contents.push(bytes);
+    let mut verdicts = verify_contents_by_both(root.path(), &contents);
+    assert!(matches!(verdicts.pop(), Some(Err(HistoryError::Line { .. }))), "no UTF-8");
+    for ((case, _), verdict) in cases.iter().zip(verdicts) {
+        assert!(verdict.is_err(), "{case}");
+    }
 }
 
 /// A key of mixed order and its signature over the first approval of the released store, for which the digest of the
@@ -263,7 +269,7 @@ fn approval_that_differs_from_its_record_is_refused() {
     fs::write(&file, written(&whole)).unwrap();
     verify_by_both(&file).unwrap();
     let long = "a".repeat(4097);
-    for (field, value, kind) in [
+    let cases = [
         ("role", text("captain"), "line"),
         ("role", text("safety"), "approval"),
         ("decision", text("maybe"), "line"),
@@ -284,14 +290,18 @@ fn approval_that_differs_from_its_record_is_refused() {
         ("nonce", text("0123456789abcdef0123456789abcdef"), "approval"),
         ("nonce", text("ABCDEF0123456789abcdef0123456789"), "line"),
         ("evidence_digest", text(&"0".repeat(64)), "approval"),
-    ] {
+    ];
+    let edited = |(field, value, _): &(&str, JsonNode, &str)| {
         let mut lines = lines.clone();
         let approval = lines.iter_mut().find_map(|line| line.at_mut(&["approval", "approval"])).unwrap();
-        approval.set(&[field], value.clone());
+        approval.set(&[*field], value.clone());
         repair_export(&mut lines, &keys, SIGNATURES_ONLY);
-        fs::write(&file, written(&lines)).unwrap();
-        let error = verify_by_both(&file).err().unwrap_or_else(|| panic!("{field} {value:?} is taken"));
-        assert_eq!(problem_kind(&error), kind, "{field} {value:?}: {error}");
+        written(&lines)
+    };
+    let contents: Vec<String> = cases.iter().map(edited).collect();
+    for ((field, value, kind), verdict) in cases.iter().zip(verify_contents_by_both(root.path(), &contents)) {
+        let error = verdict.err().unwrap_or_else(|| panic!("{field} {value:?} is taken"));
+        assert_eq!(problem_kind(&error), *kind, "{field} {value:?}: {error}");
     }
 }
 
@@ -323,7 +333,7 @@ fn endless_line_is_refused_with_little_memory() {
             .unwrap();
         let error = verify_export(&file, None).unwrap_err().to_string();
         assert!(error.contains(expected), "{error}");
-        if python_verdict(&root.path().join("store.jsonl")).is_none() {
+        if !has_python() {
             continue;
         }
         let (python, script) = python_and_script();

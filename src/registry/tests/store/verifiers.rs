@@ -4,6 +4,7 @@ use std::ffi::OsString;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Command;
+use std::sync::OnceLock;
 
 use holdpoint_approvals::{Identity, SignedWitnessAct};
 use holdpoint_audit::export_file::{ExportReport, is_exported, verify_export};
@@ -17,6 +18,7 @@ use holdpoint_store::RefusalCause;
 
 use crate::damage::rewrite;
 use crate::edits::{make_full_store, quick_folder};
+use crate::killed::copy;
 use crate::proofs::{heads, public_key};
 use crate::released::schema_1;
 use crate::support::*;
@@ -30,32 +32,37 @@ pub fn export_lines(folder: &Path, file: &Path) -> Vec<String> {
     String::from_utf8(bytes).unwrap().lines().map(str::to_owned).collect()
 }
 
-/// The verdict of the verifier in Python, `None` without a Python with `cryptography`.
-pub fn python_verdict(file: &Path) -> Option<serde_json::Value> {
-    let answers = python_verdicts(std::slice::from_ref(&file.to_owned()), None)?;
-    answers.into_iter().next()
-}
-
 /// The Python interpreter and the script of the verifier.
 pub fn python_and_script() -> (OsString, PathBuf) {
     let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/verifier/verify.py");
     (std::env::var_os("HOLDPOINT_PYTHON").unwrap_or_else(|| "python3".into()), script)
 }
 
-/// The Python verifier's verdict on each of these, in one run.
-pub fn python_verdicts(files: &[PathBuf], key: Option<&Path>) -> Option<Vec<serde_json::Value>> {
-    let (python, script) = python_and_script();
-    let import = Command::new(&python).args(["-c", "import cryptography"]).output();
-    if !import.is_ok_and(|output| output.status.success()) {
+/// Whether there is a Python with `cryptography`; asked once in a process.
+pub fn has_python() -> bool {
+    static HAS_PYTHON: OnceLock<bool> = OnceLock::new();
+    *HAS_PYTHON.get_or_init(|| {
+        let import = Command::new(python_and_script().0).args(["-c", "import cryptography"]).output();
+        let is_there = import.is_ok_and(|output| output.status.success());
         assert!(
-            std::env::var_os("HOLDPOINT_PYTHON").is_none(),
+            is_there || std::env::var_os("HOLDPOINT_PYTHON").is_none(),
             "the Python that was named has no `cryptography`"
         );
-        println!(
-            "LEFT OUT: there is no python3 with `cryptography`; the verifier in Python judges nothing here"
-        );
+        if !is_there {
+            println!(
+                "LEFT OUT: there is no python3 with `cryptography`; the verifier in Python judges nothing here"
+            );
+        }
+        is_there
+    })
+}
+
+/// The Python verifier's verdict on each of these, in one run; `None` without a Python with `cryptography`.
+pub fn python_verdicts(files: &[PathBuf], key: Option<&Path>) -> Option<Vec<serde_json::Value>> {
+    if !has_python() {
         return None;
     }
+    let (python, script) = python_and_script();
     let mut command = Command::new(&python);
     command.arg(script).arg("--json").args(files);
     if let Some(key) = key {
@@ -74,11 +81,29 @@ pub fn python_verdicts(files: &[PathBuf], key: Option<&Path>) -> Option<Vec<serd
 
 /// Both verifiers have the same verdict on a file. Returns ours.
 pub fn verify_by_both(file: &Path) -> Result<(), HistoryError> {
-    let ours = verify_export(file, None);
-    if let Some(theirs) = python_verdict(file) {
-        check_same_verdict(&ours, &theirs).unwrap_or_else(|problem| panic!("{problem}"));
+    verify_files_by_both(&[file.to_owned()]).remove(0)
+}
+
+/// Both verifiers have the same verdict on each of these contents of files. Returns ours.
+pub fn verify_contents_by_both(folder: &Path, contents: &[impl AsRef<[u8]>]) -> Vec<Result<(), HistoryError>> {
+    let files: Vec<PathBuf> =
+        (0..contents.len()).map(|nth| folder.join(format!("case-{nth}.jsonl"))).collect();
+    for (file, content) in files.iter().zip(contents) {
+        fs::write(file, content).unwrap();
     }
-    ours.map(drop)
+    verify_files_by_both(&files)
+}
+
+/// As [`verify_by_both`]; a run of Python costs more than its verdict on a file, so one run judges all.
+fn verify_files_by_both(files: &[PathBuf]) -> Vec<Result<(), HistoryError>> {
+    let ours: Vec<_> = files.iter().map(|file| verify_export(file, None)).collect();
+    if let Some(theirs) = python_verdicts(files, None) {
+        for (file, (ours, theirs)) in files.iter().zip(ours.iter().zip(&theirs)) {
+            check_same_verdict(ours, theirs)
+                .unwrap_or_else(|problem| panic!("{}: {problem}", file.display()));
+        }
+    }
+    ours.into_iter().map(|verdict| verdict.map(drop)).collect()
 }
 
 /// The kind of problem, as both verifiers name it.
@@ -185,6 +210,7 @@ fn damaged_export_gets_the_same_verdict_of_both_verifiers() {
     let (store, file) = (root.path().join("store"), root.path().join("store.jsonl"));
     make_full_store(&store);
     let lines = export_lines(&store, &file);
+    let written = |lines: &[String]| lines.join("\n") + "\n";
     let at = |start: &str| lines.iter().position(|line| line.starts_with(start)).unwrap();
     let (head, end, record, approval) =
         (at("{\"head\""), at("{\"end\""), at("{\"record\""), at("{\"approval\""));
@@ -233,18 +259,21 @@ fn damaged_export_gets_the_same_verdict_of_both_verifiers() {
         ("another store", replaced(0, "\"store_id\":\"", "\"store_id\":\"a"), "person", None),
         ("more records", replaced(0, "\"records\":", "\"records\":1"), "record", Some(records + 1)),
     ];
-    for (case, damage, kind, seq) in damages {
+    let damaged = |(_, damage, ..): &DamageCase<'_>| {
         let mut lines = lines.clone();
         damage(&mut lines);
-        fs::write(&file, lines.join("\n") + "\n").unwrap();
-        let error = verify_by_both(&file).err().unwrap_or_else(|| panic!("{case} is not found"));
-        assert_eq!((problem_kind(&error), error.record()), (kind, seq), "{case}: {error}");
-    }
-    fs::write(&file, lines.join("\n")).unwrap();
-    let error = verify_by_both(&file).unwrap_err();
+        written(&lines)
+    };
+    let mut contents: Vec<String> = damages.iter().map(damaged).collect();
+    contents.extend([lines.join("\n"), String::new()]);
+    let mut verdicts = verify_contents_by_both(root.path(), &contents);
+    assert!(matches!(verdicts.pop(), Some(Err(HistoryError::Line { line: 1, .. }))), "an empty file");
+    let error = verdicts.pop().unwrap().unwrap_err();
     assert_eq!(problem_kind(&error), "line", "a line without its end: {error}");
-    fs::write(&file, "").unwrap();
-    assert!(matches!(verify_by_both(&file), Err(HistoryError::Line { line: 1, .. })));
+    for ((case, _, kind, seq), verdict) in damages.iter().zip(verdicts) {
+        let error = verdict.err().unwrap_or_else(|| panic!("{case} is not found"));
+        assert_eq!((problem_kind(&error), error.record()), (*kind, *seq), "{case}: {error}");
+    }
 }
 
 /// A holder of the store's key with write access cannot make a person: other keys sign the acts.
@@ -262,7 +291,7 @@ fn edited_persons_and_authorizations_are_found_by_both_verifiers() {
     let less_strict_of = |kind: &str| format!("{} AND body LIKE '%retries_max%'", of_kind(kind));
     let first_approval = "SELECT min(seq) FROM audit WHERE kind = 'approval-put'";
     // What is affected is named: the person, or the field that became less strict.
-    for (case, edit, kind, named) in [
+    let cases = [
         ("a reason", body("a test", "no test", &of("ada")), "person", "\"ada\""),
         ("a role", body("\"role\":\"operator\"", "\"role\":\"safety\"", &of("ada")), "person", "\"ada\""),
         ("a signer", body("\"by\":\"admin\"", "\"by\":\"ada\"", &of("ada")), "person", "\"ada\""),
@@ -329,25 +358,29 @@ fn edited_persons_and_authorizations_are_found_by_both_verifiers() {
             "person",
             "",
         ),
-    ] {
+    ];
+    let whole = root.path().join("whole");
+    make_full_store(&whole);
+    add_signed_acts(&whole, root.path());
+    let mut contents = Vec::new();
+    for (case, edit, ..) in &cases {
         let store = root.path().join(case);
-        make_full_store(&store);
-        add_signed_acts(&store, root.path());
-        rewrite(&store, &edit);
-        export_store(
-            &store.join("holdpoint.db"),
-            ExportScope::Unchecked,
-            Some(&public_key(&store)),
-            &mut fs::File::create(&file).unwrap(),
-        )
-        .unwrap();
-        let error = verify_by_both(&file).err().unwrap_or_else(|| panic!("{case} is not found"));
-        let is_named = error.to_string().contains(named);
-        assert!(problem_kind(&error) == kind && is_named, "{case}: {error}");
+        fs::create_dir(&store).unwrap();
+        copy(&whole, &store);
+        rewrite(&store, edit);
+        let mut export = Vec::new();
+        let key = public_key(&store);
+        export_store(&store.join("holdpoint.db"), ExportScope::Unchecked, Some(&key), &mut export).unwrap();
+        contents.push(export);
         // The export of a signed history refuses the store, too.
         let refused = export_store(&store.join("holdpoint.db"), ExportScope::Signed, None, &mut Vec::new());
         let Err(ExportError::Store(error)) = &refused else { panic!("{case}: {refused:?}") };
         assert_eq!(refusal(error).0, RefusalCause::Damaged, "{case}: {error}");
+    }
+    for ((case, _, kind, named), verdict) in cases.iter().zip(verify_contents_by_both(root.path(), &contents)) {
+        let error = verdict.err().unwrap_or_else(|| panic!("{case} is not found"));
+        let is_named = error.to_string().contains(named);
+        assert!(problem_kind(&error) == *kind && is_named, "{case}: {error}");
     }
     // The same decision under the same name, signed by another person's key.
     let store = root.path().join("another key");
