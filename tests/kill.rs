@@ -11,6 +11,8 @@ mod disk;
 #[allow(dead_code, reason = "its random numbers are used here, not its mutants")]
 #[path = "fuzz/mutate.rs"]
 mod mutate;
+#[path = "support/quick_folder.rs"]
+mod quick_folder;
 
 use std::path::Path;
 use std::process::{Command, Stdio};
@@ -28,14 +30,10 @@ use tempfile::TempDir;
 
 use disk::{Loss, Trace};
 use mutate::Random;
+use quick_folder::quick_folder;
 
 fn number(name: &str, otherwise: u64) -> u64 {
     std::env::var(name).map_or(otherwise, |text| text.parse().unwrap())
-}
-
-/// A folder in memory if the system has one: a kill and a recorded power cut need no disk.
-fn quick_folder() -> TempDir {
-    tempfile::tempdir_in("/dev/shm").or_else(|_| tempfile::tempdir()).unwrap()
 }
 
 /// The scenario with JSON output.

@@ -585,6 +585,9 @@ pub(crate) const MANIFESTS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../m
 #[cfg(test)]
 mod lifecycle_model;
 #[cfg(test)]
+#[path = "../../tests/support/quick_folder.rs"]
+mod quick_folder;
+#[cfg(test)]
 mod test_pipeline;
 #[cfg(test)]
 mod tests;

@@ -22,6 +22,7 @@ use proptest::test_runner::{Config, RngSeed};
 use proptest_state_machine::{ReferenceStateMachine, StateMachineTest, prop_state_machine};
 use tempfile::TempDir;
 
+use crate::quick_folder::quick_folder;
 use crate::tests::context_change;
 use holdpoint_governance::wall_time::WallTime;
 use holdpoint_record::version_table::{TransitionNote, VersionOrigin, VersionTable, VersionTableError};
@@ -184,10 +185,6 @@ fn capability(number: usize) -> Capability {
     Capability::load("align-improved", package).unwrap()
 }
 
-fn folder() -> TempDir {
-    tempfile::tempdir_in("/dev/shm").or_else(|_| tempfile::tempdir()).unwrap()
-}
-
 fn copy(from: &Path, to: &Path) {
     for entry in fs::read_dir(from).unwrap() {
         let (from, to) = (entry.as_ref().unwrap().path(), to.join(entry.unwrap().file_name()));
@@ -261,7 +258,7 @@ impl StateMachineTest for ModelStore {
     type Reference = LifecycleModel;
 
     fn init_test(_: &LifecycleModel) -> Self {
-        let mut store = Self::open(folder(), 1);
+        let mut store = Self::open(quick_folder(), 1);
         let policy = Digest::of_parts("test", &[b"policy"]);
         let context = context_change((ProfileName::Sim, policy, "{}".to_owned()));
         store.version_table.write(vec![context], Vec::new(), 1).unwrap();
@@ -286,7 +283,7 @@ impl StateMachineTest for ModelStore {
                 LifecycleEvent::Restart
             }
             ModelStep::Kill => {
-                let left = folder();
+                let left = quick_folder();
                 copy(store.folder.path(), left.path());
                 store = Self::open(left, store.at_ms);
                 LifecycleEvent::Restart

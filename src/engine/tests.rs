@@ -34,6 +34,7 @@ use holdpoint_store::{AuditFilter, Change, EvidenceKind, StoreError};
 
 use crate::decide::people::persons::enrolled;
 use crate::decide::pipeline::{Pipeline, SliceOutcome};
+use crate::quick_folder::quick_folder;
 pub(crate) use crate::test_pipeline::pipeline;
 use crate::{Config, Engine, StartError};
 use holdpoint_record::version_table::TransitionNote;
@@ -82,7 +83,7 @@ pub(crate) fn assert_accepted(reply: &Reply) {
 
 #[test]
 fn open_alarms_survive_a_restart_unchanged() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     let id: CapabilityId = "grasp@1.0.0".parse().unwrap();
     let mut first = pipeline(folder.path(), ProfileName::Sim);
     let record = &mut *first.live().record;
@@ -102,7 +103,7 @@ fn open_alarms_survive_a_restart_unchanged() {
 
 #[test]
 fn another_robot_is_refused_before_anything_is_written() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     drop(engine(folder.path(), "arm7").unwrap());
     let head = || Store::open(folder.path()).unwrap().opening().head.seq;
     let before = head();
@@ -117,7 +118,7 @@ fn another_robot_is_refused_before_anything_is_written() {
 /// The pointer names its robot itself: a context without a robot, as earlier versions wrote it, does not matter.
 #[test]
 fn a_pointer_of_another_robot_is_refused_under_any_context() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     drop(engine(folder.path(), "arm7").unwrap());
     let store = Store::open(folder.path()).unwrap();
     let pointers = store.views().unwrap().pointer_robots().unwrap();
@@ -136,7 +137,7 @@ fn a_pointer_of_another_robot_is_refused_under_any_context() {
 /// Authority is still taken away where the rows are intact; nothing more is decided or activated.
 #[test]
 fn store_changed_under_a_running_engine_halts_it() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     let mut pipeline = pipeline(folder.path(), ProfileName::Sim);
     let other = rusqlite::Connection::open(folder.path().join("holdpoint.db")).unwrap();
     other.execute_batch("UPDATE family SET reason = 'edited' WHERE name = 'align'").unwrap();
@@ -153,7 +154,7 @@ fn store_changed_under_a_running_engine_halts_it() {
 
 #[test]
 fn another_agent_halts_the_engine() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     let mut first = pipeline(folder.path(), ProfileName::Sim);
     assert_eq!(first.record().holding(), None);
     // At each activation ...
@@ -174,7 +175,7 @@ fn another_agent_halts_the_engine() {
 
 #[test]
 fn a_cell_that_drifts_alarms_within_ten_sequences_without_a_candidate() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     let mut pipeline = pipeline(folder.path(), ProfileName::Sim);
     let drift = Drift { kind: DriftKind::Combined, magnitude: Magnitude::Strong };
     pipeline.live().world.cell.set_drift(Some(drift)).unwrap();
@@ -193,7 +194,7 @@ fn a_cell_that_drifts_alarms_within_ten_sequences_without_a_candidate() {
 /// neighbor does not count.
 #[test]
 fn evidence_beside_other_active_versions_is_stale() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     let mut bench = pipeline(folder.path(), ProfileName::Sim);
     let id = at_the_gate(&mut bench);
     let stale = |bench: &Pipeline, id: &CapabilityId| {
@@ -236,12 +237,12 @@ fn work(pipeline: &mut Pipeline, id: &CapabilityId) -> Option<State> {
 #[test]
 fn no_version_becomes_active_under_another_agent() {
     // The same candidate takes over where the agent is the store's.
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     let mut same = pipeline(folder.path(), ProfileName::Sim);
     let id = at_the_gate(&mut same);
     assert_eq!(work(&mut same, &id), Some(State::Active));
 
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     let mut other = pipeline(folder.path(), ProfileName::Sim);
     let id = at_the_gate(&mut other);
     let before = other.record().active_of(&id.family).unwrap().id();
@@ -254,7 +255,7 @@ fn no_version_becomes_active_under_another_agent() {
     assert!(!events.iter().any(|event| matches!(event, EventKind::Activated { .. })), "{events:?}");
 
     // Nor by break-glass, before its approval is considered.
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     let mut locked = pipeline(folder.path(), ProfileName::Sim);
     let id = at_the_gate(&mut locked);
     let ana = enrolled(locked.live().record, "ana", Role::Safety, KeyEncoding::Plain);
@@ -283,7 +284,7 @@ fn no_version_becomes_active_under_another_agent() {
     assert_eq!(locked.record().active_of(&id.family).unwrap().id(), before);
 
     // A stopped family is not reactivated for it.
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     let mut stopped = pipeline(folder.path(), ProfileName::Sim);
     let version: CapabilityId = "align@1.0.0".parse().unwrap();
     let operation = |reason: &str| Operation {
@@ -301,7 +302,7 @@ fn no_version_becomes_active_under_another_agent() {
 
 #[test]
 fn unreadable_context_is_an_error_and_binds_nothing() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     drop(engine(folder.path(), "arm7").unwrap());
     let store = Store::open(folder.path()).unwrap();
     let (profile, policy_digest, _) = store.views().unwrap().context().unwrap().unwrap();
@@ -315,7 +316,7 @@ fn unreadable_context_is_an_error_and_binds_nothing() {
 
 #[test]
 fn stale_evidence_is_reported_with_its_cause() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     let mut first = pipeline(folder.path(), ProfileName::Sim);
     let id = at_the_gate(&mut first);
     let evidence_file = first.live().evidence_files.of(&id).unwrap().clone();
@@ -436,7 +437,7 @@ fn candidate_past_shadow(
 /// The paper's seven calls by name on an engine inside a program, without further effects.
 #[test]
 fn candidate_passes_through_the_seven_calls_of_the_paper() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     let mut engine = engine(folder.path(), "arm7").unwrap();
     engine.begin_on_call();
     let package = capability::read(&Path::new(crate::MANIFESTS).join("candidates/align-improved")).unwrap();
@@ -489,7 +490,7 @@ fn candidate_passes_through_the_seven_calls_of_the_paper() {
 /// A script set the goal without a record, and the engine lost it at its end.
 #[test]
 fn a_goal_is_recorded_and_outlasts_a_restart() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     let goal = |goal: &str, reason: &str| Command::Goal {
         goal: goal.to_owned(),
         by: "ada".to_owned(),
@@ -527,7 +528,7 @@ fn a_goal_is_recorded_and_outlasts_a_restart() {
 /// A repeated id was answered regardless of the command: a stop got the answer that the cell runs again.
 #[test]
 fn request_id_identifies_one_command_and_a_stop_is_always_carried_out() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     let mut engine = engine(folder.path(), "arm7").unwrap();
     let mut submit = |command: Command| engine.submit(Request::unsigned("same".to_owned(), command));
     let stop = || Command::Stop { by: "ann".to_owned(), reason: "a test".to_owned() };
@@ -554,7 +555,7 @@ fn request_id_identifies_one_command_and_a_stop_is_always_carried_out() {
 /// A request about a baseline was visible, but could not be opened.
 #[test]
 fn a_baseline_with_an_open_request_is_shown_with_its_evidence() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     let mut pipeline = pipeline(folder.path(), ProfileName::Human);
     let operation = |reason: &str| Operation {
         version: "align@1.0.0".parse().unwrap(),

@@ -25,6 +25,7 @@ use holdpoint::wording::approval::render;
 use serde_json::{Value, json};
 use tempfile::TempDir;
 
+use crate::quick_folder::quick_folder;
 use crate::signed_requests::{engine, person, store, test_passphrase};
 
 /// A generous time limit.
@@ -54,7 +55,7 @@ const fn nothing(_: &mut Value, _: &EarlierMessages) {}
 
 impl TamperingProxy {
     fn start(engine: &Path) -> Self {
-        let folder = tempfile::tempdir().unwrap();
+        let folder = quick_folder();
         let socket = folder.path().join("engine.sock");
         let listener = UnixListener::bind(&socket).unwrap();
         let alter: Arc<Mutex<(Alter, Alter)>> = Arc::new(Mutex::new((nothing, nothing)));

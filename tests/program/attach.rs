@@ -15,6 +15,7 @@ use holdpoint::service::engine_handle::{EngineHandle, EngineUpdate};
 use holdpoint::store::Layout;
 
 use crate::host::Front;
+use crate::quick_folder::quick_folder;
 use crate::socket::{PATIENCE, RawConnection, client};
 
 fn presence(who: &str, view: &str) -> ConsolePresence {
@@ -41,7 +42,7 @@ fn attendees(snapshot: &Snapshot) -> Vec<(String, String)> {
 
 #[test]
 fn an_attached_console_is_shown_everything_and_seen_by_others() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     let front = Front::start(folder.path(), Some(1.0));
     let mut ana = client(folder.path()).attach(presence("ana", "Overview")).unwrap();
     let first = snapshot(&mut ana, |_| true);
@@ -79,7 +80,7 @@ fn an_attached_console_is_shown_everything_and_seen_by_others() {
 
 #[test]
 fn an_attached_console_sends_only_its_presence() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     let _front = Front::start(folder.path(), Some(1.0));
     let long = "v".repeat(65);
     let closed = |lines: &[&str]| -> String {
@@ -109,7 +110,7 @@ fn an_attached_console_sends_only_its_presence() {
 /// Two consoles count their requests from the same number: their answers must not be mixed up.
 #[test]
 fn answers_to_two_consoles_are_not_mixed_up() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     let _front = Front::start(folder.path(), Some(1.0));
     let layout = Layout::new(folder.path());
     let host = |who: &str| {
@@ -140,7 +141,7 @@ fn answers_to_two_consoles_are_not_mixed_up() {
 /// A stop once waited behind the same console's earlier request, which was answered only after the sequence.
 #[test]
 fn a_stop_does_not_wait_for_earlier_requests() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     let mut front = Front::start(folder.path(), Some(0.05));
     front.video_frame(|_| true);
     let layout = Layout::new(folder.path());
@@ -167,7 +168,7 @@ fn a_stop_does_not_wait_for_earlier_requests() {
 /// reads.
 #[test]
 fn fifty_observers_and_a_sleeping_one_change_no_evaluation() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     let mut front = Front::start(folder.path(), Some(1.0));
     let attach = |number: usize| {
         client(folder.path()).attach(presence(&format!("looker-{number}"), "Overview")).unwrap()
@@ -226,7 +227,7 @@ fn fifty_observers_and_a_sleeping_one_change_no_evaluation() {
 /// A suspended console was once shown as present forever, and its connection was never closed.
 #[test]
 fn a_console_that_never_reads_is_marked_and_detached() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     let _front = Front::start(folder.path(), Some(1.0));
     let mut sleeper = RawConnection::connect(folder.path());
     sleeper.send("{\"call\":\"attach\",\"sitting\":{\"who\":\"sleeper\",\"view\":\"Overview\"}}\n");
@@ -248,7 +249,7 @@ fn a_console_that_never_reads_is_marked_and_detached() {
 /// A console once took the orderly end of its engine for a crash.
 #[test]
 fn orderly_end_names_its_requester() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     let _front = Front::start(folder.path(), Some(1.0));
     let mut ana = client(folder.path()).attach(presence("ana", "Overview")).unwrap();
     snapshot(&mut ana, |_| true);
@@ -266,7 +267,7 @@ fn orderly_end_names_its_requester() {
 /// A console once knew nothing of the events before it attached.
 #[test]
 fn an_attaching_console_gets_past_events_once() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     let mut front = Front::start(folder.path(), None);
     let stop = Command::Stop { by: "bert".to_owned(), reason: "a hand".to_owned() };
     assert!(matches!(front.carry_out(stop), Reply::Stopped { .. }));

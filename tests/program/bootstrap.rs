@@ -25,6 +25,7 @@ use rusqlite::Connection;
 use serde_json::Value;
 
 use crate::host::{Front, PATIENCE};
+use crate::quick_folder::quick_folder;
 use crate::reported_error::assert_error;
 
 /// Records that are added to a store, 256 a transaction.
@@ -118,7 +119,7 @@ fn verb(folder: &Path, arguments: &[&str]) -> (Option<i32>, String) {
 
 #[test]
 fn while_the_record_is_read_only_views_and_stops_work() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     let layout = Layout::new(folder.path());
     let records = long_store(folder.path());
     assert!(records > 10_000);
@@ -181,7 +182,7 @@ fn while_the_record_is_read_only_views_and_stops_work() {
 
 #[test]
 fn an_edited_row_ends_the_engine_before_it_starts() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     let layout = Layout::new(folder.path());
     let records = long_store(folder.path());
     let edit = "UPDATE version SET author = 'eve' WHERE name LIKE 'grasp@%'";
@@ -212,7 +213,7 @@ fn an_edited_row_ends_the_engine_before_it_starts() {
 /// An edit that is reverted between the comparison of the tables and the first write is found by no comparison.
 #[test]
 fn no_engine_starts_if_another_program_wrote_meanwhile() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     Front::start(folder.path(), None).host.stop(PATIENCE).unwrap();
     let database = Layout::new(folder.path()).database();
     let start_engine = |meanwhile: &dyn Fn()| {
@@ -245,7 +246,7 @@ fn no_engine_starts_if_another_program_wrote_meanwhile() {
 
 #[test]
 fn an_engine_ends_on_request_while_it_reads() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     long_store(folder.path());
     let (watch, progress, release) = pause_reading();
     let mut host = start(folder.path(), watch);
@@ -258,7 +259,7 @@ fn an_engine_ends_on_request_while_it_reads() {
 
 #[test]
 fn an_engine_that_a_signal_stopped_is_named_soon_and_the_store_is_shown() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     let data = folder.path().join("store");
     let mut engine = Process::new(env!("CARGO_BIN_EXE_holdpoint"))
         .args(["serve", "--quiet", "--data"])

@@ -28,6 +28,7 @@ use holdpoint::trials::cell::Cell;
 use holdpoint_sim::SimCells;
 
 use crate::host::{Front, operation};
+use crate::quick_folder::quick_folder;
 use crate::socket::{PATIENCE, client};
 
 /// The number of connections that send requests without pause.
@@ -157,14 +158,14 @@ fn copy(from: &Path, to: &Path) {
 #[test]
 fn stop_and_rollback_wait_for_no_reader_and_no_slice() {
     let measured = std::env::var("HOLDPOINT_BRAKES").map(|text| text.parse().unwrap());
-    let prepared = tempfile::tempdir().unwrap();
+    let prepared = quick_folder();
     if measured.is_ok() {
         prepare_store(prepared.path());
     }
     let measurements = measured.clone().unwrap_or(4);
     let (mut brake_times, mut answer_times, mut reads) = (Vec::new(), Vec::new(), 0);
     while brake_times.len() < measurements {
-        let folder = tempfile::tempdir().unwrap();
+        let folder = quick_folder();
         copy(prepared.path(), folder.path());
         let (engine, switch) = start_engine(folder.path());
         let (read_version, first_command) = if measured.is_ok() {
@@ -217,7 +218,7 @@ fn stop_and_rollback_wait_for_no_reader_and_no_slice() {
 /// Connections that requested the snapshot without pause once had every other request refused.
 #[test]
 fn constant_snapshot_requests_block_no_other_request() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     let (engine, _) = start_engine(folder.path());
     register(folder.path(), "grasp-improved");
     let readers = Readers::start_with(folder.path(), OBSERVERS, |_| Command::Snapshot);

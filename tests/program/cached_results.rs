@@ -7,6 +7,7 @@ use std::process::{Command, Output};
 
 use rusqlite::Connection;
 
+use crate::quick_folder::quick_folder;
 use crate::reported_error::{assert_error, is_about};
 
 fn holdpoint(home: &Path, arguments: &[&str]) -> Output {
@@ -35,7 +36,7 @@ const HARD_GRIP: &str = "tests/scenarios/reject-behavior.toml";
 
 #[test]
 fn the_key_of_a_shared_folder_is_outside_it_and_its_owners() {
-    let root = tempfile::tempdir().unwrap();
+    let root = quick_folder();
     let home = root.path();
     let path = |name: &str| home.join(name).to_str().unwrap().to_owned();
     let run = ["run", "--headless", "--script", QUICK];
@@ -68,7 +69,7 @@ fn the_key_of_a_shared_folder_is_outside_it_and_its_owners() {
 /// sandbox, shadow and gate.
 #[test]
 fn forged_cached_results_do_not_pass_a_bad_candidate() {
-    let root = tempfile::tempdir().unwrap();
+    let root = quick_folder();
     let data = root.path().join("store");
     let data = data.to_str().unwrap();
     let fill = root.path().join("fill.toml");
@@ -114,7 +115,7 @@ fn forged_cached_results_do_not_pass_a_bad_candidate() {
 /// ones.
 #[test]
 fn caching_changes_no_event() {
-    let root = tempfile::tempdir().unwrap();
+    let root = quick_folder();
     let path = |name: &str| root.path().join(name).to_str().unwrap().to_owned();
     let cells = path("cells");
     let run = |store: &str, more: &[&str]| {

@@ -9,6 +9,7 @@ use std::process::{Command, Output};
 use serde_json::Value;
 
 use crate::cell_process::{CellProcess, site_at};
+use crate::quick_folder::quick_folder;
 
 /// The scenarios of a plain test: one that ends in validation, and one that ends in the sandbox.
 const SHORT: &str = "reject-interface reject-low-flight";
@@ -64,7 +65,7 @@ fn scenarios_over_the_wire_have_the_log_of_scenarios_in_process() {
     );
     let mut sums = [0.0; 5];
     for scenario in named.split_whitespace() {
-        let root = tempfile::tempdir().unwrap();
+        let root = quick_folder();
         let near = run(scenario, &root.path().join("near"), None);
         let served = CellProcess::in_folder(root.path());
         let (site, data) = (site_at(root.path(), &served.endpoint), root.path().join("far"));

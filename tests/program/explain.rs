@@ -10,6 +10,7 @@ use holdpoint::cli::Cli;
 use holdpoint::scenes::BUILT_IN;
 
 use crate::old_stores::{self, OPEN_ROLES, copy_fixture};
+use crate::quick_folder::quick_folder;
 use crate::reported_error::assert_error;
 
 /// The program with arguments and a store.
@@ -58,7 +59,7 @@ fn assert_is_short(text: &str) {
 #[test]
 fn the_output_matches_the_golden_files() {
     for (scenario, candidate) in GOLDEN {
-        let data = tempfile::tempdir().unwrap();
+        let data = quick_folder();
         let script = format!("tests/scenarios/{scenario}.toml");
         holdpoint(&["run", "--headless", "--script", &script, "--seed", "101"], data.path());
         let full = stdout_text(&holdpoint(&["explain", candidate, "--full"], data.path()));
@@ -84,7 +85,7 @@ fn the_output_matches_the_golden_files() {
 /// and limits that were met stood among the changes.
 #[test]
 fn a_rejection_in_shadow_begins_with_its_reasons() {
-    let data = tempfile::tempdir().unwrap();
+    let data = quick_folder();
     holdpoint(&["run", "--headless", "--script", "tests/scenarios/reject-in-shadow.toml"], data.path());
     let short = stdout_text(&holdpoint(&["explain", "grasp@1.1.3"], data.path()));
     assert_is_short(&short.replace(&format!(" --data {}", data.path().display()), ""));
@@ -154,7 +155,7 @@ fn family_stands_for_its_active_and_its_newest_version() {
 
 #[test]
 fn a_missing_subject_fails() {
-    let data = tempfile::tempdir().unwrap();
+    let data = quick_folder();
     assert_error(&holdpoint(&["explain", "align@1.1.0", "--json"], data.path()), 2, "no-store");
     holdpoint(&["run", "--headless", "--script", "tests/scenarios/reject-interface.toml"], data.path());
     for subject in ["align@9.9.9", "no-such-folder", "grab"] {

@@ -14,6 +14,8 @@ use holdpoint::trials::cache::EpisodeCache;
 use holdpoint::trials::cell::Cell;
 use holdpoint_sim::SimCells;
 
+use crate::quick_folder::quick_folder;
+
 struct FilmBench {
     engine: Engine,
     request_count: u64,
@@ -79,7 +81,7 @@ impl FilmBench {
 
 #[test]
 fn film_of_the_worst_episode_equals_its_record() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     let mut bench = FilmBench::at(folder.path());
     bench.evaluate("grasp-hard-grip");
     let version = "grasp@1.1.2";
@@ -116,7 +118,7 @@ fn film_of_the_worst_episode_equals_its_record() {
 /// Episodes of a version that is stopped before the pairs can be seen, too.
 #[test]
 fn the_ending_episode_is_filmed_alone() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     let mut bench = FilmBench::at(folder.path());
     bench.evaluate("align-past-permissions");
     let version = &bench.engine.snapshot().candidates[0].version.to_string();
@@ -135,7 +137,7 @@ fn the_ending_episode_is_filmed_alone() {
 
 #[test]
 fn a_failed_drill_is_run_again() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     let mut bench = FilmBench::at(folder.path());
     bench.evaluate("align-no-stop");
     let version = bench.engine.snapshot().candidates.first().unwrap().version.to_string();

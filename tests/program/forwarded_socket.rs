@@ -13,6 +13,7 @@ use holdpoint::store::Layout;
 use holdpoint_wording::program::engine::unverified_answer;
 
 use crate::host::{Front, PATIENCE};
+use crate::quick_folder::quick_folder;
 
 /// Passes every connection at the socket of `near` on to that of the engine in `far`.
 fn forward(near: &Path, far: &Path) {
@@ -46,7 +47,7 @@ fn pass_on(mut from: UnixStream, mut to: UnixStream) {
 
 #[test]
 fn a_stop_over_a_forwarded_socket_arrives_and_is_not_confirmed() {
-    let (near, far) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
+    let (near, far) = (quick_folder(), quick_folder());
     let mut engine = Front::start(far.path(), Some(1.0));
     forward(near.path(), far.path());
     let layout = Layout::new(near.path());

@@ -9,6 +9,8 @@ use std::process::{Command, Output};
 
 use tempfile::TempDir;
 
+use crate::quick_folder::quick_folder;
+
 /// The fewest samples that the guide has: so many are checked.
 const SAMPLES_MIN: usize = 5;
 
@@ -56,7 +58,7 @@ fn holdpoint(arguments: &[&str], data: &Path) -> Output {
 
 /// A store as the scenario leaves it.
 fn filled_store(scenario: &str) -> TempDir {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     if scenario != "none" {
         let file = format!("tests/scenarios/{scenario}.toml");
         let output = holdpoint(&["scenario", "run", &file], &folder.path().join("store"));

@@ -11,6 +11,7 @@ use holdpoint::store::Layout;
 use rusqlite::Connection;
 use serde_json::Value;
 
+use crate::quick_folder::quick_folder;
 use crate::reported_error::{assert_error, is_about};
 
 /// A generous time limit.
@@ -27,7 +28,7 @@ fn output_text(output: &Output) -> String {
 /// A store of an earlier version with twenty live tasks of two versions; a script made it, so it has no machine
 /// time.
 fn store() -> tempfile::TempDir {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     let from = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/fixtures/store-4831bf5/store");
     for file in ["holdpoint.db", "telemetry.db"] {
         fs::copy(from.join(file), folder.path().join(file)).unwrap();
@@ -127,7 +128,7 @@ fn an_invalid_option_is_one_sentence() {
         // The code is the same for all: the sentence tells what is wrong with the option.
         assert!(error["error"].as_str().unwrap().contains(part), "{arguments:?}: {error}");
     }
-    let nothing = tempfile::tempdir().unwrap();
+    let nothing = quick_folder();
     assert_error(&holdpoint(&["health", "--json"], nothing.path()), 2, "no-store");
 }
 
@@ -166,7 +167,7 @@ fn time_from(data: &Path, at_least_ms: u64) -> u64 {
 
 #[test]
 fn clock_continues_from_its_stored_time_and_not_from_the_last_record() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     let data = folder.path().join("store");
     let first = Service::start(&data);
     // Long after the last record: the first versions are bound within the first second.

@@ -21,6 +21,8 @@ use holdpoint_sim::SimCells;
 use tokio::runtime::Runtime;
 use tokio::time::timeout;
 
+use crate::quick_folder::quick_folder;
+
 /// A generous time limit.
 pub(crate) const PATIENCE: Duration = Duration::from_mins(2);
 
@@ -139,7 +141,7 @@ pub(crate) fn refusal(reply: &Reply) -> Refusal {
 
 #[test]
 fn it_starts_answers_runs_sequences_and_ends() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     let mut front = Front::start(folder.path(), None);
     let sequence = front.until(|kind| matches!(kind, EventKind::Sequence { .. }));
     assert!(matches!(sequence.kind, EventKind::Sequence { index: 0, .. }));
@@ -164,7 +166,7 @@ fn it_starts_answers_runs_sequences_and_ends() {
 
 #[test]
 fn an_abort_stops_the_arm_in_flight() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     let mut front = Front::start(folder.path(), Some(1.0));
     front.video_frame(|frame| frame.task == Some(TaskKind::Grasp) && frame.speed_m_s > 0.02);
     let start = Instant::now();
@@ -202,7 +204,7 @@ fn an_abort_stops_the_arm_in_flight() {
 
 #[test]
 fn only_a_drift_waits_for_the_end_of_a_sequence() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     let mut front = Front::start(folder.path(), Some(4.0));
     front.video_frame(|frame| frame.task.is_some());
     let drift =
@@ -241,7 +243,7 @@ fn only_a_drift_waits_for_the_end_of_a_sequence() {
 
 #[test]
 fn a_lost_front_end_ends_the_engine() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     let front = Front::start(folder.path(), Some(1.0));
     drop(front);
     let until = Instant::now() + PATIENCE;
@@ -253,7 +255,7 @@ fn a_lost_front_end_ends_the_engine() {
 
 #[test]
 fn requests_are_bounded() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     let front = Front::start(folder.path(), Some(1.0));
     // The answers are not read, so no more requests are accepted than fit.
     let accepted_count = (0..4 * OUTSTANDING_MAX)
@@ -282,7 +284,7 @@ fn a_panic_halts_only_the_pipeline() {
 #[test]
 fn inside_a_panic() {
     let armed = cfg!(debug_assertions) && std::env::var_os("HOLDPOINT_TEST_PANIC").is_some();
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     let mut front = Front::start(folder.path(), Some(1.0));
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("manifests/candidates/align-improved");
     let package = capability::read(&path).unwrap();

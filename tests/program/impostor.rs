@@ -31,6 +31,7 @@ use holdpoint::store::{AuditFilter, Layout, LockHolder, lock_holder};
 use serde_json::{Value, json};
 
 use crate::host::PATIENCE;
+use crate::quick_folder::quick_folder;
 use crate::reported_error::assert_error;
 
 /// The interval at which the impostor takes the name again.
@@ -257,7 +258,7 @@ fn output_text(output: &Output) -> String {
 fn a_stop_stops_the_arm_while_an_impostor_has_the_name() {
     let stops = count("HOLDPOINT_IMPOSTOR_STOPS", 3);
     let measured = std::env::var_os("HOLDPOINT_IMPOSTOR_STOPS").is_some();
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     let engine = GenuineEngine::start(folder.path());
     let impostor = Impostor::start(&engine.layout());
     let mut worst = Duration::ZERO;
@@ -281,7 +282,7 @@ fn a_stop_stops_the_arm_while_an_impostor_has_the_name() {
 
 #[test]
 fn no_answer_of_an_impostor_counts_as_the_engines() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     let engine = GenuineEngine::start(folder.path());
     let impostor = Impostor::start(&engine.layout());
     let engine_pid = i32::try_from(engine.child.id()).unwrap();
@@ -311,7 +312,7 @@ fn no_answer_of_an_impostor_counts_as_the_engines() {
 /// A program that took the name and removed the mark at the same moment once defeated the stop.
 #[test]
 fn a_stop_stops_the_arm_while_its_mark_is_removed_as_fast_as_it_is_made() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     let engine = GenuineEngine::start(folder.path());
     let impostor = Impostor::start(&engine.layout());
     let (over, removals) = (Arc::<AtomicBool>::default(), Arc::<AtomicUsize>::default());
@@ -350,7 +351,7 @@ fn a_stop_stops_the_arm_while_its_mark_is_removed_as_fast_as_it_is_made() {
 
 #[test]
 fn unconfirmed_stop_is_reported_and_carried_out_later() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     let engine = GenuineEngine::start(folder.path());
     let impostor = Impostor::start(&engine.layout());
     engine.signal("-STOP");
@@ -377,7 +378,7 @@ fn unconfirmed_stop_is_reported_and_carried_out_later() {
 #[test]
 fn every_stop_is_confirmed_and_counts_once() {
     let stops = count("HOLDPOINT_CONFIRMED_STOPS", 20);
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     let engine = GenuineEngine::start(folder.path());
     let mut times = Vec::new();
     for nth in 0..stops {
@@ -405,7 +406,7 @@ fn every_stop_is_confirmed_and_counts_once() {
 #[test]
 fn a_verified_answer_is_quick() {
     let reads = count("HOLDPOINT_VERIFIED_ANSWERS", 50);
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     let engine = GenuineEngine::start(folder.path());
     let mut times: Vec<Duration> = (0..reads)
         .map(|_| {
@@ -437,7 +438,7 @@ fn a_verified_answer_is_quick() {
 /// Each time the name is taken there is an alarm of high priority, and nothing accumulates in the folder.
 #[test]
 fn taken_socket_name_raises_one_alarm() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     let engine = GenuineEngine::start(folder.path());
     let impostor = Impostor::start(&engine.layout());
     let await_alarm = |engine: &GenuineEngine| {
@@ -476,7 +477,7 @@ fn taken_socket_name_raises_one_alarm() {
 /// Any object in the place of the mark stops the cell, which can start once the object is gone.
 #[test]
 fn any_object_in_place_of_the_mark_is_a_stop() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     let engine = GenuineEngine::start(folder.path());
     let mark = engine.layout().stop_request();
     let socket = socket_path(&engine.layout());
@@ -515,7 +516,7 @@ fn any_object_in_place_of_the_mark_is_a_stop() {
 /// A mark left without an engine stops the next engine, which records it once.
 #[test]
 fn a_mark_that_was_left_stops_the_next_engine() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     GenuineEngine::start(folder.path()).end();
     let layout = Layout::new(folder.path());
     fs::write(layout.stop_request(), r#"{"id":"left","by":"ana","reason":"a hand is in the cell"}"#).unwrap();

@@ -4,6 +4,7 @@ use std::io::{BufRead as _, BufReader};
 use std::path::Path;
 use std::process::{Command, Stdio};
 
+use crate::quick_folder::quick_folder;
 use crate::reported_error::assert_error;
 
 const SCRIPT: &str = "tests/scenarios/reject-behavior.toml";
@@ -16,7 +17,7 @@ fn run(data: &Path) -> Command {
 
 #[test]
 fn a_killed_script_continues_and_an_ended_one_names_the_remedy() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     let data = folder.path().join("store");
     let mut child = run(&data).stdout(Stdio::piped()).spawn().unwrap();
     let mut lines = BufReader::new(child.stdout.take().unwrap()).lines().map_while(Result::ok);

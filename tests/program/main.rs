@@ -56,6 +56,8 @@ mod agent;
 #[path = "../fuzz/mutate.rs"]
 #[allow(dead_code, reason = "the parsers' own tests use the rest")]
 mod mutate;
+#[path = "../support/quick_folder.rs"]
+mod quick_folder;
 #[cfg(feature = "rerun")]
 #[path = "../support/shift.rs"]
 #[allow(dead_code, reason = "the screens use the rest")]

@@ -7,6 +7,7 @@ use std::process::{Command, Output};
 use rusqlite::Connection;
 use serde_json::Value;
 
+use crate::quick_folder::quick_folder;
 use crate::reported_error::assert_error;
 
 fn holdpoint(arguments: &[&str], data: &Path) -> Output {
@@ -22,7 +23,7 @@ fn metrics(arguments: &[&str], data: &Path) -> Value {
 /// A copy of an earlier version's store, with two activations by the gate and twenty live tasks; readers of a
 /// database create files beside it.
 fn store() -> tempfile::TempDir {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     let from = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/fixtures/store-4831bf5/store");
     for file in ["holdpoint.db", "telemetry.db"] {
         fs::copy(from.join(file), folder.path().join(file)).unwrap();
@@ -168,7 +169,7 @@ fn edit(data: &Path, kind: &str, change: impl FnOnce(&mut Value)) -> u64 {
 }
 
 fn copy_store(from: &Path) -> tempfile::TempDir {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     for file in ["holdpoint.db", "telemetry.db"] {
         fs::copy(from.join(file), folder.path().join(file)).unwrap();
     }
@@ -177,7 +178,7 @@ fn copy_store(from: &Path) -> tempfile::TempDir {
 
 #[test]
 fn every_decision_is_reproduced_until_its_evidence_is_edited() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     let script = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/scenarios/reject-recovery.toml");
     let run = holdpoint(&["run", "--headless", "--no-recording", "--script", script], folder.path());
     assert_eq!(run.status.code(), Some(1), "{}", String::from_utf8_lossy(&run.stderr));

@@ -13,6 +13,7 @@ use holdpoint::scenes::BUILT_IN;
 use serde_json::Value;
 use tempfile::TempDir;
 
+use crate::quick_folder::quick_folder;
 use crate::reported_error::assert_error;
 
 /// Before roles were a closed set.
@@ -53,7 +54,7 @@ fn copy(from: &Path, to: &Path) {
 
 /// A copy of a store, as `store` in a new folder.
 pub fn copy_fixture(name: &str) -> TempDir {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     copy(&fixture(name).join("store"), &folder.path().join("store"));
     folder
 }

@@ -9,6 +9,7 @@ use tempfile::TempDir;
 
 use crate::agent::AgentProcess;
 use crate::old_stores::{OPEN_ROLES, copy_fixture, holdpoint, text};
+use crate::quick_folder::quick_folder;
 use crate::reported_error::assert_error;
 
 /// A call that must end with this code; returns its output and errors.
@@ -58,7 +59,7 @@ fn file(folder: &Path, name: &str, text: &str) -> PathBuf {
 
 #[test]
 fn only_an_act_of_an_administrator_enrolls_or_revokes_people() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     let message = ends(&folder, "identity new mara --role safety --unprotected", 0);
     assert_contains(&message, &["identity mara", "by admin", "no passphrase"]);
     ends(&folder, "identity new omar --unprotected --by admin", 0);
@@ -82,7 +83,7 @@ fn only_an_act_of_an_administrator_enrolls_or_revokes_people() {
     let all = [("admin", "enrolled"), ("alias", "not-enrolled"), ("mara", "enrolled"), ("omar", "revoked")];
     assert_states(&folder, &all);
     // Public files are read for signing: edited, removed or added ones change nothing.
-    let elsewhere = tempfile::tempdir().unwrap();
+    let elsewhere = quick_folder();
     ends(&elsewhere, "identity new eve --unprotected", 0);
     fs::copy(elsewhere.path().join("store/keys/identities/eve.pub"), keys.join("eve.pub")).unwrap();
     fs::copy(keys.join("eve.pub"), keys.join("mara.pub")).unwrap();
@@ -105,7 +106,7 @@ fn only_an_act_of_an_administrator_enrolls_or_revokes_people() {
 
 #[test]
 fn refused_enrollment_leaves_no_file_and_no_record() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     let oak = file(folder.path(), "oak", "under the oak\n");
     let elm = file(folder.path(), "elm", "under the elm\n");
     let (oak, elm) = (oak.display(), elm.display());
@@ -169,7 +170,7 @@ fn a_store_of_an_earlier_version_trusts_no_file() {
 
 #[test]
 fn under_human_the_first_administrator_needs_a_passphrase_first() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     let script = file(folder.path(), "human.toml", "profile = \"human\"\n[[step]]\npass = { for_s = 1 }\n");
     let oak = file(folder.path(), "oak", "under the oak\n");
     let (script, oak) = (script.display(), oak.display());
@@ -188,7 +189,7 @@ fn under_human_the_first_administrator_needs_a_passphrase_first() {
 
 #[test]
 fn key_readable_by_others_is_named_with_the_remedy() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     ends(&folder, "identity new mara --unprotected", 0);
     let key = folder.path().join("store/keys/identities/mara.key");
     fs::set_permissions(&key, fs::Permissions::from_mode(0o644)).unwrap();
@@ -206,7 +207,7 @@ fn key_readable_by_others_is_named_with_the_remedy() {
 #[test]
 fn a_key_of_an_ssh_agent_is_enrolled_and_signs() {
     use std::process::Command;
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     let Some(agent) = AgentProcess::with_key(folder.path(), "mara@desk") else { return };
     let socket = agent.socket();
     let with = |call: &str, socket: Option<&Path>| {

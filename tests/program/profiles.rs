@@ -7,6 +7,7 @@ use std::process::{Command, Output};
 
 use serde_json::Value;
 
+use crate::quick_folder::quick_folder;
 use crate::reported_error::{assert_error, is_about};
 
 const PROFILES: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/profiles");
@@ -56,7 +57,7 @@ fn records(store: &Path, kind: &str) -> Vec<Value> {
 
 #[test]
 fn a_custom_profile_is_on_record_and_stays_without_its_files() {
-    let root = tempfile::tempdir().unwrap();
+    let root = quick_folder();
     let store = root.path().join("store");
     let path = line_4(&store, "timeout_s = 600.0 ", "timeout_s = 500.0 ");
     let oak = root.path().join("oak");
@@ -131,7 +132,7 @@ fn ends(output: &Output, code: i32, parts: &[&str]) {
 /// An option alone would remove the approvers whom the stricter profile requires.
 #[test]
 fn profile_change_needs_an_authorization_of_an_administrator() {
-    let root = tempfile::tempdir().unwrap();
+    let root = quick_folder();
     let store = root.path().join("store");
     let refuses_scripts = || {
         let script = format!("{}/tests/scenarios/reject-interface.toml", env!("CARGO_MANIFEST_DIR"));
@@ -226,7 +227,7 @@ const LOOSE: &[(&str, &str)] = &[
 /// The attack `red-team/16`: fields that are less strict than the built-in profile are in a file of its class.
 #[test]
 fn less_strict_profile_of_the_same_class_needs_an_authorization() {
-    let root = tempfile::tempdir().unwrap();
+    let root = quick_folder();
     let (store, oak) = (root.path().join("store"), passphrase_file(root.path()));
     let shipped = fs::read_to_string(Path::new(PROFILES).join("real.toml")).unwrap();
     let line = |line: &str| {
@@ -294,7 +295,7 @@ fn less_strict_profile_of_the_same_class_needs_an_authorization() {
 /// A free choice of seeds would let a candidate be tried until it passes: only a script and a temporary store have one.
 #[test]
 fn no_verb_chooses_the_seeds_of_a_store() {
-    let root = tempfile::tempdir().unwrap();
+    let root = quick_folder();
     let store = root.path().join("store");
     for verb in [
         &["run", "--plain", "--seed", "8"][..],
@@ -316,7 +317,7 @@ fn no_verb_chooses_the_seeds_of_a_store() {
 
 #[test]
 fn an_invalid_profile_is_refused_by_check_and_by_every_verb() {
-    let root = tempfile::tempdir().unwrap();
+    let root = quick_folder();
     let store = root.path().join("store");
     for (from, to, field) in [
         ("quorum_low = 1 ", "quorum_low = 0 ", "approval.quorum_low"),
@@ -355,7 +356,7 @@ fn an_invalid_profile_is_refused_by_check_and_by_every_verb() {
 
 #[test]
 fn check_names_each_numbers_reason() {
-    let root = tempfile::tempdir().unwrap();
+    let root = quick_folder();
     let path = line_4(
         root.path(),
         "timeout_s = 600.0                     # a shift lead is back within ten minutes",
@@ -380,7 +381,7 @@ fn check_names_each_numbers_reason() {
 
 #[test]
 fn check_judges_under_a_sites_own_policies_too() {
-    let root = tempfile::tempdir().unwrap();
+    let root = quick_folder();
     let store = root.path().join("store");
     let path = line_4(&store, "", "");
     let policies = path.with_extension("cedar");
@@ -410,7 +411,7 @@ fn check_judges_under_a_sites_own_policies_too() {
 /// What a check knows of an activation before it measures anything: approvals, site policies, and what is wrong with them.
 #[test]
 fn check_names_approvals_and_forbidden_activations() {
-    let root = tempfile::tempdir().unwrap();
+    let root = quick_folder();
     let store = root.path().join("store");
     let path = line_4(&store, "", "");
     let check = |exit: i32| {
@@ -448,7 +449,7 @@ fn check_names_approvals_and_forbidden_activations() {
 
 #[test]
 fn check_names_the_digest_and_an_older_version() {
-    let root = tempfile::tempdir().unwrap();
+    let root = quick_folder();
     let folder = root.path().join("older");
     fs::create_dir(&folder).unwrap();
     let check = || {
@@ -478,7 +479,7 @@ fn check_names_the_digest_and_an_older_version() {
 
 #[test]
 fn check_refuses_an_unknown_family_or_controller() {
-    let root = tempfile::tempdir().unwrap();
+    let root = quick_folder();
     for (from, to, field) in [
         ("name = \"grasp\"", "name = \"polish\"", "name"),
         ("native:grasp", "native:polish", "deployment.bundle"),

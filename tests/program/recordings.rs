@@ -14,6 +14,8 @@ use holdpoint::registry::Views;
 use holdpoint::scene::{self, SceneConfig, SceneSink};
 use holdpoint::store::Layout;
 
+use crate::quick_folder::quick_folder;
+
 /// A generous time limit.
 const PATIENCE: Duration = Duration::from_mins(5);
 
@@ -63,8 +65,8 @@ fn only_recording(data: &Path) -> (PathBuf, Recording) {
 
 #[test]
 fn recording_holds_the_events_of_the_upgrade_and_changes_no_decision() {
-    let cache = tempfile::tempdir().unwrap();
-    let fresh = || tempfile::tempdir().unwrap();
+    let cache = quick_folder();
+    let fresh = quick_folder;
     let plain = fresh();
     let without =
         events(&script(IN_SHADOW, plain.path(), cache.path()).arg("--no-recording").output().unwrap());
@@ -166,9 +168,9 @@ fn recording_holds_the_events_of_the_upgrade_and_changes_no_decision() {
 /// The most common rejection can be watched from the recording's first moment.
 #[test]
 fn a_rejection_in_the_sandbox_shows_its_reason() {
-    let cache = tempfile::tempdir().unwrap();
+    let cache = quick_folder();
     for (name, drills) in [("reject-behavior", false), ("reject-recovery", true)] {
-        let data = tempfile::tempdir().unwrap();
+        let data = quick_folder();
         let run_events = events(&script(name, data.path(), cache.path()).output().unwrap());
         assert_eq!(failures(&run_events), Vec::<String>::new());
         let (path, recording) = only_recording(data.path());
@@ -194,7 +196,7 @@ fn a_rejection_in_the_sandbox_shows_its_reason() {
             recording.films
         );
         assert_eq!(recording.films.iter().any(|film| film.title.contains("drill")), drills, "{name}");
-        let again = tempfile::tempdir().unwrap();
+        let again = quick_folder();
         script(name, again.path(), cache.path()).output().unwrap();
         let bytes = |path: &Path| std::fs::read(path).unwrap();
         assert!(bytes(&path) == bytes(&only_recording(again.path()).0), "{name}: same seed, same bytes");
@@ -219,7 +221,7 @@ fn connect(port: u16) -> std::net::TcpStream {
 
 #[test]
 fn a_recording_cut_by_a_kill_is_read_and_repaired_at_the_next_start() {
-    let (data, cache) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
+    let (data, cache) = (quick_folder(), quick_folder());
     let mut run = script(IN_SHADOW, data.path(), cache.path());
     let mut child = run.stdout(Stdio::null()).spawn().unwrap();
     let folder = Layout::new(data.path()).recordings();

@@ -15,6 +15,7 @@ use holdpoint_wording::program::audit::recordings as verified_recordings;
 use holdpoint_wording::program::recordings as sentences;
 use holdpoint_wording::program::store::copied_recordings;
 
+use crate::quick_folder::quick_folder;
 use crate::reported_error::{assert_error, is_about};
 use crate::{shift, upgrade};
 
@@ -53,7 +54,7 @@ fn holdpoint(data: &Path, arguments: &[&str]) -> (Option<i32>, String) {
 
 #[test]
 fn a_replay_prints_all_or_up_to_a_tick() {
-    let root = tempfile::tempdir().unwrap();
+    let root = quick_folder();
     let path = root.path().join(record(root.path()).file);
     let file = path.to_str().unwrap();
     let recording = read(&path).unwrap();
@@ -104,14 +105,14 @@ fn store(root: &Path) -> PathBuf {
 
 #[test]
 fn one_changed_byte_is_found_before_it_is_opened() {
-    let root = tempfile::tempdir().unwrap();
+    let root = quick_folder();
     let path = store(root.path());
     let (code, text) = holdpoint(root.path(), &["recordings", "verify"]);
     assert!(code == Some(0) && text.contains(&sentences::checked_all(1, 0, 0)), "{text}");
     let (code, text) = holdpoint(root.path(), &["recordings", "list"]);
     assert!(code == Some(0) && text.contains("place@1.1.0  rolled-back"), "{text}");
     assert_eq!(holdpoint(root.path(), &["replay", "place@1.1.0", "--plain"]).0, Some(0));
-    let elsewhere = tempfile::tempdir().unwrap();
+    let elsewhere = quick_folder();
     let backup = |name: &str| {
         let to = elsewhere.path().join(name);
         holdpoint(root.path(), &["store", "backup", to.to_str().unwrap(), "--with-recordings"])

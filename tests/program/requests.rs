@@ -16,6 +16,8 @@ use holdpoint::trials::cache::EpisodeCache;
 use holdpoint::trials::cell::Cell;
 use holdpoint_sim::SimCells;
 
+use crate::quick_folder::quick_folder;
+
 struct EngineBench {
     engine: Engine,
     request_count: u64,
@@ -24,7 +26,7 @@ struct EngineBench {
 
 impl EngineBench {
     fn new() -> Self {
-        let folder = tempfile::tempdir().unwrap();
+        let folder = quick_folder();
         let config = Config {
             data: folder.path(),
             profile: ProfileName::Sim.into(),

@@ -5,6 +5,8 @@
 use std::path::Path;
 use std::process::{Command, Output};
 
+use crate::quick_folder::quick_folder;
+
 fn run(script: &str, data: &Path, seed: u64) -> Output {
     Command::new(env!("CARGO_BIN_EXE_holdpoint"))
         .args(["run", "--headless", "--json", "--seed", &seed.to_string(), "--script"])
@@ -35,7 +37,7 @@ const FAST: [(&str, i32, &str); 4] = [
 #[test]
 fn scenarios_end_as_named_and_their_audit_verifies() {
     for (script, code, reason) in FAST {
-        let data = tempfile::tempdir().unwrap();
+        let data = quick_folder();
         let output = run(script, data.path(), 1);
         let log = String::from_utf8(output.stdout).unwrap();
         let stderr = String::from_utf8_lossy(&output.stderr);
@@ -49,7 +51,7 @@ fn scenarios_end_as_named_and_their_audit_verifies() {
 /// After the sandbox the record has the declared and the observed use of a version.
 #[test]
 fn declared_and_observed_permissions_are_on_record() {
-    let data = tempfile::tempdir().unwrap();
+    let data = quick_folder();
     assert_eq!(run("permission-exceeded", data.path(), 1).status.code(), Some(1));
     let explain = |json: &[&str]| {
         let mut explain = Command::new(env!("CARGO_BIN_EXE_holdpoint"));
@@ -71,7 +73,7 @@ fn declared_and_observed_permissions_are_on_record() {
 #[test]
 fn equal_scenarios_with_equal_seeds_give_equal_logs_for_any_number_of_workers() {
     let logs = [1, 2].map(|jobs| {
-        let data = tempfile::tempdir().unwrap();
+        let data = quick_folder();
         let output = Command::new(env!("CARGO_BIN_EXE_holdpoint"))
             .args(["run", "--headless", "--json", "--seed", "3", "--jobs", &jobs.to_string()])
             .args(["--script", "tests/scenarios/reject-recovery.toml", "--data"])

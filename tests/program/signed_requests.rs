@@ -25,6 +25,8 @@ use holdpoint_sim::SimCells;
 use serde_json::Value;
 use tempfile::TempDir;
 
+use crate::quick_folder::quick_folder;
+
 /// A generous time limit.
 const PATIENCE: Duration = Duration::from_mins(1);
 const CANDIDATE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/manifests/candidates/grasp-tool-frame");
@@ -35,7 +37,7 @@ pub fn test_passphrase() -> Passphrase {
 
 /// A store whose persons were enrolled before an engine runs on it: mara and omar, and the first administrator.
 pub fn store() -> TempDir {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     let store = Store::open(folder.path()).unwrap();
     store.first_administrator(0).unwrap();
     for name in ["mara", "omar"] {
@@ -331,7 +333,7 @@ fn under_sim_a_signature_is_optional_and_counts_if_present() {
 fn the_verbs_sign_as_the_named_person() {
     use crate::old_stores::{holdpoint, text};
     use crate::reported_error::assert_error;
-    let root = tempfile::tempdir().unwrap();
+    let root = quick_folder();
     let oak = root.path().join("oak");
     std::fs::write(&oak, "under the oak\n").unwrap();
     std::fs::set_permissions(&oak, std::os::unix::fs::PermissionsExt::from_mode(0o600)).unwrap();

@@ -7,6 +7,7 @@ use std::process::{Command, Output};
 use holdpoint_wording::program::profile::site_well_formed;
 use serde_json::Value;
 
+use crate::quick_folder::quick_folder;
 use crate::reported_error::{assert_error, is_about};
 
 const SHIPPED: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/manifests/site.toml");
@@ -50,7 +51,7 @@ fn check_prints_what_an_engine_starts_with() {
 /// One error for each: file, field, and a command that checks the corrected file.
 #[test]
 fn check_names_the_field_of_a_wrong_value() {
-    let root = tempfile::tempdir().unwrap();
+    let root = quick_folder();
     for (from, to, field) in [
         ("kind = \"simulated\"", "kind = \"bridge\"\naddress = \"127.0.0.1:9\"", "live.kind"),
         ("\"arm7\"", "\"arm9\"", "robot"),
@@ -70,7 +71,7 @@ fn check_names_the_field_of_a_wrong_value() {
 
 #[test]
 fn a_store_remembers_its_site_file() {
-    let root = tempfile::tempdir().unwrap();
+    let root = quick_folder();
     let store = root.path().join("store");
     let file = changed(root.path(), "\"grasp/1.0.0\"", "\"./grasp\"");
     fs::create_dir(root.path().join("grasp")).unwrap();
@@ -110,7 +111,7 @@ fn a_store_remembers_its_site_file() {
 /// The profile of the file is that of the first start; the option is stronger.
 #[test]
 fn a_site_file_names_the_profile() {
-    let root = tempfile::tempdir().unwrap();
+    let root = quick_folder();
     let file = changed(root.path(), "\"sim\"", "\"real\"");
     for (store, options, expected) in [("one", &[][..], "real"), ("two", &["--profile", "sim"], "sim")] {
         let run = [&["run", "--plain", "--site", file.to_str().unwrap()][..], options].concat();
@@ -136,7 +137,7 @@ fn copied(folder: &Path, from: &Path, to: &str, (old, new): (&str, &str)) -> Pat
 /// A site with a fallback family of its own: its versions, and candidates that bind it, are judged by the file.
 #[test]
 fn a_check_uses_the_families_of_a_site_file() {
-    let root = tempfile::tempdir().unwrap();
+    let root = quick_folder();
     let park = Path::new(SHIPPED).with_file_name("park/1.0.0");
     let rest = copied(root.path(), &park, "rest", ("name = \"park\"", "name = \"rest\""));
     let file = changed(

@@ -31,6 +31,7 @@ use holdpoint_sim::SimCells;
 use holdpoint_text::Hint as _;
 use serde_json::{Value, json};
 
+use crate::quick_folder::quick_folder;
 use crate::reported_error::assert_error;
 
 /// A generous time limit.
@@ -103,7 +104,7 @@ impl RawConnection {
 
 #[test]
 fn a_client_is_answered_and_receives_events() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     assert!(Client::connect(&Layout::new(folder.path())).unwrap().is_none(), "no engine answers yet");
     let running = engine(folder.path());
     let socket = socket_path(&Layout::new(folder.path()));
@@ -166,7 +167,7 @@ fn a_client_is_answered_and_receives_events() {
 
 #[test]
 fn a_retried_command_is_carried_out_once() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     let running = engine(folder.path());
     let package = capability::read(
         &Path::new(env!("CARGO_MANIFEST_DIR")).join("manifests/candidates/grasp-tool-frame"),
@@ -191,7 +192,7 @@ fn a_retried_command_is_carried_out_once() {
 
 #[test]
 fn hint_of_a_refusal_is_separate_from_sent_text() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     let running = engine(folder.path());
     let improved = concat!(env!("CARGO_MANIFEST_DIR"), "/manifests/candidates/grasp-improved");
     let good = capability::read(Path::new(improved)).unwrap();
@@ -225,7 +226,7 @@ fn hint_of_a_refusal_is_separate_from_sent_text() {
 
 #[test]
 fn an_invalid_call_closes_only_its_own_connection() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     let running = engine(folder.path());
     let long = "x".repeat(CALL_BYTES_MAX + 2);
     for (line, expected) in [
@@ -283,7 +284,7 @@ fn an_invalid_call_closes_only_its_own_connection() {
 /// Regression: a request that waited for the arm to stop was answered `not-now`, because the engine ended before its answer.
 #[test]
 fn a_shutdown_during_a_sequence_is_accepted() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     let folder_of_engine = folder.path().to_owned();
     let (ready, is_ready) = channel();
     let running = std::thread::spawn(move || {
@@ -316,7 +317,7 @@ fn a_shutdown_during_a_sequence_is_accepted() {
 
 #[test]
 fn a_slow_subscriber_gets_the_count_it_missed() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     let socket = open_socket(folder.path()).unwrap();
     let mut slow = client(folder.path()).subscribe().unwrap();
     // Far more than the ring and the socket's buffers hold.
@@ -346,7 +347,7 @@ fn a_slow_subscriber_gets_the_count_it_missed() {
 /// Thirty-two silent connections once kept all other clients out, even for a rollback or a pause.
 #[test]
 fn silent_connections_keep_no_client_out() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     let mut socket = open_socket(folder.path()).unwrap();
     let mut silent: Vec<RawConnection> = (0..2 * IDLE_MAX)
         .map(|_| {
@@ -366,7 +367,7 @@ fn silent_connections_keep_no_client_out() {
 
 #[test]
 fn subscribers_are_limited() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     let _socket = open_socket(folder.path()).unwrap();
     let subscribe = || {
         let mut raw = RawConnection::connect(folder.path());
@@ -395,7 +396,7 @@ fn subscribers_are_limited() {
 /// A client that requests more than can be answered gets a message at once.
 #[test]
 fn excess_requests_get_a_refusal() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     // The engine never reaches the request.
     let _socket = open_socket(folder.path()).unwrap();
     let mut crowd: Vec<RawConnection> = (0..=ASKING_MAX)
@@ -423,7 +424,7 @@ fn excess_requests_get_a_refusal() {
 
 #[test]
 fn a_waiting_request_is_refused_at_the_end() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     let mut socket = open_socket(folder.path()).unwrap();
     let mut connection = client(folder.path());
     let request = std::thread::spawn(move || connection.send(Command::Snapshot));
@@ -436,7 +437,7 @@ fn a_waiting_request_is_refused_at_the_end() {
 
 #[test]
 fn only_a_dead_engines_socket_is_replaced() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     let socket = socket_path(&Layout::new(folder.path()));
     // A leftover socket file: bound once, without a listener.
     drop(std::os::unix::net::UnixListener::bind(&socket).unwrap());
@@ -459,7 +460,7 @@ fn only_a_dead_engines_socket_is_replaced() {
 
 #[test]
 fn a_too_long_path_is_an_error() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     let deep = folder.path().join("d".repeat(120));
     std::fs::create_dir(&deep).unwrap();
     let error = open_socket(&deep).err().unwrap();
@@ -489,7 +490,7 @@ fn every_answer_survives_the_wire() {
 
 #[test]
 fn verbs_talk_to_the_engine_that_runs() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     let running = engine(folder.path());
     let run = |line: &str, json: bool| {
         let mut process = std::process::Command::new(env!("CARGO_BIN_EXE_holdpoint"));

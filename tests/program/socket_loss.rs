@@ -13,6 +13,7 @@ use holdpoint::registry::Views;
 use holdpoint::service::control_socket::{Client, socket_path};
 use holdpoint::store::{AuditFilter, Layout};
 
+use crate::quick_folder::quick_folder;
 use crate::socket::{PATIENCE, client, engine};
 
 /// The first place of an unrecorded stop.
@@ -23,7 +24,7 @@ fn mark(layout: &Layout) -> PathBuf {
 /// A process that removes or replaces the socket cannot prevent a stop.
 #[test]
 fn a_removed_socket_is_created_again() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     let running = engine(folder.path());
     let layout = Layout::new(folder.path());
     let socket = socket_path(&layout);
@@ -68,7 +69,7 @@ fn a_removed_socket_is_created_again() {
 /// when it can be written.
 #[test]
 fn a_stop_is_answered_while_another_program_has_the_database() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     let running = engine(folder.path());
     let mut connection = client(folder.path());
     let other = rusqlite::Connection::open(Layout::new(folder.path()).database()).unwrap();
@@ -100,7 +101,7 @@ fn a_stop_is_answered_while_another_program_has_the_database() {
 /// ended, and on record as soon as possible.
 #[test]
 fn a_stop_that_could_not_be_written_outlasts_the_engine() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     let layout = Layout::new(folder.path());
     let running = engine(folder.path());
     let mut connection = client(folder.path());
@@ -130,7 +131,7 @@ fn a_stop_that_could_not_be_written_outlasts_the_engine() {
 #[test]
 fn a_stop_beside_the_database_stops_the_next_engine() {
     for text in ["{\"by\":\"ana\",\"caller\":{\"kind\":\"script\"},\"reason\":\"x\"}", "what is this"] {
-        let folder = tempfile::tempdir().unwrap();
+        let folder = quick_folder();
         let layout = Layout::new(folder.path());
         let first = engine(folder.path());
         assert!(matches!(client(folder.path()).send(Command::Shutdown).unwrap(), Reply::Accepted { .. }));

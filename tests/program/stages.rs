@@ -6,6 +6,7 @@ use std::process::{Command, Output, Stdio};
 
 use serde_json::Value;
 
+use crate::quick_folder::quick_folder;
 use crate::reported_error::assert_error;
 
 fn on(store: &Path, arguments: &[&str]) -> Output {
@@ -31,7 +32,7 @@ fn code_and_stderr(output: &Output) -> (Option<i32>, String) {
 
 #[test]
 fn single_stage_run_starts_no_other_stage() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     let store = folder.path();
     register(store, "grasp-soft-grip");
     let version = "grasp@1.1.3";
@@ -53,7 +54,7 @@ fn single_stage_run_starts_no_other_stage() {
 
 #[test]
 fn a_stage_that_rejects_ends_with_the_code_of_a_rejection() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     let store = folder.path();
     register(store, "grasp-tool-frame");
     let version = "grasp@1.2.0";
@@ -65,7 +66,7 @@ fn a_stage_that_rejects_ends_with_the_code_of_a_rejection() {
 /// The seeds of a stage are secret. Its key is revealed at its end, and gives the same results without the store's secret.
 #[test]
 fn stage_with_secret_seeds_is_made_again_on_a_copy_without_keys() {
-    let [folder, elsewhere] = [(); 2].map(|()| tempfile::tempdir().unwrap());
+    let [folder, elsewhere] = [(); 2].map(|()| quick_folder());
     let (store, copy) = (folder.path(), elsewhere.path().join("copy"));
     register(store, "align-no-stop");
     let (code, message) = code_and_stderr(&on(store, &["candidate", "compat", "align@1.1.3"]));
@@ -116,7 +117,7 @@ fn bodies(store: &Path, kind: &str) -> Vec<Value> {
 /// Regression: ctrl-c left the cell stopped, as a kill does.
 #[test]
 fn interrupted_stage_ends_cleanly_and_leaves_no_stopped_cell() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     let (store, version) = (folder.path(), "grasp@1.1.3");
     register(store, "grasp-soft-grip");
     let (code, message) = code_and_stderr(&on(store, &["candidate", "compat", version]));

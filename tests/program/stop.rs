@@ -17,6 +17,7 @@ use holdpoint::service::control_socket::{Client, IDLE_MAX, OBSERVERS_MAX, socket
 use holdpoint::store::{AuditFilter, Layout};
 
 use crate::host::{Front, PATIENCE, operation, refusal};
+use crate::quick_folder::quick_folder;
 use crate::reported_error::assert_error;
 
 /// Braking takes a quarter of a second at most, and the measurement of the standstill a twentieth.
@@ -89,7 +90,7 @@ impl Front {
 #[test]
 fn the_arm_stops_at_every_stage() {
     let times = std::env::var("HOLDPOINT_STOPS").ok().and_then(|text| text.parse().ok()).unwrap_or(2);
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     let mut front = Front::start(folder.path(), None);
     let mut measured = vec![("idle", front.measure_stops(times, true))];
     front.submit("align-improved");
@@ -113,7 +114,7 @@ fn the_arm_stops_at_every_stage() {
 
 #[test]
 fn nothing_runs_until_a_person_starts_the_cell_again() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     let mut front = Front::start(folder.path(), None);
     front.run_live_cell(Duration::from_millis(20));
     assert!(front.ticks_to_standstill() <= STANDSTILL_TICKS_MAX);
@@ -169,7 +170,7 @@ fn nothing_runs_until_a_person_starts_the_cell_again() {
 
 #[test]
 fn a_version_can_be_rolled_back_at_standstill() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     let mut front = Front::start(folder.path(), None);
     front.run_live_cell(Duration::from_millis(20));
     front.ticks_to_standstill();
@@ -199,7 +200,7 @@ fn inside_a_hold() {
     if !cfg!(debug_assertions) || std::env::var_os("HOLDPOINT_TEST_PANIC").is_none() {
         return;
     }
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     let mut front = Front::start(folder.path(), Some(1.0));
     front.run_live_cell(Duration::from_millis(20));
     front.submit("align-improved");
@@ -225,7 +226,7 @@ fn output_text(output: &Output) -> String {
 /// The last mark was made after its stop was on record: it was never removed, and the cell could not be started.
 #[test]
 fn simultaneous_stops_leave_no_stale_stop_mark() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     let data = folder.path().join("store");
     let mut front = Front::start(&data, None);
     for _ in 0..3 {
@@ -251,7 +252,7 @@ fn simultaneous_stops_leave_no_stale_stop_mark() {
 /// With a mistyped folder it once created a store, stopped that cell, and reported success.
 #[test]
 fn a_stop_without_an_engine_is_not_confirmed() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     let missing = folder.path().join("mistyped");
     let error = assert_error(&holdpoint(&missing, &["stop", "--as", "ana", "--json"]), 6, "no-answer");
     for part in ["emergency stop", "--data DIR"] {
@@ -271,7 +272,7 @@ fn a_stop_without_an_engine_is_not_confirmed() {
 
 #[test]
 fn the_verbs_stop_and_start_with_and_without_an_engine() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     let data = folder.path().join("store");
     assert_eq!(
         holdpoint(&data, &["identity", "new", "ana", "--role", "operator", "--unprotected"]).status.code(),
@@ -340,7 +341,7 @@ fn the_verbs_stop_and_start_with_and_without_an_engine() {
 /// Silent connections and the most subscribers do not keep an operator from stopping the cell or a version.
 #[test]
 fn idle_connections_lock_no_client_out() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     let mut front = Front::start(folder.path(), None);
     let layout = Layout::new(folder.path());
     let connect = || Client::connect(&layout).unwrap().unwrap();

@@ -15,6 +15,7 @@ use holdpoint::store::Layout;
 
 use crate::host::{Front, PATIENCE};
 use crate::mutate::{Random, mutant};
+use crate::quick_folder::quick_folder;
 
 /// The time limit for the answer to a stop, even on a busy machine.
 const ANSWERED_WITHIN: Duration = Duration::from_secs(10);
@@ -26,7 +27,7 @@ fn number(name: &str, otherwise: usize) -> usize {
 #[test]
 fn stop_works_during_a_storm_of_connections() {
     let (connections, seed) = (number("HOLDPOINT_STORM", 150), number("HOLDPOINT_STORM_SEED", 1) as u64);
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     let mut front = Front::start(folder.path(), None);
     let layout = Layout::new(folder.path());
     let lines: Vec<Vec<u8>> = [

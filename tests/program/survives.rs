@@ -14,6 +14,8 @@ use holdpoint::store::{AuditFilter, Layout};
 use holdpoint_wording::stop_after_unclean_end;
 use serde_json::Value;
 
+use crate::quick_folder::quick_folder;
+
 /// A generous time limit.
 const PATIENCE: Duration = Duration::from_mins(2);
 
@@ -102,7 +104,7 @@ fn records(store: &Path, kind: RecordKind) -> Vec<Value> {
 /// forgotten.
 #[test]
 fn an_answered_stop_is_in_force_after_a_kill_with_any_object_at_its_mark() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     let store = folder.path().join("store");
     let mut first = ServeProcess::start(&store, "sim", None);
     first.until("sequence");
@@ -143,7 +145,7 @@ fn an_answered_stop_is_in_force_after_a_kill_with_any_object_at_its_mark() {
 #[test]
 fn after_a_sudden_end_the_cell_stays_stopped_under_every_profile() {
     for profile in ["sim", "real", "human"] {
-        let folder = tempfile::tempdir().unwrap();
+        let folder = quick_folder();
         let store = folder.path().join("store");
         let mut first = ServeProcess::start(&store, profile, None);
         first.until("sequence");
@@ -183,7 +185,7 @@ fn after_a_sudden_end_the_cell_stays_stopped_under_every_profile() {
 
 #[test]
 fn cell_runs_again_after_an_orderly_end() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     let store = folder.path().join("store");
     let mut first = ServeProcess::start(&store, "sim", None);
     first.until("sequence");
@@ -202,7 +204,7 @@ fn cell_runs_again_after_an_orderly_end() {
 /// With 40 file descriptors and 60 silent connections, no client was answered.
 #[test]
 fn a_stop_is_answered_where_all_file_descriptors_are_used_up() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     let store = folder.path().join("store");
     let mut engine = ServeProcess::start(&store, "sim", Some(40));
     engine.until("sequence");

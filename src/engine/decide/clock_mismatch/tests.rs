@@ -20,6 +20,7 @@ use super::*;
 use crate::decide::people::persons::enrolled;
 use crate::decide::people::signers::tests::{question, signed};
 use crate::decide::pipeline::Pipeline;
+use crate::quick_folder::quick_folder;
 use crate::test_pipeline::pipeline_by;
 use crate::tests::{assert_accepted, at_the_gate, awaiting_approval};
 use holdpoint_record::wall_clock::{Clocks, WallClock};
@@ -117,7 +118,7 @@ fn alarm(pipeline: &Pipeline) -> Option<AlarmState> {
 /// Nine days later, after a restart, the second approval made the first one count.
 #[test]
 fn approval_expires_while_no_engine_runs() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     let (machine, human) = (MachineClock::new(), builtin(ProfileName::Human));
     let mut first = engine(folder.path(), &human, &machine);
     // A review takes two people.
@@ -151,7 +152,7 @@ fn approval_expires_while_no_engine_runs() {
 /// An answer in time counts until it expires, whatever the engine's clock says.
 #[test]
 fn a_first_answer_runs_out_before_the_second() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     let machine = MachineClock::new();
     let mut human = builtin(ProfileName::Human);
     human.approval.timeout_s = 3_600.0;
@@ -179,7 +180,7 @@ fn a_first_answer_runs_out_before_the_second() {
 
 #[test]
 fn a_freeze_holds_and_ends_by_wall_time_alone() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     let machine = MachineClock::new();
     let mut sim = builtin(ProfileName::Sim);
     let until = machine.wall_time().plus_ms(DAY_MS.unsigned_abs());
@@ -204,7 +205,7 @@ fn a_freeze_holds_and_ends_by_wall_time_alone() {
 
 #[test]
 fn a_clock_that_was_set_holds_the_gate_until_a_person_confirms_the_time() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     let (machine, sim) = (MachineClock::new(), builtin(ProfileName::Sim));
     let mut first = engine(folder.path(), &sim, &machine);
     let id = at_the_gate(&mut first);
@@ -241,7 +242,7 @@ fn a_clock_that_was_set_holds_the_gate_until_a_person_confirms_the_time() {
 
 #[test]
 fn clock_behind_the_newest_record_is_a_mismatch() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     let (machine, sim) = (MachineClock::new(), builtin(ProfileName::Sim));
     let mut first = engine(folder.path(), &sim, &machine);
     machine.pass(10 * MINUTE_MS);
@@ -265,7 +266,7 @@ fn clock_behind_the_newest_record_is_a_mismatch() {
 #[test]
 fn clock_set_while_no_engine_ran_is_a_mismatch() {
     for set_ms in [-50 * MINUTE_MS, 50 * MINUTE_MS] {
-        let folder = tempfile::tempdir().unwrap();
+        let folder = quick_folder();
         let (machine, sim) = (MachineClock::new(), builtin(ProfileName::Sim));
         let mut first = engine(folder.path(), &sim, &machine);
         // The engine stores the trusted reading where it begins and ends, and where a person confirms the time.
@@ -286,7 +287,7 @@ fn clock_set_while_no_engine_ran_is_a_mismatch() {
 /// Errors below the profile's bound at each restart added up to any time.
 #[test]
 fn trusted_readings_survive_restarts() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     let (machine, sim) = (MachineClock::new(), builtin(ProfileName::Sim));
     let mut first = engine(folder.path(), &sim, &machine);
     machine.set(MINUTE_MS);
@@ -311,7 +312,7 @@ fn trusted_readings_survive_restarts() {
 /// The person who waits for a decision could postpone their own deadline.
 #[test]
 fn a_requester_cannot_confirm_the_time() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     let (machine, human) = (MachineClock::new(), builtin(ProfileName::Human));
     let mut pipeline = engine(folder.path(), &human, &machine);
     let id = awaiting_approval(&mut pipeline, PolicyOutcome::Review, Vec::new());
@@ -329,7 +330,7 @@ fn a_requester_cannot_confirm_the_time() {
 /// This bypassed the gate, which meanwhile activates no version.
 #[test]
 fn no_version_is_reactivated_during_a_mismatch() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     let (machine, sim) = (MachineClock::new(), builtin(ProfileName::Sim));
     let mut pipeline = engine(folder.path(), &sim, &machine);
     let version: CapabilityId = "align@1.0.0".parse().unwrap();
@@ -346,7 +347,7 @@ fn no_version_is_reactivated_during_a_mismatch() {
 /// The time since the machine's start advances while it is suspended.
 #[test]
 fn suspended_machine_is_no_clock_mismatch() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     let (machine, sim) = (MachineClock::new(), builtin(ProfileName::Sim));
     let mut pipeline = engine(folder.path(), &sim, &machine);
     let id = at_the_gate(&mut pipeline);

@@ -12,6 +12,7 @@ use super::key_check::{KeyCheck, check_keys};
 use super::*;
 use crate::decide::pipeline::{Pipeline, SliceOutcome};
 use crate::decide::stages::activation::tests::package;
+use crate::quick_folder::quick_folder;
 use crate::test_pipeline::seeded_pipeline;
 use holdpoint_record::wall_clock::WallClock;
 
@@ -60,7 +61,7 @@ fn checked(pipeline: &Pipeline) -> KeyCheck {
 /// Neither a kill nor a restart gives a candidate other seeds; another store has others.
 #[test]
 fn interrupted_evaluation_continues_with_its_key() {
-    let folders = [tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap()];
+    let folders = [quick_folder(), quick_folder()];
     let mut first = pipeline(folders[0].path());
     let id = register(&mut first, "grasp-improved");
     let before = seeds_of(&mut first, &id, 20);
@@ -80,7 +81,7 @@ fn interrupted_evaluation_continues_with_its_key() {
 /// A person who demotes a candidate and repeats its sandbox gets other episodes, and that counts as another try.
 #[test]
 fn a_sandbox_that_is_repeated_on_other_episodes_is_another_try() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     let mut pipeline = pipeline(folder.path());
     let id = register(&mut pipeline, "grasp-improved");
     let before = seeds_of(&mut pipeline, &id, 20);
@@ -108,7 +109,7 @@ fn a_sandbox_that_is_repeated_on_other_episodes_is_another_try() {
 
 #[test]
 fn key_is_committed_before_the_first_pair_and_revealed_after_the_last() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     let mut pipeline = pipeline(folder.path());
     let id = register(&mut pipeline, "grasp-improved");
     let early = seeds_of(&mut pipeline, &id, 20);
@@ -141,7 +142,7 @@ fn key_is_committed_before_the_first_pair_and_revealed_after_the_last() {
 /// A version that people reject in the middle leaves no secret behind.
 #[test]
 fn key_of_a_rejected_version_is_revealed() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     let mut pipeline = pipeline(folder.path());
     let id = register(&mut pipeline, "grasp-improved");
     seeds_of(&mut pipeline, &id, 20);
@@ -155,7 +156,7 @@ fn key_of_a_rejected_version_is_revealed() {
 
 #[test]
 fn live_seeds_rotate_and_are_revealed_one_rotation_later() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     let mut pipeline = pipeline(folder.path());
     let live = pipeline.live();
     let mut sources = Vec::new();

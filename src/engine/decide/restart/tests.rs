@@ -10,11 +10,12 @@ use holdpoint_protocol::event::EventKind;
 use crate::decide::people::persons::enrolled;
 use crate::decide::people::signers::tests::{question, signed};
 use crate::decide::pipeline::Pipeline;
+use crate::quick_folder::quick_folder;
 use crate::tests::{assert_accepted, at_the_gate, awaiting_approval, pipeline};
 
 #[test]
 fn a_question_is_open_after_a_restart_with_the_answers_given() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     let mut first = pipeline(folder.path(), ProfileName::Human);
     // A review takes two people.
     awaiting_approval(&mut first, PolicyOutcome::Review, Vec::new());
@@ -50,7 +51,7 @@ fn a_question_is_open_after_a_restart_with_the_answers_given() {
 /// the same, and it is what takes effect.
 #[test]
 fn a_question_shows_the_conditions_that_take_effect_after_a_restart() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     let mut first = pipeline(folder.path(), ProfileName::Human);
     let id = at_the_gate(&mut first);
     for _ in 0..4 {
@@ -72,7 +73,7 @@ fn a_question_shows_the_conditions_that_take_effect_after_a_restart() {
 #[test]
 fn a_request_for_a_condition_is_open_after_a_restart() {
     for (profile, quorum) in [(ProfileName::Sim, 2), (ProfileName::Human, 3)] {
-        let folder = tempfile::tempdir().unwrap();
+        let folder = quick_folder();
         let mut first = pipeline(folder.path(), profile);
         awaiting_approval(
             &mut first,

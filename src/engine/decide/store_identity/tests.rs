@@ -21,6 +21,7 @@ use holdpoint_trials::seeds::EpisodeSeeds;
 use super::*;
 use crate::decide::people::persons::guarded;
 use crate::live::stop_switch::StopRequest;
+use crate::quick_folder::quick_folder;
 use crate::tests::{assert_accepted, at_the_gate, awaiting_approval, config};
 use crate::{Config, Engine, StartError};
 
@@ -67,7 +68,7 @@ fn left_by_another_program(folder: &Path) {
 
 #[test]
 fn changed_profile_activates_no_version_until_an_administrator_signs() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     drop(live(folder.path(), ProfileName::Human).unwrap());
     left_by_another_program(folder.path());
     let contexts = |store: &Store| store.views().unwrap().profiles().unwrap();
@@ -139,7 +140,7 @@ fn changed_profile_activates_no_version_until_an_administrator_signs() {
 /// Regression: a script started a stopped cell and registered a version in the name of an uninvolved person.
 #[test]
 fn script_cannot_use_a_store_of_a_live_profile() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     drop(live(folder.path(), ProfileName::Human).unwrap());
     let end = || Store::open(folder.path()).unwrap().opening().head.seq;
     let before = end();
@@ -157,7 +158,7 @@ fn script_cannot_use_a_store_of_a_live_profile() {
 fn a_less_strict_activation_ends_under_a_stricter_profile() {
     let id: CapabilityId = "align@1.1.0".parse().unwrap();
     for scripted in [false, true] {
-        let folder = tempfile::tempdir().unwrap();
+        let folder = quick_folder();
         let sim = |scripted| {
             let script = config(folder.path(), "arm7");
             if scripted {

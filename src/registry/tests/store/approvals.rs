@@ -11,13 +11,14 @@ use holdpoint_governance::wall_time::WallTime;
 use holdpoint_registry::verify;
 use holdpoint_store::{ApprovalRequest, Change, EvidenceKind, RequestState};
 
+use crate::quick_folder::quick_folder;
 use crate::support::*;
 
 const NEW: &str = "grasp@1.1.0";
 
 #[test]
 fn an_approval_that_four_threads_use_at_once_counts_once() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     let store = open(folder.path());
     bootstrap(&store, "grasp");
     shadowed(&store, NEW);
@@ -47,7 +48,7 @@ fn an_approval_that_four_threads_use_at_once_counts_once() {
 
 #[test]
 fn two_approvals_of_one_person_are_not_a_quorum_of_two() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     let store = open(folder.path());
     bootstrap(&store, "grasp");
     shadowed(&store, NEW);
@@ -82,7 +83,7 @@ fn an_approval_bound_to_something_else_is_refused() {
         ("profile", |a, _| a.profile = ProfileName::Human, "profile"),
         ("store", |a, _| a.store_id = "another".into(), "store"),
     ];
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     let store = open(folder.path());
     bootstrap(&store, "grasp");
     shadowed(&store, NEW);
@@ -114,7 +115,7 @@ fn a_later_change_voids_an_approval() {
         ("use", || vec![consume(NEW, 1)]),
     ];
     for (name, event) in events {
-        let folder = tempfile::tempdir().unwrap();
+        let folder = quick_folder();
         let store = open(folder.path());
         bootstrap(&store, "grasp");
         shadowed(&store, NEW);
@@ -130,7 +131,7 @@ fn a_later_change_voids_an_approval() {
 
 #[test]
 fn forged_and_unknown_approvals_are_refused() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     let store = open(folder.path());
     bootstrap(&store, "grasp");
     shadowed(&store, NEW);
@@ -138,7 +139,7 @@ fn forged_and_unknown_approvals_are_refused() {
     let mut json = serde_json::to_value(&signed).unwrap();
     json["approval"]["reason"] = "edited".into();
     let forged = serde_json::from_value(json).unwrap();
-    let other_keys = tempfile::tempdir().unwrap();
+    let other_keys = quick_folder();
     for (name, role, message) in [
         ("ada", Role::Operator, "another key"),
         ("eve", Role::Operator, "not enrolled"),
@@ -160,7 +161,7 @@ fn forged_and_unknown_approvals_are_refused() {
 
 #[test]
 fn approval_requests_queue_until_they_are_answered() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     let store = open(folder.path());
     bootstrap(&store, "grasp");
     shadowed(&store, NEW);

@@ -13,8 +13,9 @@ use holdpoint_registry::{
 };
 use holdpoint_store::VerifyError;
 
-use crate::edits::{make_full_store, quick_folder};
+use crate::edits::make_full_store;
 use crate::proofs::public_key;
+use crate::quick_folder::quick_folder;
 use crate::support::*;
 
 const ALL: BackupParts<'static> = BackupParts { keys: true, recordings: None };

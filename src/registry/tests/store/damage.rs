@@ -12,6 +12,7 @@ use holdpoint_store::{AuditFilter, Change, EvidenceKind, RefusalCause, VerifyErr
 use rusqlite::{Connection, params};
 
 use crate::proofs::heads;
+use crate::quick_folder::quick_folder;
 use crate::support::*;
 
 const BY: &str = "{\"user\":\"ada\"}";
@@ -133,7 +134,7 @@ fn every_tampering_is_found() {
         ("alarm", "DELETE FROM alarm", state),
     ];
     for (name, edit, expected) in table {
-        let folder = tempfile::tempdir().unwrap();
+        let folder = quick_folder();
         let key = make_store_with_approval(folder.path());
         let database = folder.path().join("holdpoint.db");
         verify(&database, Some(&key)).unwrap();
@@ -176,7 +177,7 @@ fn index_otherwise(database: &Path, kind: &str, definition: impl Fn(&str) -> Str
 
 #[test]
 fn record_hidden_by_an_index_is_reported_missing() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     let key = make_store_with_approval(folder.path());
     let database = folder.path().join("holdpoint.db");
     hide(&database, "decision");
@@ -186,7 +187,7 @@ fn record_hidden_by_an_index_is_reported_missing() {
     assert!(refusal(&error).1.contains("audit_kind"), "{error}");
 
     // The same number of entries, some of them changed.
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     let key = make_store_with_approval(folder.path());
     let database = folder.path().join("holdpoint.db");
     index_otherwise(&database, "decision", |whole| {
@@ -205,7 +206,7 @@ fn record_hidden_by_an_index_is_reported_missing() {
 /// As many entries as records, with a stop of the cell under another kind: a query would not find the stop.
 #[test]
 fn stop_hidden_by_an_index_is_found_at_the_start() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     make_store_with_approval(folder.path());
     let store = open(folder.path());
     let mut stop = transaction("stop", store.opening().head.at_ms + 1, Vec::new());
@@ -232,7 +233,7 @@ fn stop_hidden_by_an_index_is_found_at_the_start() {
 /// The same for an index of another table than the chain's.
 #[test]
 fn a_false_index_is_repaired_by_a_rebuild() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     let key = make_store_with_approval(folder.path());
     let database = folder.path().join("holdpoint.db");
     let (name, whole): (String, String) = Connection::open(&database)
@@ -263,7 +264,7 @@ fn state(error: &VerifyError) -> bool {
 
 #[test]
 fn rewritten_chain_is_found_by_its_checkpoints() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     let key = make_store_with_approval(folder.path());
     let database = folder.path().join("holdpoint.db");
     let records = verify(&database, Some(&key)).unwrap().records;
@@ -285,7 +286,7 @@ fn rewritten_chain_is_found_by_its_checkpoints() {
 
 #[test]
 fn checkpoints_of_another_store_are_refused() {
-    let (ours, theirs) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
+    let (ours, theirs) = (quick_folder(), quick_folder());
     let (our_key, their_key) =
         (make_store_with_approval(ours.path()), make_store_with_approval(theirs.path()));
     let database = ours.path().join("holdpoint.db");
@@ -299,7 +300,7 @@ fn checkpoints_of_another_store_are_refused() {
         let error = verify(&database, key).unwrap_err();
         assert!(matches!(error, VerifyError::History(HistoryError::Checkpoint { .. })), "{error}");
     }
-    let copied = tempfile::tempdir().unwrap();
+    let copied = quick_folder();
     fs::copy(&database, copied.path().join("copy.db")).unwrap();
     let report = holdpoint_registry::verify_copy(&copied.path().join("copy.db"), Some(&our_key)).unwrap();
     assert_eq!(report.checkpoints, 0, "a copy alone has none");
@@ -327,7 +328,7 @@ pub fn contents(database: &Path) -> Result<String, String> {
 #[test]
 fn flipped_bits_are_found_or_harmless() {
     const FLIPS: usize = 200;
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     let key = make_store_with_approval(folder.path());
     let database = folder.path().join("holdpoint.db");
     let good = fs::read(&database).unwrap();

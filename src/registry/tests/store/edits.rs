@@ -13,6 +13,7 @@ use holdpoint_text::Hint as _;
 use rusqlite::types::Value;
 use rusqlite::{Connection, params};
 
+use crate::quick_folder::quick_folder;
 use crate::support::*;
 
 /// Number of edits.
@@ -95,11 +96,6 @@ impl Dice {
         bits = (bits ^ (bits >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
         usize::try_from((bits ^ (bits >> 31)) % (sides as u64)).unwrap()
     }
-}
-
-/// A folder in memory if possible: a thousand runs need no disk.
-pub fn quick_folder() -> tempfile::TempDir {
-    tempfile::tempdir_in("/dev/shm").or_else(|_| tempfile::tempdir()).unwrap()
 }
 
 /// Every column of every table.
@@ -307,7 +303,7 @@ pub fn put_back(folder: &Path, checkpoint_names: &[std::ffi::OsString]) {
 
 #[test]
 fn a_missing_state_is_refused_by_name() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     make_full_store(folder.path());
     let database = folder.path().join("holdpoint.db");
     Connection::open(&database)
@@ -329,7 +325,7 @@ fn changed_schema_is_found() {
         ("CREATE VIEW seen AS SELECT 1", "seen"),
         ("ALTER TABLE alarm ADD COLUMN more TEXT", "alarm"),
     ] {
-        let folder = tempfile::tempdir().unwrap();
+        let folder = quick_folder();
         make_full_store(folder.path());
         let database = folder.path().join("holdpoint.db");
         Connection::open(&database).unwrap().execute_batch(edit).unwrap();
@@ -343,7 +339,7 @@ fn changed_schema_is_found() {
 /// A trigger added under a running engine neither changes the engine's writes nor activates anything.
 #[test]
 fn trigger_added_under_a_running_engine_has_no_effect() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     make_full_store(folder.path());
     let database = folder.path().join("holdpoint.db");
     let store = open(folder.path());

@@ -11,8 +11,8 @@ use std::process::{Command, Stdio};
 use holdpoint_registry::{Store, check_invariants, verify};
 use holdpoint_store::Batch;
 
-use crate::edits::quick_folder;
 use crate::kill::one_step;
+use crate::quick_folder::quick_folder;
 use crate::support::*;
 
 const CHILD: &str = "HOLDPOINT_FAILING_CHILD";

@@ -6,7 +6,8 @@ use std::path::{Path, PathBuf};
 use holdpoint_governance::store_finding::StoreFinding;
 use holdpoint_registry::check_store;
 
-use crate::edits::{make_full_store, quick_folder};
+use crate::edits::make_full_store;
+use crate::quick_folder::quick_folder;
 
 #[test]
 fn quick_check_finds_every_invalid_key_file() {

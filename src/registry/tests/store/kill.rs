@@ -12,7 +12,7 @@ use holdpoint_governance::wall_time::WallTime;
 use holdpoint_registry::{Store, check_invariants, failpoint, verify};
 use holdpoint_store::{AuditFilter, Change, Receipt, StoreError};
 
-use crate::edits::quick_folder;
+use crate::quick_folder::quick_folder;
 use crate::support::*;
 
 const CHILD: &str = "HOLDPOINT_KILL_CHILD";

@@ -13,7 +13,8 @@ use holdpoint_registry::{Store, UnsignedRecords, check_invariants, rebuild, veri
 use holdpoint_store::StoreError;
 use rusqlite::Connection;
 
-use crate::edits::{make_full_store, quick_folder};
+use crate::edits::make_full_store;
+use crate::quick_folder::quick_folder;
 use crate::support::*;
 
 const CHILD: &str = "HOLDPOINT_KILLED_CHILD";
@@ -122,7 +123,7 @@ fn killed_rebuild_leaves_the_damaged_or_the_rebuilt_store() {
     if !traces() {
         return;
     }
-    let whole = tempfile::tempdir().unwrap();
+    let whole = quick_folder();
     make_full_store(whole.path());
     Connection::open(whole.path().join("holdpoint.db")).unwrap().execute_batch(DAMAGE).unwrap();
     let prepare = |folder: &Path| copy(whole.path(), folder);

@@ -12,7 +12,8 @@ use holdpoint_store::Layout;
 use rusqlite::Connection;
 
 use crate::damage::UNLOCK;
-use crate::edits::{make_full_store, quick_folder};
+use crate::edits::make_full_store;
+use crate::quick_folder::quick_folder;
 use crate::support::*;
 
 /// The longest text that is read.

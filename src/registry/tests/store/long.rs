@@ -7,7 +7,8 @@ use holdpoint_registry::{ExportScope, Store, Views, export_store, verify};
 use holdpoint_store::AuditBody;
 use rusqlite::Connection;
 
-use crate::edits::{make_full_store, quick_folder};
+use crate::edits::make_full_store;
+use crate::quick_folder::quick_folder;
 use crate::support::*;
 
 /// As many records as a snapshot is written after.

@@ -31,6 +31,8 @@ mod planted;
 mod power;
 mod profile_downgrade;
 mod proofs;
+#[path = "../../../../tests/support/quick_folder.rs"]
+mod quick_folder;
 mod races;
 mod rebuild;
 mod registry;

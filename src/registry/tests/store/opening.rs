@@ -10,6 +10,7 @@ use holdpoint_text::Hint as _;
 use rusqlite::Connection;
 
 use crate::proofs::heads;
+use crate::quick_folder::quick_folder;
 use crate::support::*;
 
 /// A closed store with a little history.
@@ -22,7 +23,7 @@ fn make_small_store(folder: &Path) {
 
 #[test]
 fn reopened_store_keeps_its_id_and_content() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     let store = open(folder.path());
     assert!(store.opening().created);
     let (store_id, key) = (store.store_id().to_owned(), *store.public_key());
@@ -45,7 +46,7 @@ fn reopened_store_keeps_its_id_and_content() {
 #[test]
 fn a_link_in_the_place_of_a_folder_is_refused() {
     for name in ["keys", "keys/identities", "checkpoints", "recordings", "logs", "compiled"] {
-        let (folder, elsewhere) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
+        let (folder, elsewhere) = (quick_folder(), quick_folder());
         make_small_store(folder.path());
         let place = folder.path().join(name);
         fs::create_dir_all(&place).unwrap();
@@ -76,7 +77,7 @@ fn database_removed_or_replaced_under_a_running_engine_is_noticed() {
         }),
     ];
     for (what, displace) in cases {
-        let folder = tempfile::tempdir().unwrap();
+        let folder = quick_folder();
         let store = open(folder.path());
         bootstrap(&store, "grasp");
         store.check_unaltered().unwrap();
@@ -90,7 +91,7 @@ fn database_removed_or_replaced_under_a_running_engine_is_noticed() {
 
 #[test]
 fn an_in_use_error_names_the_process() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     let first = open(folder.path());
     bootstrap(&first, "grasp");
     let error = Store::open(folder.path()).unwrap_err();
@@ -155,7 +156,7 @@ fn other_files_are_refused_and_left_alone() {
         ("gone", |db| fs::remove_file(db).unwrap(), RefusalCause::Damaged),
     ];
     for (name, make, cause) in table {
-        let folder = tempfile::tempdir().unwrap();
+        let folder = quick_folder();
         make_small_store(folder.path());
         let database = folder.path().join("holdpoint.db");
         make(&database);
@@ -168,7 +169,7 @@ fn other_files_are_refused_and_left_alone() {
 
 #[test]
 fn an_older_copy_is_noticed() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     make_small_store(folder.path());
     let database = folder.path().join("holdpoint.db");
     let old = fs::read(&database).unwrap();
@@ -219,7 +220,7 @@ fn broken_registries_and_keys_are_refused() {
         ),
     ];
     for (name, make, message) in table {
-        let folder = tempfile::tempdir().unwrap();
+        let folder = quick_folder();
         make_small_store(folder.path());
         make(folder.path());
         let error = Store::open(folder.path()).expect_err(name).sentence();
@@ -233,7 +234,7 @@ fn run(folder: &Path, sql: &str) {
 
 #[test]
 fn a_folder_that_cannot_be_used_is_named() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     let file = folder.path().join("file");
     fs::write(&file, "").unwrap();
     for path in [file.join("store"), Path::new("/proc/holdpoint").to_owned()] {
@@ -245,7 +246,7 @@ fn a_folder_that_cannot_be_used_is_named() {
 /// Removing the database does not allow a new history signed by the same store.
 #[test]
 fn no_new_history_begins_in_place_of_a_removed_one() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     make_small_store(folder.path());
     let layout = holdpoint_store::Layout::new(folder.path());
     let before = fs::read(layout.store_key()).unwrap();
@@ -276,7 +277,7 @@ fn no_new_history_begins_in_place_of_a_removed_one() {
 /// A stop mark stays beside the database even if its text cannot be written.
 #[test]
 fn stop_mark_is_set_even_if_its_text_cannot_be_written() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     let layout = holdpoint_store::Layout::new(folder.path());
     layout.create().unwrap();
     let marks = layout.stop_marks();
@@ -294,7 +295,7 @@ fn stop_mark_is_set_even_if_its_text_cannot_be_written() {
 
 #[test]
 fn incomplete_new_database_is_created_again() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     fs::write(folder.path().join("holdpoint.new"), "half").unwrap();
     assert!(open(folder.path()).opening().created);
     make_small_store(folder.path());
@@ -320,7 +321,7 @@ fn locks(path: &std::path::Path) -> usize {
 #[test]
 #[cfg(target_os = "linux")]
 fn reader_releases_no_lock_of_the_writer() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     let store = open(folder.path());
     bootstrap(&store, "grasp");
     let layout = store.layout().clone();
@@ -339,7 +340,7 @@ fn reader_releases_no_lock_of_the_writer() {
 /// A link or a pipe in place of the lock's file is refused, and its target stays unchanged.
 #[test]
 fn the_lock_is_a_file_of_its_own() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     make_small_store(folder.path());
     let (lock, key) = (folder.path().join("engine.lock"), folder.path().join("keys/store.key"));
     let before = fs::read(&key).unwrap();

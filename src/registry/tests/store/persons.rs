@@ -5,6 +5,7 @@ use holdpoint_governance::approval::Role;
 use holdpoint_registry::{Store, UnsignedRecords, rebuild, verify};
 use holdpoint_store::{Change, RefusalCause};
 
+use crate::quick_folder::quick_folder;
 use crate::support::*;
 
 const NEW: &str = "grasp@1.1.0";
@@ -41,7 +42,7 @@ fn enroll_change(signed: SignedPersonAct) -> Change {
 
 #[test]
 fn first_administrator_is_created_once() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     let store = open(folder.path());
     assert_eq!(store.first_administrator(0).unwrap().as_deref(), Some("admin"));
     assert_eq!(store.first_administrator(0).unwrap(), None);
@@ -49,7 +50,7 @@ fn first_administrator_is_created_once() {
     let admin = persons.named("admin").unwrap();
     assert_eq!((admin.role, admin.unprotected, admin.enrolled_by.as_str()), (Role::Admin, true, "admin"));
     // Another key can no longer be the first.
-    let eve = Identity::create(tempfile::tempdir().unwrap().path(), "eve", Role::Admin).unwrap();
+    let eve = Identity::create(quick_folder().path(), "eve", Role::Admin).unwrap();
     refused(
         &store,
         enroll_change(enrolment(&store, &eve, &eve)),
@@ -57,7 +58,7 @@ fn first_administrator_is_created_once() {
     );
     drop(store);
     // A death between the key and its record: the key is taken the next time.
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     let store = open(folder.path());
     let left = Identity::create(&store.layout().identities(), "admin", Role::Admin).unwrap();
     store.first_administrator(0).unwrap();
@@ -66,10 +67,10 @@ fn first_administrator_is_created_once() {
 
 #[test]
 fn only_a_signed_act_of_an_administrator_for_this_store_enrolls() {
-    let (folder, elsewhere) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
+    let (folder, elsewhere) = (quick_folder(), quick_folder());
     let (store, other) = (begun(folder.path()), begun(elsewhere.path()));
     let (ada, root) = (person(&store, "ada"), administrator(&store));
-    let keys = tempfile::tempdir().unwrap();
+    let keys = quick_folder();
     let ben = Identity::create(keys.path(), "ben", Role::Operator).unwrap();
     let not_admin = PersonError::NoAdministrator { name: "ada".to_owned(), role: Role::Operator };
     refused(&store, enroll_change(enrolment(&store, &ben, &ada)), not_admin);
@@ -85,7 +86,7 @@ fn only_a_signed_act_of_an_administrator_for_this_store_enrolls() {
     refused(&store, enroll_change(early), does_not_follow());
     refused(&store, enroll_change(act), does_not_follow());
     // One key is one person, and a revocation enrolls no one.
-    let alias = Identity::create(tempfile::tempdir().unwrap().path(), "cleo", Role::Admin).unwrap();
+    let alias = Identity::create(quick_folder().path(), "cleo", Role::Admin).unwrap();
     commit(&store, "second", vec![enroll_change(enrolment(&store, &alias, &root))]).unwrap();
     let revoked = revocation(&store, "admin", &alias);
     refused(&store, enroll_change(revoked.clone()), "of another kind than its change");
@@ -100,7 +101,7 @@ fn only_a_signed_act_of_an_administrator_for_this_store_enrolls() {
 
 #[test]
 fn a_revoked_keys_approval_has_no_effect() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     let store = begun(folder.path());
     let (ada, root) = (person(&store, "ada"), administrator(&store));
     let (early, late) = (approve(&store, &ada, NEW, 1), approve(&store, &ada, NEW, 2));
@@ -114,13 +115,13 @@ fn a_revoked_keys_approval_has_no_effect() {
 /// Re-signed approvals with swapped public files, and removed identities, were once verified as sound.
 #[test]
 fn key_files_beside_the_store_enroll_no_person() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     let store = begun(folder.path());
     let ada = person(&store, "ada");
     let signed = approve(&store, &ada, NEW, 1);
     let public = store.layout().identities().join("ada.pub");
     std::fs::remove_file(&public).unwrap();
-    let eve = Identity::create(tempfile::tempdir().unwrap().path(), "ada", Role::Operator).unwrap();
+    let eve = Identity::create(quick_folder().path(), "ada", Role::Operator).unwrap();
     let of = |who: &Identity| holdpoint_approvals::keyfile::hex(who.info().public_key.as_bytes());
     std::fs::write(&public, format!("{} operator\n", of(&eve))).unwrap();
     let forged = Change::PutApproval(Box::new(approve(&store, &eve, NEW, 2)));
@@ -131,7 +132,7 @@ fn key_files_beside_the_store_enroll_no_person() {
 
 #[test]
 fn persons_are_rebuilt_from_the_chain() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     let store = begun(folder.path());
     let (ada, root) = (person(&store, "ada"), administrator(&store));
     commit(&store, "kept", vec![Change::PutApproval(Box::new(approve(&store, &ada, NEW, 1)))]).unwrap();
@@ -157,7 +158,7 @@ fn persons_are_rebuilt_from_the_chain() {
 
 #[test]
 fn a_confirmation_is_stored_checked_and_rebuilt() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     let store = begun(folder.path());
     person(&store, "ada");
     person(&store, "ben");
@@ -194,7 +195,7 @@ fn a_confirmation_is_stored_checked_and_rebuilt() {
 /// Schema 3 had no verifications: its persons are read unchanged, and only the first administrator is verified.
 #[test]
 fn schema_3_is_migrated_with_no_verified_person() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     let store = begun(folder.path());
     person(&store, "ada");
     drop(store);

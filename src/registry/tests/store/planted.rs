@@ -8,6 +8,7 @@ use holdpoint_registry::{BackupParts, Store, UnsignedRecords, Views, backup, reb
 use holdpoint_store::{Change, EvidenceKind, RefusalCause, StoreError, command_id};
 use rusqlite::{Connection, params};
 
+use crate::quick_folder::quick_folder;
 use crate::support::*;
 
 fn more(text: &str) -> Change {
@@ -33,10 +34,10 @@ fn edit(folder: &Path, sql: &str) {
 /// A command with a planted receipt runs all the same.
 #[test]
 fn planted_receipt_without_records_suppresses_no_command() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     crate::edits::make_full_store(folder.path());
     let transaction = |id: &str| transaction(id, 1_000_000, vec![more("planted")]);
-    let twin = tempfile::tempdir().unwrap();
+    let twin = quick_folder();
     twin_of(folder.path(), &twin.path().join("store"));
     // An attacker learns the command's later digest from a copy.
     let tried = open(&twin.path().join("store"));
@@ -80,7 +81,7 @@ fn a_view_in_place_of_a_table_is_never_read() {
     const ENDLESS: &str =
         "(WITH RECURSIVE c(x) AS (SELECT 1 UNION ALL SELECT x + 1 FROM c) SELECT count(*) FROM c) > 0";
     for table in ["meta", "audit", "command", "version"] {
-        let folder = tempfile::tempdir().unwrap();
+        let folder = quick_folder();
         crate::edits::make_full_store(folder.path());
         let database = Connection::open(folder.path().join("holdpoint.db")).unwrap();
         let triggers: Vec<String> = database
@@ -115,7 +116,7 @@ fn a_view_in_place_of_a_table_is_never_read() {
 /// Files without exactly a checkpoint's name are neither counted nor removed, however many there are.
 #[test]
 fn foreign_files_among_the_checkpoints_displace_no_checkpoint() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     crate::edits::make_full_store(folder.path());
     let checkpoints = folder.path().join("checkpoints");
     let named = || {
@@ -159,7 +160,7 @@ fn wrong_end_is_repaired_from_the_chain() {
     for sql in
         ["UPDATE audit_head SET seq = seq + 1", "UPDATE audit_head SET id = 2", "DELETE FROM audit_head"]
     {
-        let folder = tempfile::tempdir().unwrap();
+        let folder = quick_folder();
         crate::edits::make_full_store(folder.path());
         edit(folder.path(), &format!("PRAGMA ignore_check_constraints = 1; {sql}"));
         let refused = Store::open(folder.path()).unwrap_err();
@@ -172,7 +173,7 @@ fn wrong_end_is_repaired_from_the_chain() {
 
 #[test]
 fn a_journal_beside_a_database_with_a_log_is_named() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     crate::edits::make_full_store(folder.path());
     let journal = folder.path().join("holdpoint.db-journal");
     fs::write(&journal, [0xd9, 0xd5, 0x05, 0xf9, 0x20, 0xa1, 0x63, 0xd7, 0, 0, 0, 1]).unwrap();
@@ -185,7 +186,7 @@ fn a_journal_beside_a_database_with_a_log_is_named() {
 /// Only an existing file with exactly such a name is reported as quarantined.
 #[test]
 fn files_named_like_quarantined_telemetry_stop_no_start() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     crate::edits::make_full_store(folder.path());
     let odd =
         ["99999999.db", "4294967295.db", "+5.db", "+5.db-wal", "007.db", "0.db", "6.db-wal", "1.db.bak"];
@@ -202,10 +203,10 @@ fn files_named_like_quarantined_telemetry_stop_no_start() {
 /// A link in place of a copied folder adds nothing to the copy, such as keys.
 #[test]
 fn a_copy_follows_no_link() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     crate::edits::make_full_store(folder.path());
     std::os::unix::fs::symlink("keys", folder.path().join("profiles")).unwrap();
-    let to = tempfile::tempdir().unwrap();
+    let to = quick_folder();
     let refused = backup(folder.path(), &to.path().join("copy"), BackupParts::default()).unwrap_err();
     assert!(refused.to_string().contains("profiles"), "{refused}");
     assert!(!to.path().join("copy").exists(), "half a copy is left under its name");

@@ -12,9 +12,10 @@ use holdpoint_store::{Batch, StoreError};
 use rusqlite::Connection;
 
 use crate::disk::{Loss, Trace};
-use crate::edits::{make_full_store, quick_folder};
+use crate::edits::make_full_store;
 use crate::kill::{acknowledged, one_step};
 use crate::mutate::Random;
+use crate::quick_folder::quick_folder;
 use crate::released::schema_1;
 use crate::support::*;
 

@@ -8,7 +8,8 @@ use holdpoint_registry::{Store, UnsignedRecords, allow_profile, rebuild, verify}
 use holdpoint_store::{Change, RefusalCause, StoreError, VerifyError};
 
 use crate::damage::rewrite;
-use crate::edits::{make_full_store, quick_folder};
+use crate::edits::make_full_store;
+use crate::quick_folder::quick_folder;
 use crate::support::*;
 use holdpoint_approvals::{Identity, PersonError};
 

@@ -10,7 +10,8 @@ use holdpoint_audit::proof::{Proof, ProofError, ProofFault};
 use holdpoint_registry::{ProveError, Store, prove_consistency, prove_record, stored_head, verify};
 use holdpoint_store::RefusalCause;
 
-use crate::edits::{make_full_store, quick_folder};
+use crate::edits::make_full_store;
+use crate::quick_folder::quick_folder;
 use crate::released::schema_1;
 use crate::support::*;
 
@@ -122,7 +123,7 @@ fn consistency_proofs_hold_for_each_checkpoint() {
 
 #[test]
 fn store_of_an_earlier_version_has_no_proof_before_its_tree_is_signed() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     let store = schema_1(folder.path());
     let database = store.join("holdpoint.db");
     assert_eq!(fault(prove_record(&database, 1)), ProofFault::EndWithoutTree);
@@ -146,7 +147,7 @@ fn store_of_an_earlier_version_has_no_proof_before_its_tree_is_signed() {
 
 #[test]
 fn records_behind_a_checkpoint_of_an_earlier_version_cannot_be_forged() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     let store = schema_1(folder.path());
     let checkpoints = heads(&store);
     // Cut back to an unlinked checkpoint, with the records after it left unsigned.

@@ -9,8 +9,8 @@ use holdpoint_governance::lifecycle::State;
 use holdpoint_registry::{Store, check_invariants, verify};
 use holdpoint_store::{Change, StoreError};
 
-use crate::edits::quick_folder;
 use crate::mutate::Random;
+use crate::quick_folder::quick_folder;
 use crate::support::*;
 
 fn number(name: &str, otherwise: u64) -> u64 {

@@ -11,7 +11,8 @@ use holdpoint_text::Hint as _;
 use rusqlite::Connection;
 use rusqlite::types::Value;
 
-use crate::edits::{Dice, columns, edit, make_full_store, names, put_back, quick_folder, seed};
+use crate::edits::{Dice, columns, edit, make_full_store, names, put_back, seed};
+use crate::quick_folder::quick_folder;
 use crate::released::schema_1;
 use crate::support::*;
 
@@ -114,7 +115,7 @@ fn rebuild_restores_every_edited_row_and_is_recorded() {
 
 #[test]
 fn rebuild_record_names_the_user_and_the_rows() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     make_full_store(folder.path());
     let database = folder.path().join("holdpoint.db");
     assert_eq!(
@@ -164,7 +165,7 @@ fn rebuild_record_names_the_user_and_the_rows() {
 
 #[test]
 fn rebuild_refuses_a_damaged_chain() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     make_full_store(folder.path());
     sql(folder.path(), "DROP TRIGGER audit_no_update; UPDATE audit SET body = '{}' WHERE seq = 9");
     let before = fs::read(folder.path().join("holdpoint.db")).unwrap();
@@ -180,7 +181,7 @@ fn rebuild_refuses_a_damaged_chain() {
 #[test]
 fn store_of_schema_1_is_rebuilt_from_its_records() {
     let store = |text: &str| {
-        let folder = tempfile::tempdir().unwrap();
+        let folder = quick_folder();
         let store = schema_1(folder.path());
         let before = contents(&store.join("holdpoint.db"));
         sql(&store, text);

@@ -11,11 +11,12 @@ use holdpoint_store::{
     VersionFilter,
 };
 
+use crate::quick_folder::quick_folder;
 use crate::support::*;
 
 #[test]
 fn candidate_is_activated_and_rolled_back() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     let store = open(folder.path());
     let view = store.active_view().unwrap();
     bootstrap(&store, "grasp");
@@ -48,7 +49,7 @@ fn candidate_is_activated_and_rolled_back() {
 /// The filter takes no row from the result, in either order and from any place.
 #[test]
 fn record_list_excludes_kinds_before_it_counts() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     let store = open(folder.path());
     bootstrap(&store, "grasp");
     let kinds = [RecordKind::ShiftNote, RecordKind::Drift, RecordKind::LiveFault];
@@ -267,7 +268,7 @@ fn refused_changes_leave_the_store_unchanged() {
         ("control character", transaction("a\u{1b}b", 1, vec![]), "command id"),
         ("too many changes", transaction("t", 1, vec![context(ProfileName::Sim); 257]), "at most 256"),
     ];
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     let store = open(folder.path());
     bootstrap(&store, "grasp");
     shadowed(&store, "grasp@1.1.0");
@@ -283,7 +284,7 @@ fn refused_changes_leave_the_store_unchanged() {
 
 #[test]
 fn safe_stopped_family_is_reactivated() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     let store = open(folder.path());
     bootstrap(&store, "grasp");
     let set_active = |active: Option<&str>, cause| Change::SetActive {
@@ -324,7 +325,7 @@ fn safe_stopped_family_is_reactivated() {
 
 #[test]
 fn a_retry_returns_the_first_receipt() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     let store = open(folder.path());
     let first = commit(&store, "one", vec![new_version("grasp@1.0.0", true)]).unwrap();
     assert_eq!(commit(&store, "one", vec![new_version("grasp@1.0.0", true)]).unwrap(), first);
@@ -340,7 +341,7 @@ fn a_retry_returns_the_first_receipt() {
 #[test]
 fn equal_runs_give_equal_chains() {
     let run = |wall_ms: i64| -> Digest {
-        let folder = tempfile::tempdir().unwrap();
+        let folder = quick_folder();
         let store = open(folder.path());
         bootstrap(&store, "grasp");
         shadowed(&store, "grasp@1.1.0");
@@ -352,7 +353,7 @@ fn equal_runs_give_equal_chains() {
 
 #[test]
 fn version_lists_are_filtered_and_ordered() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     let store = open(folder.path());
     bootstrap(&store, "place");
     bootstrap_only_registered(&store);
@@ -386,7 +387,7 @@ fn bootstrap_only_registered(store: &holdpoint_registry::Store) {
 
 #[test]
 fn interrupted_stages_are_listed() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     let store = open(folder.path());
     bootstrap(&store, "grasp");
     shadowed(&store, "grasp@1.1.0");
@@ -420,7 +421,7 @@ fn interrupted_stages_are_listed() {
 
 #[test]
 fn exported_lines_are_the_chain() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     let store = open(folder.path());
     bootstrap(&store, "grasp");
     let mut out = Vec::new();
@@ -447,7 +448,7 @@ fn exported_lines_are_the_chain() {
 
 #[test]
 fn a_pointer_never_moves_to_another_robot() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     let store = open(folder.path());
     bootstrap(&store, "grasp");
     shadowed(&store, "grasp@1.1.0");

@@ -8,6 +8,7 @@ use holdpoint_governance::store_finding::StoreFinding;
 use holdpoint_registry::{Views, verify};
 use rusqlite::Connection;
 
+use crate::quick_folder::quick_folder;
 use crate::support::*;
 
 /// A copy of the store of schema 1, made by a released program.
@@ -40,7 +41,7 @@ fn schema(database: &Path) -> u64 {
 
 #[test]
 fn schema_1_is_read_unchanged_and_migrated_by_its_first_writer() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     let store = schema_1(folder.path());
     let database = store.join("holdpoint.db");
     let before = verify(&database, None).unwrap();
@@ -62,7 +63,7 @@ fn schema_1_is_read_unchanged_and_migrated_by_its_first_writer() {
 /// Schema 2 had no persons: the migration enrolls no one, whatever keys are there.
 #[test]
 fn migrated_schema_2_trusts_only_its_first_administrator() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     let store = schema_1(folder.path());
     let database = store.join("holdpoint.db");
     let connection = Connection::open(&database).unwrap();

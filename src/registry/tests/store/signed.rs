@@ -13,8 +13,9 @@ use holdpoint_text::Hint as _;
 use rusqlite::Connection;
 
 use crate::damage::rewrite;
-use crate::edits::{make_full_store, quick_folder};
+use crate::edits::make_full_store;
 use crate::proofs::public_key;
+use crate::quick_folder::quick_folder;
 use crate::released::schema_1;
 use crate::support::*;
 
@@ -198,7 +199,7 @@ fn a_rebuild_records_missing_checkpoints() {
 
 #[test]
 fn store_with_checkpoints_of_an_earlier_version_continues_from_them() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     let store = schema_1(folder.path());
     let earlier = files(&store);
     let opened = open(&store);
@@ -216,7 +217,7 @@ fn store_with_checkpoints_of_an_earlier_version_continues_from_them() {
     assert!(matches!(not_sound(&store), VerifyError::History(HistoryError::Unsigned(_))));
 
     // A store of an earlier version with removed checkpoints is unsigned.
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     let store = schema_1(folder.path());
     for file in files(&store) {
         fs::remove_file(file).unwrap();
@@ -275,7 +276,7 @@ fn replaced_store_key_is_refused() {
 /// An answered stop was once lost with the database's log: the end of the chain is signed right after it.
 #[test]
 fn chain_end_is_signed_after_a_stop_and_not_after_every_record() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     let store = Store::open(folder.path()).unwrap();
     let newest = || {
         let names = fs::read_dir(store.layout().checkpoints()).unwrap();

@@ -8,8 +8,8 @@ use std::process::Command;
 use holdpoint_audit::export_file::verify_export;
 use holdpoint_audit::history_error::HistoryError;
 
-use crate::edits::quick_folder;
 use crate::forged::{Keys, RepairedParts, repair_export};
+use crate::quick_folder::quick_folder;
 use crate::released::schema_1;
 use crate::support::*;
 use crate::tree::{JsonNode, Letters};

@@ -5,6 +5,7 @@ use holdpoint_registry::{Store, TelemetryLimits, verify};
 use holdpoint_store::{Batch, CacheLookup, CacheSecret, Change, EpisodeKey, StoreError, VerifyError};
 use rusqlite::Connection;
 
+use crate::quick_folder::quick_folder;
 use crate::support::*;
 
 fn batch(fill: u8, bytes: usize) -> Batch {
@@ -24,7 +25,7 @@ fn key(seed: u64) -> EpisodeKey {
 
 #[test]
 fn sealed_batches_are_verified() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     let store = open(folder.path());
     bootstrap(&store, "grasp");
     let receipt = store.append_telemetry(&batch(1, 100)).unwrap();
@@ -49,7 +50,7 @@ fn sealed_batches_are_verified() {
     let error = verify(&database, None).expect_err("the whole file");
     assert!(matches!(error, VerifyError::Telemetry { batch: 1, .. }), "{error}");
     // A database that was copied away names the parts that it could not check.
-    let copy = tempfile::tempdir().unwrap();
+    let copy = quick_folder();
     std::fs::copy(&database, copy.path().join("holdpoint.db")).unwrap();
     assert_eq!(
         holdpoint_registry::verify_copy(&copy.path().join("holdpoint.db"), None).unwrap().batches_unseen,
@@ -60,7 +61,7 @@ fn sealed_batches_are_verified() {
 /// The next start reports missing batches once; then they are on record, and no others may go missing.
 #[test]
 fn missing_batches_are_recorded_by_the_next_start() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     let store = open(folder.path());
     bootstrap(&store, "grasp");
     for fill in 0..5 {
@@ -90,7 +91,7 @@ fn missing_batches_are_recorded_by_the_next_start() {
 /// store's.
 #[test]
 fn unsealed_batches_are_sealed_by_the_next_start() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     let store = open(folder.path());
     bootstrap(&store, "grasp");
     store.append_telemetry(&batch(1, 100)).unwrap();
@@ -109,7 +110,7 @@ fn unsealed_batches_are_sealed_by_the_next_start() {
 /// Telemetry is pending until the next record of any kind, a full block or its time, whichever comes first.
 #[test]
 fn telemetry_block_is_due_by_count_or_by_time() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     let store = open(folder.path());
     bootstrap(&store, "grasp");
     assert!(!store.telemetry_is_due(u64::MAX).unwrap(), "nothing waits");
@@ -128,7 +129,7 @@ fn telemetry_block_is_due_by_count_or_by_time() {
 
 #[test]
 fn oldest_telemetry_is_removed_first() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     let limits = TelemetryLimits { batch_bytes_max: 250, cell_bytes_max: 250 };
     let store = Store::open_with(folder.path(), limits).unwrap();
     bootstrap(&store, "grasp");
@@ -165,7 +166,7 @@ fn cached_cell(store: &Store, seed: u64) -> Option<(Vec<u8>, bool)> {
 
 #[test]
 fn cached_episode_is_exact_or_absent() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     let store = open(folder.path());
     store.result_cache().put(&key(1).digest(), b"first").unwrap();
     store.result_cache().put(&key(1).digest(), b"second").unwrap();
@@ -192,7 +193,7 @@ fn edited_cell_is_ignored() {
         ("code", "UPDATE cell SET mac = replace(mac, substr(mac, 1, 1), 'g')"),
         ("no hexadecimal code", "UPDATE cell SET mac = printf('%64s', '')"),
     ] {
-        let folder = tempfile::tempdir().unwrap();
+        let folder = quick_folder();
         let store = open(folder.path());
         store.result_cache().put(&key(1).digest(), b"second").unwrap();
         drop(store);
@@ -204,7 +205,7 @@ fn edited_cell_is_ignored() {
 /// A true cell under another key is not the cell of that key.
 #[test]
 fn cell_under_another_key_is_ignored() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     let store = open(folder.path());
     for seed in [1, 2] {
         store.result_cache().put(&key(seed).digest(), format!("episode {seed}").as_bytes()).unwrap();
@@ -221,7 +222,7 @@ fn cell_under_another_key_is_ignored() {
 
 #[test]
 fn voided_cells_are_removed_and_new_ones_stay() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     let store = open(folder.path());
     store.result_cache().put(&key(1).digest(), b"one").unwrap();
     store.result_cache().invalidate().unwrap();
@@ -233,7 +234,7 @@ fn voided_cells_are_removed_and_new_ones_stay() {
 /// Episodes of the schema without MACs are no evidence: they are removed, and batches stay.
 #[test]
 fn episodes_of_an_older_schema_are_ignored() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     let path = folder.path().join("telemetry.db");
     drop(open(folder.path()));
     std::fs::remove_file(&path).unwrap();
@@ -255,7 +256,7 @@ fn episodes_of_an_older_schema_are_ignored() {
 
 #[test]
 fn bad_batches_are_refused() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     let store = open(folder.path());
     let bad = [
         ("empty", Batch { body: vec![], ..batch(0, 1) }),
@@ -277,7 +278,7 @@ fn bad_batches_are_refused() {
 /// A foreign key in a store's folder authenticates nothing.
 #[test]
 fn a_stores_secret_is_derived_from_the_key_that_signs_its_records() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     let store = open(folder.path());
     let planted = keyfile::generate().unwrap();
     let own = store.result_cache().secret().derived("test").unwrap();

@@ -10,6 +10,7 @@ use holdpoint_registry::{Store, TelemetryLimits, check_store, verify};
 use holdpoint_store::{Batch, BatchReceipt, Change, Layout, StoreError};
 use rusqlite::Connection;
 
+use crate::quick_folder::quick_folder;
 use crate::support::*;
 
 fn batch(fill: u8) -> Batch {
@@ -88,7 +89,7 @@ fn changed_telemetry_schema_is_quarantined_and_sealed_batches_are_kept() {
         ("PRAGMA application_id = 1", "another program"),
         ("CREATE TABLE usage (id INTEGER PRIMARY KEY, batch_bytes INTEGER)", "the table \"usage\""),
     ] {
-        let folder = tempfile::tempdir().unwrap();
+        let folder = quick_folder();
         let layout = make_sealed_store(folder.path());
         sql(&layout, edit);
         assert!(verify(&layout.database(), None).is_err(), "{edit}: not found by the verifier");
@@ -125,7 +126,7 @@ fn edited_sequence_numbers_have_no_effect() {
         "DELETE FROM sqlite_sequence",
         "INSERT INTO sqlite_sequence VALUES ('batch', 9223372036854775807)",
     ] {
-        let folder = tempfile::tempdir().unwrap();
+        let folder = quick_folder();
         let layout = make_sealed_store(folder.path());
         sql(&layout, edit);
         let started = start(&layout, "first");
@@ -138,7 +139,7 @@ fn edited_sequence_numbers_have_no_effect() {
 #[test]
 fn cells_with_an_edited_use_counter_stay_usable() {
     for used in ["9223372036854775807", "-9223372036854775808"] {
-        let folder = tempfile::tempdir().unwrap();
+        let folder = quick_folder();
         let store = open(folder.path());
         store.result_cache().put(&digest("one"), b"one").unwrap();
         let layout = store.layout().clone();
@@ -163,7 +164,7 @@ fn forged_numbers_make_no_gaps() {
         "INSERT INTO batch SELECT {id}, version, stream, from_ms, to_ms, rows, digest, bytes, body FROM batch
                   WHERE id = 1";
     for number in [0, -1, 7, 1_000_000, i64::MAX - 1, i64::MAX] {
-        let folder = tempfile::tempdir().unwrap();
+        let folder = quick_folder();
         let layout = make_sealed_store(folder.path());
         sql(&layout, &copied.replace("{id}", &number.to_string()));
         let started = start(&layout, "first");
@@ -173,7 +174,7 @@ fn forged_numbers_make_no_gaps() {
         assert_eq!(start(&layout, "second").missing, 0, "{number}");
     }
     // A batch that was moved there is missing, and nothing else is.
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     let layout = make_sealed_store(folder.path());
     sql(&layout, "UPDATE batch SET id = 1000000 WHERE id = 3");
     let started = start(&layout, "first");
@@ -185,7 +186,7 @@ fn forged_numbers_make_no_gaps() {
 /// An attacker who edits a batch also corrects its own digest; the chain's digest stays.
 #[test]
 fn batch_that_differs_from_its_seal_is_found_by_the_start() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     let layout = make_sealed_store(folder.path());
     sql(&layout, "UPDATE batch SET body = zeroblob(100), digest = replace(digest, 'a', 'b') WHERE id = 2");
     let started = start(&layout, "first");
@@ -213,7 +214,7 @@ fn non_file_in_place_of_telemetry_is_quarantined() {
     for (what, put) in
         [("pipe", pipe), ("link", link), ("folder", folder_there), ("text", text), ("sparse", sparse)]
     {
-        let folder = tempfile::tempdir().unwrap();
+        let folder = quick_folder();
         let layout = make_sealed_store(folder.path());
         fs::remove_file(layout.telemetry()).unwrap();
         put(&layout.telemetry());
@@ -225,7 +226,7 @@ fn non_file_in_place_of_telemetry_is_quarantined() {
     }
     for ending in ["-wal", "-shm"] {
         for (what, put) in [("pipe", pipe), ("link", link), ("folder", folder_there)] {
-            let folder = tempfile::tempdir().unwrap();
+            let folder = quick_folder();
             let layout = make_sealed_store(folder.path());
             put(&layout.folder().join(format!("telemetry.db{ending}")));
             let started = start(&layout, "first");
@@ -235,7 +236,7 @@ fn non_file_in_place_of_telemetry_is_quarantined() {
         }
     }
     // The log of a missing file never becomes that of the next one.
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     let layout = make_sealed_store(folder.path());
     let store = open(folder.path());
     store.append_telemetry(&batch(7)).unwrap();
@@ -252,7 +253,7 @@ fn non_file_in_place_of_telemetry_is_quarantined() {
 /// A start that could not record its quarantine leaves that to the next one.
 #[test]
 fn unrecorded_quarantine_is_recorded_by_the_next_start() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     let layout = make_sealed_store(folder.path());
     sql(&layout, "CREATE TABLE x (a)");
     drop(open(folder.path()));
@@ -270,7 +271,7 @@ fn unrecorded_quarantine_is_recorded_by_the_next_start() {
 /// Many unsealed bytes displace no sealed batch.
 #[test]
 fn forged_bytes_remove_no_sealed_batch() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     let limits = TelemetryLimits { batch_bytes_max: 600, cell_bytes_max: 600 };
     let layout = make_sealed_store(folder.path());
     sql(

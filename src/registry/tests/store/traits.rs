@@ -6,6 +6,7 @@ use std::fmt::Debug;
 use holdpoint_governance::record::RecordKind;
 use holdpoint_store::{AuditFilter, Batch, EvidenceKind, OpenStore, StoreError, VersionFilter};
 
+use crate::quick_folder::quick_folder;
 use crate::support::*;
 
 fn assert_equal<T: Debug>(own: Result<T, StoreError>, through_trait: Result<T, StoreError>) {
@@ -14,7 +15,7 @@ fn assert_equal<T: Debug>(own: Result<T, StoreError>, through_trait: Result<T, S
 
 #[test]
 fn views_through_the_trait_are_those_of_the_database() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     let store = open(folder.path());
     bootstrap(&store, "grasp");
     shadowed(&store, "grasp@1.1.0");
@@ -53,7 +54,7 @@ fn views_through_the_trait_are_those_of_the_database() {
 
 #[test]
 fn telemetry_is_written_sealed_and_read_through_the_traits() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     let store: Box<dyn OpenStore> = Box::new(open(folder.path()));
     store.commit(transaction("bootstrap", 1, bootstrapping("grasp"))).unwrap();
     let (version, stream) = (id("grasp@1.0.0"), "monitor".to_owned());

@@ -8,9 +8,10 @@ use std::time::Instant;
 
 use holdpoint_audit::export_file::verify_export;
 
-use crate::edits::{Dice, quick_folder};
+use crate::edits::Dice;
 use crate::forged::{Keys, RepairedParts, repair_export};
 use crate::proofs::public_key;
+use crate::quick_folder::quick_folder;
 use crate::tree::{JsonNode, Letters};
 use crate::verifiers::{check_same_verdict, export_lines, problem_kind, python_verdicts, sample_stores};
 

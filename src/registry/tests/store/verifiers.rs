@@ -17,9 +17,10 @@ use holdpoint_registry::{
 use holdpoint_store::RefusalCause;
 
 use crate::damage::rewrite;
-use crate::edits::{make_full_store, quick_folder};
+use crate::edits::make_full_store;
 use crate::killed::copy;
 use crate::proofs::{heads, public_key};
+use crate::quick_folder::quick_folder;
 use crate::released::schema_1;
 use crate::support::*;
 
@@ -85,7 +86,10 @@ pub fn verify_by_both(file: &Path) -> Result<(), HistoryError> {
 }
 
 /// Both verifiers have the same verdict on each of these contents of files. Returns ours.
-pub fn verify_contents_by_both(folder: &Path, contents: &[impl AsRef<[u8]>]) -> Vec<Result<(), HistoryError>> {
+pub fn verify_contents_by_both(
+    folder: &Path,
+    contents: &[impl AsRef<[u8]>],
+) -> Vec<Result<(), HistoryError>> {
     let files: Vec<PathBuf> =
         (0..contents.len()).map(|nth| folder.join(format!("case-{nth}.jsonl"))).collect();
     for (file, content) in files.iter().zip(contents) {
@@ -377,7 +381,8 @@ fn edited_persons_and_authorizations_are_found_by_both_verifiers() {
         let Err(ExportError::Store(error)) = &refused else { panic!("{case}: {refused:?}") };
         assert_eq!(refusal(error).0, RefusalCause::Damaged, "{case}: {error}");
     }
-    for ((case, _, kind, named), verdict) in cases.iter().zip(verify_contents_by_both(root.path(), &contents)) {
+    for ((case, _, kind, named), verdict) in cases.iter().zip(verify_contents_by_both(root.path(), &contents))
+    {
         let error = verdict.err().unwrap_or_else(|| panic!("{case} is not found"));
         let is_named = error.to_string().contains(named);
         assert!(problem_kind(&error) == *kind && is_named, "{case}: {error}");

@@ -10,6 +10,7 @@ use holdpoint_store::{AuditBody, RefusalCause, Transaction, VerifyError};
 use rusqlite::Connection;
 
 use crate::edits::make_full_store;
+use crate::quick_folder::quick_folder;
 use crate::support::*;
 use crate::verifiers::{export_lines, verify_by_both};
 
@@ -35,7 +36,7 @@ fn set_newest(folder: &std::path::Path, wall_ms: i64) {
 /// An earlier wall time in the last record, with a file beside it, once moved a store's clock and ended a freeze.
 #[test]
 fn the_wall_time_of_the_newest_record_is_signed() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     make_full_store(folder.path());
     let (database, file) = (folder.path().join("holdpoint.db"), folder.path().join("export"));
     assert_eq!(open(folder.path()).opening().newest_record, Some(WallTime::from_ms(WALL_MS)));
@@ -64,7 +65,7 @@ fn the_wall_time_of_the_newest_record_is_signed() {
 
 #[test]
 fn wall_time_goes_back_only_if_a_person_confirms_it() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     let store = open(folder.path());
     let record = |kind| vec![AuditBody { kind, subject: String::new(), body: "{}".to_owned() }];
     for (name, kind, wall_ms, expected) in [

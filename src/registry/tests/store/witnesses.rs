@@ -16,8 +16,9 @@ use holdpoint_registry::{
 };
 use holdpoint_store::{RefusalCause, StoreError, VerifyError};
 
-use crate::edits::{make_full_store, quick_folder};
+use crate::edits::make_full_store;
 use crate::proofs::{heads, public_key};
+use crate::quick_folder::quick_folder;
 use crate::support::*;
 
 const BY: &str = "{\"user\":\"ada\"}";

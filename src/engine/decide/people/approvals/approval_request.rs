@@ -248,7 +248,7 @@ mod tests {
     /// One answer that had run out was used all the same, the store refused it, and the engine held.
     #[test]
     fn uncounted_approvals_are_dropped() {
-        let folder = tempfile::tempdir().unwrap();
+        let folder = crate::quick_folder::quick_folder();
         let digest = Digest::of_parts("test", &[b"question"]);
         let signed = |who: &Identity, decision: ApprovalDecision, not_after_ms: u64| {
             who.sign(Approval {

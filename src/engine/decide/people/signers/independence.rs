@@ -17,6 +17,7 @@ use super::*;
 use crate::decide::people::persons::enrolled;
 use crate::decide::pipeline::Pipeline;
 use crate::decide::stages::activation::tests::{package, request_activation_by};
+use crate::quick_folder::quick_folder;
 use crate::test_pipeline::pipeline;
 use crate::tests::awaiting_approval;
 use holdpoint_approvals::keyfile::KeyEncoding;
@@ -61,7 +62,7 @@ fn submitted(author: &str) -> Package {
 /// One engineer registered a version and approved it alone: the requester was the constant "engine".
 #[test]
 fn requester_cannot_approve_a_version_even_after_a_restart() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     let mut first = pipeline(folder.path(), ProfileName::Human);
     let [rita, ben, sam] = ["rita", "ben", "sam"].map(|name| person(&mut first, name, Role::Safety));
     // It is registered on behalf of rita.
@@ -87,7 +88,7 @@ fn requester_cannot_approve_a_version_even_after_a_restart() {
 /// One person demoted a version, stopped its family and armed it again with that version: unwatched, and not restricted any more.
 #[test]
 fn reactivation_and_release_need_a_second_person() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     let mut pipeline = pipeline(folder.path(), ProfileName::Human);
     let [ben, sam] = ["ben", "sam"].map(|name| person(&mut pipeline, name, Role::Safety));
     let id = awaiting_approval(&mut pipeline, PolicyOutcome::Review, Vec::new());
@@ -122,7 +123,7 @@ fn reactivation_and_release_need_a_second_person() {
 /// `estimated_risk = "low"` made one approval enough, for whatever was submitted.
 #[test]
 fn estimated_risk_and_a_script_lower_no_quorum() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     let mut pipeline = pipeline(folder.path(), ProfileName::Human);
     let submitted = package("align-shared", &[]);
     assert!(submitted.submission.contains("estimated_risk = \"low\""), "{}", submitted.submission);
@@ -148,7 +149,7 @@ fn estimated_risk_and_a_script_lower_no_quorum() {
 
 #[test]
 fn author_is_recognized_and_excluded_by_key() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     let mut pipeline = pipeline(folder.path(), ProfileName::Human);
     let acme = person(&mut pipeline, "acme", Role::Safety);
     let mut submitted = submitted("acme");
@@ -176,7 +177,7 @@ fn author_is_recognized_and_excluded_by_key() {
 /// The requester is on record, and told.
 #[test]
 fn a_registration_names_its_requester() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     let mut pipeline = pipeline(folder.path(), ProfileName::Sim);
     person(&mut pipeline, "ana", Role::Engineer);
     request_activation_by(&mut pipeline, submitted("ana"), Some("ana"));
@@ -195,7 +196,7 @@ fn a_registration_names_its_requester() {
 /// Regression: an unsigned version became active near people by `rearm`, without an approval.
 #[test]
 fn version_without_a_known_requester_is_not_reactivated_where_people_decide() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     let mut pipeline = pipeline(folder.path(), ProfileName::Human);
     let now_ms = pipeline.record().now_ms();
     pipeline.live().record.set_clock(Clock::real(now_ms));
@@ -216,7 +217,7 @@ fn version_without_a_known_requester_is_not_reactivated_where_people_decide() {
 /// Where people approve, the tries of a family are reviewed by a person who wrote and registered none of them.
 #[test]
 fn authors_and_registrars_do_not_review_their_own_tries() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     let mut pipeline = pipeline(folder.path(), ProfileName::Human);
     for name in ["rita", "ben"] {
         person(&mut pipeline, name, Role::Safety);

@@ -21,6 +21,7 @@ use crate::decide::people::persons::{enrolled, guarded};
 use crate::decide::pipeline::Pipeline;
 use crate::decide::stages::activation::tests::{package, request_activation};
 use crate::decide::stages::rollback::tests::RollbackBench;
+use crate::quick_folder::quick_folder;
 
 /// What the engine states of an answer to the request about `align@1.1.0` that it does not count.
 fn void(cause: AnswerVoidCause) -> String {
@@ -480,7 +481,7 @@ fn reason_of_a_waiting_version_counts_the_approvals() {
 fn public_key_files_decide_nothing() {
     let (mut bench, folder) = waiting(ProfileName::Human, true);
     let ann = protected(&mut bench, "ann");
-    let eve = Identity::create(tempfile::tempdir().unwrap().path(), "ann", Role::Safety).unwrap();
+    let eve = Identity::create(quick_folder().path(), "ann", Role::Safety).unwrap();
     let public = |who: &Identity| format!("{} safety\n", keyfile::hex(who.info().public_key.as_bytes()));
     // Swapped: another key claims the name.
     fs::write(folder.join("ann.pub"), public(&eve)).unwrap();

@@ -19,6 +19,7 @@ use crate::decide::pipeline::{Pipeline, PipelineSettings, SliceOutcome};
 use crate::live::monitors::ActivationMonitor;
 use crate::live::station::LiveFault;
 use crate::live::stop_switch::Controls;
+use crate::quick_folder::quick_folder;
 use holdpoint_body::Body;
 use holdpoint_governance::evidence::EpisodeValues;
 use holdpoint_governance::ids::Digest;
@@ -55,13 +56,13 @@ impl RollbackBench {
     }
 
     pub(crate) fn under(profile: Profile) -> Self {
-        Self::opened(tempfile::tempdir().unwrap(), profile)
+        Self::opened(quick_folder(), profile)
     }
 
     /// Under a site's own profile.
     pub(crate) fn under_own(texts: ProfileTexts) -> Self {
         let (profile, table) = ChosenProfile::of(texts.clone()).unwrap().rules().unwrap();
-        let folder = tempfile::tempdir().unwrap();
+        let folder = quick_folder();
         Self::opened_under(CALIBRATION_FROM_RUN, folder, profile, Some((table, texts)))
     }
 
@@ -78,7 +79,7 @@ impl RollbackBench {
 
     /// Under the run seed of a script.
     pub(crate) fn seeded(seed: u64) -> Self {
-        let (folder, profile) = (tempfile::tempdir().unwrap(), Profile::builtin(ProfileName::Sim).unwrap());
+        let (folder, profile) = (quick_folder(), Profile::builtin(ProfileName::Sim).unwrap());
         Self::opened_under(seed, folder, profile, None)
     }
 

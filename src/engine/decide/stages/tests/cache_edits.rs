@@ -29,6 +29,7 @@ use rusqlite::Connection;
 use crate::decide::pipeline::{Pipeline, PipelineSettings, SliceOutcome};
 use crate::decide::stages::activation::tests::package;
 use crate::live::stop_switch::Controls;
+use crate::quick_folder::quick_folder;
 use holdpoint_record::version_table::VersionTable;
 use holdpoint_record::wall_clock::WallClock;
 
@@ -136,7 +137,7 @@ fn cells(folder: &Path) -> Vec<(String, String)> {
 fn honest() -> &'static (StageOutcome, Vec<EventKind>) {
     static HONEST: OnceLock<(StageOutcome, Vec<EventKind>)> = OnceLock::new();
     HONEST.get_or_init(|| {
-        let folder = tempfile::tempdir().unwrap();
+        let folder = quick_folder();
         let (_, outcome, events) = sandbox(&mut pipeline(folder.path(), EpisodeCache::InStore, 2), SECOND);
         // A baseline that always fails would let it into the shadow stage.
         assert_eq!(outcome, StageOutcome::Sandbox);
@@ -164,7 +165,7 @@ fn place_of(alarm: &Alarm) -> Option<CacheLocation> {
 /// Unedited results: the decision is the same, a spot check precedes it, and the record names the cached results.
 #[test]
 fn cached_results_count_after_a_spot_check_and_change_no_event() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     filled(folder.path(), EpisodeCache::InStore);
     let (outcome, expected) = honest();
     let mut second = pipeline(folder.path(), EpisodeCache::InStore, 1);
@@ -193,7 +194,7 @@ fn cached_results_count_after_a_spot_check_and_change_no_event() {
 /// Rows edited by a user with write access: an episode without a MAC does not count, and every episode is run again.
 #[test]
 fn edited_rows_do_not_count() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     filled(folder.path(), EpisodeCache::InStore);
     let connection = Connection::open(folder.path().join("telemetry.db")).unwrap();
     for (key, body) in cells(folder.path()) {
@@ -217,7 +218,7 @@ fn edited_rows_do_not_count() {
 /// The same by who has the secret too: the spot check finds it, nothing that was kept counts, and it is on record.
 #[test]
 fn cache_mismatch_with_a_valid_mac_is_found_before_it_counts() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     filled(folder.path(), EpisodeCache::InStore);
     let all = cells(folder.path());
     let store = Store::open(folder.path()).unwrap();
@@ -257,8 +258,7 @@ fn cache_mismatch_with_a_valid_mac_is_found_before_it_counts() {
 /// The same in a folder that runs share: half of the results edited without the secret, half with it.
 #[test]
 fn shared_folder_with_a_cache_mismatch_is_not_used_again() {
-    let (folder, store, shared) =
-        (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
+    let (folder, store, shared) = (quick_folder(), quick_folder(), quick_folder());
     let secret = CacheSecret::fresh().unwrap();
     let cells = || ResultCache::in_folder(shared.path().to_owned(), secret.clone());
     filled(folder.path(), EpisodeCache::Shared(cells()));

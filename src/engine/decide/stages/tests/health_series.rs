@@ -7,10 +7,12 @@ use holdpoint_protocol::event::EventKind;
 use holdpoint_protocol::health::{HealthClock, HealthQuery, MarkContent, MarkKind};
 use holdpoint_wording::health::mark;
 
+use crate::quick_folder::quick_folder;
+
 /// First versions and notes were not on record before the first upgrade; a note requires visible text.
 #[test]
 fn first_versions_and_notes_are_on_record() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     let mut engine = crate::tests::pipeline(folder.path(), ProfileName::Sim);
     let report = engine.live().sequence(None).unwrap();
     assert_eq!(report.planned, 3);

@@ -17,6 +17,7 @@ use holdpoint_trials::embedded;
 use holdpoint_trials::seeds::CALIBRATION_FROM_RUN;
 
 use crate::decide::pipeline::SliceOutcome;
+use crate::quick_folder::quick_folder;
 use crate::tests::assert_accepted;
 use crate::{Config, Engine, Experiment, StartError};
 use holdpoint_record::context::Context;
@@ -39,7 +40,7 @@ fn without(part: AblationPart) -> Experiment {
 
 #[test]
 fn only_a_script_can_omit_a_stage() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     let refused =
         Engine::start_experiment(config(folder.path(), false), without(AblationPart::Shadow)).err().unwrap();
     assert!(matches!(refused, StartError::Omitted(_)), "{refused}");
@@ -57,7 +58,7 @@ fn only_a_script_can_omit_a_stage() {
 
 #[test]
 fn a_skipped_stage_is_reported_and_its_store_has_no_other_use() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     let start = |experiment| Engine::start_experiment(config(folder.path(), true), experiment);
     let mut engine = start(without(AblationPart::Sandbox)).unwrap();
     let package = embedded::package("align-improved").unwrap();

@@ -17,6 +17,7 @@ use holdpoint_trials::seeds::{CALIBRATION_FROM_RUN, EpisodeSeeds};
 use crate::decide::stages::rollback::tests::{GOOD, RollbackBench};
 use crate::decide::stages::shadow::{self, ShadowStep};
 use crate::live::fake_cell::{StubFactory, stand_still};
+use crate::quick_folder::quick_folder;
 use crate::test_pipeline::pipeline_in;
 use crate::tests::compatible;
 use holdpoint_record::evidence_file::EvidenceFile;
@@ -25,7 +26,7 @@ use holdpoint_record::wall_clock::WallClock;
 /// A candidate that went through shadow in a fake cell.
 fn shadowed(profile: &Profile) -> (RollbackBench, CapabilityId) {
     let cell = Cell::new(Arc::new(StubFactory::new())).unwrap();
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     let seeds = EpisodeSeeds::OfRun(CALIBRATION_FROM_RUN);
     let wall = |_| WallClock::scripted(0, None);
     let pipeline = pipeline_in(folder.path(), profile.clone(), cell.clone(), seeds, wall);

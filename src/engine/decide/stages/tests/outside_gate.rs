@@ -13,6 +13,7 @@ use crate::decide::stages::activation::tests::{package, request_activation};
 use crate::decide::stages::rollback::tests::RollbackBench;
 use crate::live::stop_mark::OwnStopMark;
 use crate::live::stop_switch::StopRequest;
+use crate::quick_folder::quick_folder;
 use crate::test_pipeline::pipeline;
 use crate::tests::at_the_gate;
 
@@ -49,7 +50,7 @@ fn stopped_cell_activates_no_version_outside_the_gate() {
 /// Its requester opened the profile again that a safety officer had closed.
 #[test]
 fn a_requester_unblocks_no_profile() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     let mut pipeline = pipeline(folder.path(), ProfileName::Sim);
     let id = at_the_gate(&mut pipeline);
     let of = |by: &str| Operation { by: by.to_owned(), ..operation(&id) };

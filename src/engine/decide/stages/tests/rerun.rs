@@ -7,6 +7,7 @@ use serde_json::Value;
 
 use crate::decide::pipeline::{Pipeline, SliceOutcome};
 use crate::decide::stages::activation::tests::package;
+use crate::quick_folder::quick_folder;
 use crate::test_pipeline::seeded_pipeline;
 use holdpoint_explain::store_metrics::RulesInForce;
 use holdpoint_explain::store_metrics::rerun::{RerunSettings, StoreRerun, rerun};
@@ -75,7 +76,7 @@ fn causes(of: &StoreRerun) -> Vec<NotReplayable> {
 
 #[test]
 fn decisions_of_secret_keys_are_made_again_elsewhere_and_a_flipped_result_is_named() {
-    let [store, elsewhere] = [(); 2].map(|()| tempfile::tempdir().unwrap());
+    let [store, elsewhere] = [(); 2].map(|()| quick_folder());
     let copy = elsewhere.path().join("copy");
     let wall = |newest| WallClock::scripted(0, newest);
     let mut pipeline = seeded_pipeline(store.path(), small(), EpisodeSeeds::Secret, wall);

@@ -11,6 +11,7 @@ use crate::decide::people::persons::enrolled;
 use crate::decide::people::signers::tests::signed;
 use crate::decide::pipeline::{Pipeline, PipelineSettings, SliceOutcome};
 use crate::live::stop_switch::Controls;
+use crate::quick_folder::quick_folder;
 use holdpoint_approvals::keyfile::KeyEncoding;
 use holdpoint_body::disturbance::{DriftKind, Magnitude};
 use holdpoint_explain::store_metrics::{RulesInForce, Since, StoreMetrics, observe_under};
@@ -94,7 +95,7 @@ fn registered(
     (profile, table, own): (Profile, PolicyTable, Option<ProfileTexts>),
     candidate: &str,
 ) -> (TempDir, Pipeline, CapabilityId) {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     let settings = PipelineSettings {
         seeds: holdpoint_trials::seeds::EpisodeSeeds::OfRun(CALIBRATION_FROM_RUN),
         jobs: 1,
@@ -381,7 +382,7 @@ fn edited_telemetry_is_in_no_number(whole: &Path, before: &StoreMetrics) {
 
 /// A copy of a store's folder.
 fn copied(whole: &Path) -> TempDir {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     let copied = std::process::Command::new("cp").arg("-a").arg(whole.join(".")).arg(folder.path()).status();
     assert!(copied.unwrap().success());
     folder

@@ -8,10 +8,12 @@ use holdpoint_trials::cache::EpisodeCache;
 
 use super::cache_edits::pipeline;
 
+use crate::quick_folder::quick_folder;
+
 /// An orderly end writes the digest of the last telemetry; the next session reports telemetry removed meanwhile.
 #[test]
 fn telemetry_lost_between_engines_alarms() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     let store = folder.path().join("store");
     let first = pipeline(&store, EpisodeCache::InStore, 1);
     let version = "grasp@1.0.0".parse().unwrap();
@@ -38,7 +40,7 @@ fn telemetry_lost_between_engines_alarms() {
 /// Whatever is in the place of telemetry, the engine starts, raises an alarm and records it.
 #[test]
 fn foreign_telemetry_is_quarantined_with_an_alarm() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     let store = folder.path().join("store");
     drop(pipeline(&store, EpisodeCache::InStore, 1));
     let telemetry = rusqlite::Connection::open(store.join("telemetry.db")).unwrap();

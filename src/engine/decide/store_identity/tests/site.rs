@@ -14,6 +14,7 @@ use holdpoint_trials::cell::Cell;
 use holdpoint_trials::site::LoadedSite;
 
 use crate::decide::store_identity;
+use crate::quick_folder::quick_folder;
 use crate::tests::config;
 use crate::{Config, Engine, MANIFESTS};
 
@@ -46,7 +47,7 @@ fn views(data: &Path) -> Views {
 #[test]
 fn the_shipped_file_gives_the_store_that_no_file_gives() {
     let store = |site: Option<&Path>| {
-        let folder = tempfile::tempdir().unwrap();
+        let folder = quick_folder();
         let mut engine = start(folder.path(), site);
         let events = serde_json::to_value(engine.drain_events()).unwrap();
         drop(engine);
@@ -63,7 +64,7 @@ fn the_shipped_file_gives_the_store_that_no_file_gives() {
 
 #[test]
 fn another_site_is_on_record_and_a_change_of_it_voids_evidence() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     let data = folder.path().join("store");
     let own = folder.path().join("own-grasp");
     fs::create_dir(&own).unwrap();

@@ -8,12 +8,13 @@ use holdpoint_trials::seeds::EpisodeSeeds;
 
 use super::*;
 use crate::live::fake_cell::StubFactory;
+use crate::quick_folder::quick_folder;
 use crate::test_pipeline::pipeline_in;
 
 /// What the rollback finds for a force of a grasp in these cells, with the state at the task's start, if one was kept.
 fn compared(factory: StubFactory, start: Option<&CellCopy>) -> Result<Option<SharedEvent>, UncomparedReason> {
     let cell = Cell::new(Arc::new(factory)).unwrap();
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     let profile = Profile::builtin(ProfileName::Sim).unwrap();
     let seeds = EpisodeSeeds::OfRun(CALIBRATION_FROM_RUN);
     let mut pipeline = pipeline_in(folder.path(), profile, cell, seeds, |_| WallClock::scripted(0, None));

@@ -7,6 +7,8 @@ use holdpoint_runtime::recovery::ROLLBACK_HOOK_TICKS;
 
 use super::*;
 
+use crate::quick_folder::quick_folder;
+
 /// Gives a version the evidence of its rollback drills, of which it alone failed some.
 fn rehearse(bench: &mut RollbackBench, id: &CapabilityId, failed_alone: u32) {
     let contrast = DrillContrast {
@@ -73,7 +75,7 @@ fn a_rollback_hook_that_failed_its_drills_is_not_called() {
 
 #[test]
 fn a_rollback_hook_that_never_ends_is_given_up_for_the_safe_abort_hook() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = quick_folder();
     let shipped = Path::new(crate::MANIFESTS).join("candidates/align-improved");
     for entry in std::fs::read_dir(shipped).unwrap() {
         let path = entry.unwrap().path();
