@@ -30,7 +30,7 @@ impl ServeProcess {
     fn start(store: &Path, profile: &str, limit: Option<u32>) -> Self {
         let limit = limit.map_or_else(|| "unlimited".to_owned(), |limit| limit.to_string());
         let ulimit = if limit == "unlimited" { String::new() } else { format!("ulimit -n {limit}; ") };
-        let serve = format!("{ulimit}exec \"$0\" serve --pace 1 --jobs 1 --json --no-recording \"$@\"");
+        let serve = format!("{ulimit}exec \"$0\" serve --pace 10 --jobs 1 --json --no-recording \"$@\"");
         let mut child = Command::new("sh")
             .args(["-c", &serve, env!("CARGO_BIN_EXE_holdpoint"), "--profile", profile, "--data"])
             .arg(store)
