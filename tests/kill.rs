@@ -59,7 +59,6 @@ fn killed(data: &Path, cache: &Path, after: Duration) -> bool {
         if child.try_wait().unwrap().is_some() {
             return false;
         }
-        std::thread::yield_now();
         std::thread::park_timeout(Duration::from_millis(1));
     }
     child.kill().unwrap();

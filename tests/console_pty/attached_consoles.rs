@@ -175,7 +175,7 @@ fn two_approvers_at_two_consoles_activate_a_version() {
     let until = std::time::Instant::now() + std::time::Duration::from_mins(2);
     while state_of(&home, "align@1.1.0") == "shadowed" {
         assert!(std::time::Instant::now() < until, "{}", alice.contents());
-        std::thread::yield_now();
+        std::thread::park_timeout(std::time::Duration::from_millis(50));
     }
     let granted = home.must(&["audit", "list", "--kind", "approval-put", "--json"]);
     let by: Vec<bool> = ["alice", "bob"].map(|name| granted.contains(name)).to_vec();

@@ -22,7 +22,7 @@ fn as_command_creates_an_identity_and_switches_to_it() {
         if console.contents().contains("y does it") {
             console.keys("y");
         }
-        std::thread::yield_now();
+        std::thread::park_timeout(std::time::Duration::from_millis(5));
     }
     console.wait_for_text("zoe (operator)");
     assert!(home.must(&["identity", "list", "--json"]).contains("zoe"));

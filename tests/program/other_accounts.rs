@@ -91,7 +91,7 @@ impl EngineProcess {
                 return (engine, client);
             }
             assert!(Instant::now() < until, "the engine does not start");
-            std::thread::yield_now();
+            std::thread::park_timeout(std::time::Duration::from_millis(5));
         }
     }
 }

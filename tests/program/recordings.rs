@@ -215,7 +215,7 @@ fn connect(port: u16) -> std::net::TcpStream {
             Ok(stream) => return stream,
             Err(error) => assert!(Instant::now() < until, "the scene is not served: {error}"),
         }
-        std::thread::yield_now();
+        std::thread::park_timeout(Duration::from_millis(5));
     }
 }
 
@@ -226,18 +226,21 @@ fn a_recording_cut_by_a_kill_is_read_and_repaired_at_the_next_start() {
     let mut child = run.stdout(Stdio::null()).spawn().unwrap();
     let folder = Layout::new(data.path()).recordings();
     let until = Instant::now() + PATIENCE;
+    let mut read_bytes = 60_000;
     let path = loop {
         let files = recording_folder::list(&folder).unwrap();
         let grown = files.iter().find(|file| {
+            let is_longer = file.bytes > read_bytes;
+            read_bytes = read_bytes.max(file.bytes);
             // Part of the live cell's run is in it.
-            file.bytes > 60_000 && scene::read(&file.path).is_ok_and(|read| read.pictures.len() > 100)
+            is_longer && scene::read(&file.path).is_ok_and(|read| read.pictures.len() > 100)
         });
         if let Some(file) = grown {
             break file.path.clone();
         }
         assert!(child.try_wait().unwrap().is_none(), "the run ended before it was killed: {files:?}");
         assert!(Instant::now() < until, "{files:?}");
-        std::thread::yield_now();
+        std::thread::park_timeout(Duration::from_millis(5));
     };
     // SIGKILL.
     child.kill().unwrap();

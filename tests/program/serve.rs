@@ -148,7 +148,7 @@ fn service_without_a_reader_or_a_manager_continues() {
     let socket = socket_path(&Layout::new(&store));
     let begun = Instant::now();
     while !socket.exists() && begun.elapsed() < PATIENCE {
-        std::thread::yield_now();
+        std::thread::park_timeout(Duration::from_millis(5));
     }
     let registered = on(&store, &["candidate", "register", REJECTED]);
     assert!(registered.status.success(), "{registered:?}");

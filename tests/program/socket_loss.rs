@@ -52,7 +52,7 @@ fn a_removed_socket_is_created_again() {
                 break connection;
             }
             assert!(Instant::now() < until, "{what}: no engine answers");
-            std::thread::yield_now();
+            std::thread::park_timeout(Duration::from_millis(5));
         };
         let stop = Command::Stop { by: "ana".to_owned(), reason: what.to_owned() };
         let reply = connection.send(stop).unwrap();
@@ -90,7 +90,7 @@ fn a_stop_is_answered_while_another_program_has_the_database() {
             break;
         }
         assert!(Instant::now() < until, "{:?}", snapshot.stopped);
-        std::thread::yield_now();
+        std::thread::park_timeout(Duration::from_millis(5));
     }
     drop(other);
     assert!(matches!(connection.send(Command::Shutdown).unwrap(), Reply::Accepted { .. }));
@@ -113,7 +113,7 @@ fn a_stop_that_could_not_be_written_outlasts_the_engine() {
     let until = Instant::now() + PATIENCE;
     while !mark(&layout).is_file() {
         assert!(Instant::now() < until, "it is not kept beside the database");
-        std::thread::yield_now();
+        std::thread::park_timeout(Duration::from_millis(5));
     }
     // A reader of the store without the engine, or after its sudden end, sees the stop.
     assert!(recall(&Views::open(&layout.database()).unwrap()).unwrap().is_some());

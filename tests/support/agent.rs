@@ -29,7 +29,7 @@ impl AgentProcess {
         let agent = Self { child, folder: folder.to_owned() };
         let until = Instant::now() + Duration::from_secs(20);
         while !socket.exists() && Instant::now() < until {
-            std::thread::yield_now();
+            std::thread::park_timeout(Duration::from_millis(5));
         }
         let file = folder.join("id");
         let file = file.to_str().unwrap();

@@ -96,7 +96,7 @@ fn offer(feed: &Feed, frame: &VideoFrame) {
         if feed.dropped().0 == dropped {
             return;
         }
-        std::thread::yield_now();
+        std::thread::park_timeout(std::time::Duration::from_millis(1));
     }
 }
 

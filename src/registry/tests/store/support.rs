@@ -375,7 +375,9 @@ pub fn unless_in_use<T>(mut work: impl FnMut() -> Result<T, StoreError>) -> Resu
     let until = Instant::now() + Duration::from_mins(1);
     loop {
         match work() {
-            Err(StoreError::InUse { .. }) if Instant::now() < until => std::thread::yield_now(),
+            Err(StoreError::InUse { .. }) if Instant::now() < until => {
+                std::thread::park_timeout(Duration::from_millis(1));
+            }
             done => return done,
         }
     }

@@ -262,7 +262,7 @@ fn settled(store: &Store, wanted: bool) -> Option<String> {
         if problem.is_some() == wanted || Instant::now() > until {
             return problem;
         }
-        std::thread::yield_now();
+        std::thread::park_timeout(Duration::from_millis(5));
     }
 }
 
@@ -443,7 +443,7 @@ fn an_emptied_or_littered_witness_is_reported() {
     checkpointed(&store, store.opening().head.at_ms + 1);
     let until = Instant::now() + Duration::from_secs(20);
     while fs::read_dir(&place).unwrap().count() == 0 && Instant::now() < until {
-        std::thread::yield_now();
+        std::thread::park_timeout(Duration::from_millis(5));
     }
     assert!(store.checkpoint_problem().unwrap().contains("is empty"));
     drop(store);
