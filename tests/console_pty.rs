@@ -17,6 +17,8 @@ mod operator_settings;
 #[path = "support/pty.rs"]
 #[allow(dead_code, reason = "the measurements use the rest")]
 mod pty;
+#[path = "console_pty/readme.rs"]
+mod readme;
 #[path = "console_pty/shell_approvals.rs"]
 mod shell_approvals;
 #[path = "console_pty/stop_only_console.rs"]
@@ -79,9 +81,8 @@ fn assert_restored(console: &Console) {
     assert!(console.is_cooked(), "the terminal still reads key by key");
 }
 
-/// A store with two approvers.
-fn home_with_approvers() -> Home {
-    let home = Home::new();
+/// The home with a store that has two approvers.
+fn with_approvers(home: Home) -> Home {
     let secret_file = passphrase_file(&home);
     for (name, role) in [("alice", "engineer"), ("bob", "safety")] {
         home.must(&["identity", "new", name, "--role", role, "--passphrase-file", &secret_file]);
@@ -115,7 +116,7 @@ fn await_approval(home: &Home, folder: &str, version: &str) {
 fn folder_awaiting_approval() -> &'static Path {
     static STORE: OnceLock<Home> = OnceLock::new();
     let home = STORE.get_or_init(|| {
-        let home = home_with_approvers();
+        let home = with_approvers(Home::on_disk());
         await_approval(&home, "manifests/candidates/align-improved", "align@1.1.0");
         home
     });

@@ -8,8 +8,7 @@ use rustix::process::Signal;
 use crate::pty::{Console, Home};
 use crate::{
     PASSPHRASE, SIZE, assert_restored, await_approval, console_on_fresh_store, home_awaiting_approval,
-    home_with_approvers, open_request, press_until_decided, quit, short_id, shows_engine, state_of,
-    verify_audit,
+    open_request, press_until_decided, quit, short_id, shows_engine, state_of, verify_audit, with_approvers,
 };
 
 /// A console attached to a running engine.
@@ -118,7 +117,7 @@ fn a_decision_at_another_console_closes_the_request_and_names_it() {
 
 /// A store in which a candidate that asks for more authority waits for two approvers.
 fn home_awaiting_two_approvals() -> Home {
-    let home = home_with_approvers();
+    let home = with_approvers(Home::new());
     let candidate = home.path().join("wider");
     std::fs::create_dir(&candidate).unwrap();
     for file in ["manifest.toml", "params.toml", "submission.toml"] {

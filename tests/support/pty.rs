@@ -52,6 +52,11 @@ impl Home {
         Self { folder: quick_folder() }
     }
 
+    /// For the whole life of the process, whose end does not remove it.
+    pub fn on_disk() -> Self {
+        Self { folder: tempfile::tempdir().unwrap() }
+    }
+
     pub fn data(&self) -> PathBuf {
         self.folder.path().join("data")
     }

@@ -20,23 +20,13 @@
 //! | `# ends CODE` | the exit code; without this line it is 0 | waits until the console ends with this code, or 0 |
 //!
 //! A block of keys ends the console, or the next block of keys continues in it. The test prints what it runs.
-#![allow(
-    clippy::unwrap_used,
-    clippy::expect_used,
-    clippy::panic,
-    clippy::print_stdout,
-    reason = "a test reports by failing, and prints what it ran"
-)]
-
-#[path = "support/pty.rs"]
-#[allow(dead_code, reason = "the tests of the console use the rest")]
-mod pty;
+#![allow(clippy::print_stdout, reason = "the test prints what it runs")]
 
 use std::os::unix::fs::symlink;
 use std::path::Path;
 use std::time::{Duration, Instant};
 
-use pty::{Console, Home};
+use crate::pty::{Console, Home};
 
 /// Beginnings of the section's heading.
 const HEADINGS: [&str; 2] = ["## A first quarter", "## The first 15 minutes"];
