@@ -1,6 +1,7 @@
 //! Cached episodes and drills that were edited, and a whole evaluation that meets them.
 
-use std::path::Path;
+use std::fs::Permissions;
+use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
 
 use holdpoint_governance::alarms::{Alarm, AlarmKey};
@@ -25,6 +26,7 @@ use holdpoint_trials::cache::EpisodeCache;
 use holdpoint_trials::cell::Cell;
 use holdpoint_trials::seeds::CALIBRATION_FROM_RUN;
 use rusqlite::Connection;
+use tempfile::TempDir;
 
 use crate::decide::pipeline::{Pipeline, PipelineSettings, SliceOutcome};
 use crate::decide::stages::activation::tests::package;
@@ -103,8 +105,43 @@ fn records(pipeline: &Pipeline, kind: RecordKind) -> Vec<String> {
     all.into_iter().filter(|record| record.kind == kind).map(|record| record.body).collect()
 }
 
-/// A store whose active versions' results are kept, and that nothing waits in.
-fn filled(folder: &Path, cache: EpisodeCache) {
+/// A file of a store: its path in the folder, its permissions and its content.
+type StoreFile = (PathBuf, Permissions, Vec<u8>);
+
+fn read_files(root: &Path, folder: &Path, files: &mut Vec<StoreFile>) {
+    for entry in std::fs::read_dir(folder).unwrap() {
+        let path = entry.unwrap().path();
+        let found = path.symlink_metadata().unwrap();
+        if found.is_dir() {
+            read_files(root, &path, files);
+        } else if found.is_file() {
+            let content = std::fs::read(&path).unwrap();
+            files.push((path.strip_prefix(root).unwrap().to_owned(), found.permissions(), content));
+        }
+    }
+}
+
+/// A new folder with a copy of the store of [`fill`], which is worked once in a process.
+fn filled_store() -> TempDir {
+    static FILES: OnceLock<Vec<StoreFile>> = OnceLock::new();
+    let files = FILES.get_or_init(|| {
+        let (folder, mut files) = (quick_folder(), Vec::new());
+        fill(folder.path(), EpisodeCache::InStore);
+        read_files(folder.path(), folder.path(), &mut files);
+        files
+    });
+    let folder = quick_folder();
+    for (path, permissions, content) in files {
+        let path = folder.path().join(path);
+        std::fs::create_dir_all(path.parent().unwrap()).unwrap();
+        std::fs::write(&path, content).unwrap();
+        std::fs::set_permissions(&path, permissions.clone()).unwrap();
+    }
+    folder
+}
+
+/// Makes a store whose active versions' results are kept, and that nothing waits in.
+fn fill(folder: &Path, cache: EpisodeCache) {
     let mut pipeline = pipeline(folder, cache, 2);
     let (id, _, _) = sandbox(&mut pipeline, FIRST);
     assert_eq!(cache_use(&mut pipeline, &id), None, "there was nothing yet");
@@ -165,8 +202,7 @@ fn place_of(alarm: &Alarm) -> Option<CacheLocation> {
 /// Unedited results: the decision is the same, a spot check precedes it, and the record names the cached results.
 #[test]
 fn cached_results_count_after_a_spot_check_and_change_no_event() {
-    let folder = quick_folder();
-    filled(folder.path(), EpisodeCache::InStore);
+    let folder = filled_store();
     let (outcome, expected) = honest();
     let mut second = pipeline(folder.path(), EpisodeCache::InStore, 1);
     let (id, cached_outcome, events) = sandbox(&mut second, SECOND);
@@ -194,8 +230,7 @@ fn cached_results_count_after_a_spot_check_and_change_no_event() {
 /// Rows edited by a user with write access: an episode without a MAC does not count, and every episode is run again.
 #[test]
 fn edited_rows_do_not_count() {
-    let folder = quick_folder();
-    filled(folder.path(), EpisodeCache::InStore);
+    let folder = filled_store();
     let connection = Connection::open(folder.path().join("telemetry.db")).unwrap();
     for (key, body) in cells(folder.path()) {
         let body = falsified(&body).into_bytes();
@@ -218,8 +253,7 @@ fn edited_rows_do_not_count() {
 /// The same by who has the secret too: the spot check finds it, nothing that was kept counts, and it is on record.
 #[test]
 fn cache_mismatch_with_a_valid_mac_is_found_before_it_counts() {
-    let folder = quick_folder();
-    filled(folder.path(), EpisodeCache::InStore);
+    let folder = filled_store();
     let all = cells(folder.path());
     let store = Store::open(folder.path()).unwrap();
     for (key, body) in &all {
@@ -261,7 +295,7 @@ fn shared_folder_with_a_cache_mismatch_is_not_used_again() {
     let (folder, store, shared) = (quick_folder(), quick_folder(), quick_folder());
     let secret = CacheSecret::fresh().unwrap();
     let cells = || ResultCache::in_folder(shared.path().to_owned(), secret.clone());
-    filled(folder.path(), EpisodeCache::Shared(cells()));
+    fill(folder.path(), EpisodeCache::Shared(cells()));
     // Everything is edited, every second with the secret.
     let forger = cells();
     let mut names: Vec<_> =
