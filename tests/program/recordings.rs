@@ -20,6 +20,7 @@ use crate::quick_folder::quick_folder;
 const PATIENCE: Duration = Duration::from_mins(5);
 
 const IN_SHADOW: &str = "reject-in-shadow";
+const IN_SANDBOX: &str = "reject-recovery";
 
 fn holdpoint() -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_holdpoint"));
@@ -130,42 +131,39 @@ fn recording_holds_the_events_of_the_upgrade_and_changes_no_decision() {
 
     // A version that passed the sandbox has camera frames of the live cell only.
     assert!(recording.films.is_empty(), "{:?}", recording.films);
+}
 
-    // The same run again, with a viewer that stalls: same bytes.
-    let viewed = fresh();
+/// The events of a run with a viewer that connects and reads nothing.
+fn viewed(mut run: Command) -> Vec<Event> {
     let port = free_port();
-    let mut run = script(IN_SHADOW, viewed.path(), cache.path());
     let mut child =
         run.arg("--view").arg(format!("127.0.0.1:{port}")).stdout(Stdio::piped()).spawn().unwrap();
     let stalled = connect(port);
-    let mut out = child.stdout.take().unwrap();
-    let text = std::io::read_to_string(&mut out).unwrap();
+    let text = std::io::read_to_string(child.stdout.as_mut().unwrap()).unwrap();
     child.wait().unwrap();
     drop(stalled);
-    let viewed_events: Vec<Event> = text.lines().filter_map(|line| serde_json::from_str(line).ok()).collect();
-    assert_eq!(decisions(&viewed_events), without, "a viewer changes nothing");
-    assert_eq!(
-        recording_folder::digest(&only_recording(viewed.path()).0).unwrap(),
-        digest,
-        "same seed, same bytes"
-    );
-
-    // A full disk, and an address in use.
-    let full = fresh();
-    let listener = TcpListener::bind("127.0.0.1:0").unwrap();
-    let mut run = script(IN_SHADOW, full.path(), cache.path());
-    run.arg("--view").arg(listener.local_addr().unwrap().to_string()).env("HOLDPOINT_TEST_DISK", "full");
-    let failed = events(&run.output().unwrap());
-    assert_eq!(decisions(&failed), without, "a recording that fails changes nothing");
-    let messages = failures(&failed);
-    assert!(messages.iter().any(|text| text.contains("os error 28")), "{messages:?}");
-    assert!(
-        messages.iter().any(|text| text.contains(&listener.local_addr().unwrap().to_string())),
-        "{messages:?}"
-    );
+    text.lines().filter_map(|line| serde_json::from_str(line).ok()).collect()
 }
 
-/// The most common rejection can be watched from the recording's first moment.
+/// A full disk, and an address in use.
+#[test]
+fn a_recording_that_fails_changes_no_decision() {
+    let (cache, data, full) = (quick_folder(), quick_folder(), quick_folder());
+    let kept = events(&script(IN_SANDBOX, data.path(), cache.path()).output().unwrap());
+    assert!(kept.len() > 20 && failures(&kept).is_empty(), "{kept:?}");
+    let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+    let address = listener.local_addr().unwrap().to_string();
+    let mut run = script(IN_SANDBOX, full.path(), cache.path());
+    run.arg("--view").arg(&address).env("HOLDPOINT_TEST_DISK", "full");
+    let failed = events(&run.output().unwrap());
+    assert_eq!(decisions(&failed), decisions(&kept));
+    let messages = failures(&failed);
+    assert!(messages.iter().any(|text| text.contains("os error 28")), "{messages:?}");
+    assert!(messages.iter().any(|text| text.contains(&address)), "{messages:?}");
+}
+
+/// The most common rejection can be watched from the recording's first moment. A run with a viewer that stalls has the
+/// same decisions and the same bytes.
 #[test]
 fn a_rejection_in_the_sandbox_shows_its_reason() {
     let cache = quick_folder();
@@ -197,7 +195,8 @@ fn a_rejection_in_the_sandbox_shows_its_reason() {
         );
         assert_eq!(recording.films.iter().any(|film| film.title.contains("drill")), drills, "{name}");
         let again = quick_folder();
-        script(name, again.path(), cache.path()).output().unwrap();
+        let viewed_events = viewed(script(name, again.path(), cache.path()));
+        assert_eq!(decisions(&viewed_events), decisions(&run_events), "{name}: a viewer changes nothing");
         let bytes = |path: &Path| std::fs::read(path).unwrap();
         assert!(bytes(&path) == bytes(&only_recording(again.path()).0), "{name}: same seed, same bytes");
     }
