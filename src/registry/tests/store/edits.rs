@@ -1,4 +1,6 @@
 //! Rows edited with SQL, in every column of every table: a start finds each, and no later write hides it.
+//!
+//! `HOLDPOINT_EDITS` is the number of edits (400), `HOLDPOINT_EDITS_SEED` the seed.
 
 use std::fs;
 use std::path::Path;
@@ -16,11 +18,9 @@ use rusqlite::{Connection, params};
 use crate::quick_folder::quick_folder;
 use crate::support::*;
 
-/// Number of edits.
-const EDITS: usize = 1_000;
 /// Edits of the database of a running engine.
 const EDITS_RUNNING: usize = 40;
-/// The seed, unless `HOLDPOINT_EDITS_SEED` names another.
+/// The seed, unless the environment names another.
 const SEED: u64 = 0x005E_ED01;
 
 /// Columns that are only displayed or refuse a retry, and decide nothing; the registry's module `compare` has the
@@ -209,11 +209,13 @@ fn every_edit_of_every_column_is_found_at_the_start() {
     let whole = fs::read(&database).unwrap();
     let all = columns(&Connection::open(&database).unwrap());
     assert!(all.len() > 100, "{} columns", all.len());
+    let wanted: usize = std::env::var("HOLDPOINT_EDITS").map_or(400, |text| text.parse().unwrap());
+    assert!(wanted >= 2 * all.len(), "two edits of each of {} columns", all.len());
     let mut dice = Dice(seed());
     let (mut edits, mut not_vouched) = (0, 0);
     // Every column in turn, until there are enough.
     for (table, column) in all.iter().cycle() {
-        if edits == EDITS {
+        if edits == wanted {
             break;
         }
         let Some(what) = edit(&database, &mut dice, table, column) else {
