@@ -583,6 +583,9 @@ fn refused(text: &str) -> Reply {
 pub(crate) const MANIFESTS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../manifests");
 
 #[cfg(test)]
+#[path = "../../tests/support/folder_copy.rs"]
+mod folder_copy;
+#[cfg(test)]
 mod lifecycle_model;
 #[cfg(test)]
 #[path = "../../tests/support/quick_folder.rs"]

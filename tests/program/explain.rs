@@ -9,6 +9,7 @@ use std::process::{Command, Output};
 use holdpoint::cli::Cli;
 use holdpoint::scenes::BUILT_IN;
 
+use crate::guide_samples::filled_store;
 use crate::old_stores::{self, OPEN_ROLES, copy_fixture};
 use crate::quick_folder::quick_folder;
 use crate::reported_error::assert_error;
@@ -85,10 +86,10 @@ fn the_output_matches_the_golden_files() {
 /// and limits that were met stood among the changes.
 #[test]
 fn a_rejection_in_shadow_begins_with_its_reasons() {
-    let data = quick_folder();
-    holdpoint(&["run", "--headless", "--script", "tests/scenarios/reject-in-shadow.toml"], data.path());
-    let short = stdout_text(&holdpoint(&["explain", "grasp@1.1.3"], data.path()));
-    assert_is_short(&short.replace(&format!(" --data {}", data.path().display()), ""));
+    let folder = filled_store("reject-in-shadow");
+    let data = folder.path().join("store");
+    let short = stdout_text(&holdpoint(&["explain", "grasp@1.1.3"], &data));
+    assert_is_short(&short.replace(&format!(" --data {}", data.display()), ""));
     let mut lines = short.lines();
     let head = lines.next().unwrap();
     assert!(
@@ -99,7 +100,7 @@ fn a_rejection_in_shadow_begins_with_its_reasons() {
     let is_compared = |line: &&str| line.ends_with(" more often than grasp@1.0.0 (limit 0)");
     assert!(!reasons.is_empty() && reasons.iter().all(is_compared), "{short}");
     assert_eq!(short.lines().filter(|line| line.starts_with("to change: ")).count(), 1, "{short}");
-    let full = stdout_text(&holdpoint(&["explain", "grasp@1.1.3", "--full"], data.path()));
+    let full = stdout_text(&holdpoint(&["explain", "grasp@1.1.3", "--full"], &data));
     let shadow = full.find("\nshadow: fail").unwrap();
     assert!(
         full[..shadow].contains("+ behavior-improved: success") && !full[shadow..].contains("behavior-"),

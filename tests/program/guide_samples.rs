@@ -6,9 +6,11 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
+use std::sync::Mutex;
 
 use tempfile::TempDir;
 
+use crate::folder_copy::FolderCopy;
 use crate::quick_folder::quick_folder;
 
 /// The fewest samples that the guide has: so many are checked.
@@ -56,16 +58,22 @@ fn holdpoint(arguments: &[&str], data: &Path) -> Output {
     Command::new(env!("CARGO_BIN_EXE_holdpoint")).args(arguments).arg("--data").arg(data).output().unwrap()
 }
 
-/// A store as the scenario leaves it.
-fn filled_store(scenario: &str) -> TempDir {
-    let folder = quick_folder();
-    if scenario != "none" {
+/// A folder with a `store` as the scenario leaves it; a scenario runs once in a process.
+pub fn filled_store(scenario: &str) -> TempDir {
+    static FILLED: Mutex<BTreeMap<String, FolderCopy>> = Mutex::new(BTreeMap::new());
+    if scenario == "none" {
+        return quick_folder();
+    }
+    let mut filled = FILLED.lock().unwrap();
+    let copy = filled.entry(scenario.to_owned()).or_insert_with(|| {
+        let folder = quick_folder();
         let file = format!("tests/scenarios/{scenario}.toml");
         let output = holdpoint(&["scenario", "run", &file], &folder.path().join("store"));
         // A scenario ends with the outcome of its version.
         assert!(matches!(output.status.code(), Some(0 | 1 | 4)), "{output:?}");
-    }
-    folder
+        FolderCopy::of(folder.path())
+    });
+    copy.folder()
 }
 
 #[test]

@@ -53,6 +53,8 @@ mod typed_commands;
 
 #[path = "../support/agent.rs"]
 mod agent;
+#[path = "../support/folder_copy.rs"]
+mod folder_copy;
 #[path = "../fuzz/mutate.rs"]
 #[allow(dead_code, reason = "the parsers' own tests use the rest")]
 mod mutate;

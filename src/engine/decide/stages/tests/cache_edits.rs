@@ -1,7 +1,6 @@
 //! Cached episodes and drills that were edited, and a whole evaluation that meets them.
 
-use std::fs::Permissions;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::OnceLock;
 
 use holdpoint_governance::alarms::{Alarm, AlarmKey};
@@ -30,6 +29,7 @@ use tempfile::TempDir;
 
 use crate::decide::pipeline::{Pipeline, PipelineSettings, SliceOutcome};
 use crate::decide::stages::activation::tests::package;
+use crate::folder_copy::FolderCopy;
 use crate::live::stop_switch::Controls;
 use crate::quick_folder::quick_folder;
 use holdpoint_record::version_table::VersionTable;
@@ -105,39 +105,15 @@ fn records(pipeline: &Pipeline, kind: RecordKind) -> Vec<String> {
     all.into_iter().filter(|record| record.kind == kind).map(|record| record.body).collect()
 }
 
-/// A file of a store: its path in the folder, its permissions and its content.
-type StoreFile = (PathBuf, Permissions, Vec<u8>);
-
-fn read_files(root: &Path, folder: &Path, files: &mut Vec<StoreFile>) {
-    for entry in std::fs::read_dir(folder).unwrap() {
-        let path = entry.unwrap().path();
-        let found = path.symlink_metadata().unwrap();
-        if found.is_dir() {
-            read_files(root, &path, files);
-        } else if found.is_file() {
-            let content = std::fs::read(&path).unwrap();
-            files.push((path.strip_prefix(root).unwrap().to_owned(), found.permissions(), content));
-        }
-    }
-}
-
 /// A new folder with a copy of the store of [`fill`], which is worked once in a process.
 fn filled_store() -> TempDir {
-    static FILES: OnceLock<Vec<StoreFile>> = OnceLock::new();
-    let files = FILES.get_or_init(|| {
-        let (folder, mut files) = (quick_folder(), Vec::new());
+    static FILLED: OnceLock<FolderCopy> = OnceLock::new();
+    let filled = FILLED.get_or_init(|| {
+        let folder = quick_folder();
         fill(folder.path(), EpisodeCache::InStore);
-        read_files(folder.path(), folder.path(), &mut files);
-        files
+        FolderCopy::of(folder.path())
     });
-    let folder = quick_folder();
-    for (path, permissions, content) in files {
-        let path = folder.path().join(path);
-        std::fs::create_dir_all(path.parent().unwrap()).unwrap();
-        std::fs::write(&path, content).unwrap();
-        std::fs::set_permissions(&path, permissions.clone()).unwrap();
-    }
-    folder
+    filled.folder()
 }
 
 /// Makes a store whose active versions' results are kept, and that nothing waits in.
