@@ -2,7 +2,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use serde_json::Value;
@@ -46,6 +46,40 @@ fn the_crates_depend_as_documented() {
         let upward: Vec<&String> = documented[&quoted(&row[0]).concat()].difference(&above).collect();
         assert!(upward.is_empty(), "{} uses {upward:?}, which come after it", row[0]);
         above.extend(quoted(&row[0]));
+    }
+}
+
+/// Whether a comment of a source file has an example that a test runs.
+fn has_example(text: &str) -> bool {
+    let mut fences = text.lines().filter_map(|line| {
+        let line = line.trim_start();
+        let comment = line.strip_prefix("//!").or_else(|| line.strip_prefix("///"))?;
+        comment.trim_start().strip_prefix("```")
+    });
+    let mut is_open = false;
+    fences.any(|language| {
+        is_open = !is_open;
+        is_open && !["text", "toml", "ignore"].contains(&language.trim())
+    })
+}
+
+/// Without examples in its comments, a crate would be read once more at each `cargo test` for nothing.
+#[test]
+fn only_crates_with_examples_look_for_them() {
+    let with_examples: BTreeSet<PathBuf> = ["src", "sim"]
+        .into_iter()
+        .flat_map(sources)
+        .filter(|path| has_example(&fs::read_to_string(path).unwrap()))
+        .map(|path| path.ancestors().find(|folder| folder.join("Cargo.toml").is_file()).unwrap().to_owned())
+        .collect();
+    let metadata = run_cargo(&["metadata", "--offline", "--locked", "--no-deps", "--format-version", "1"]);
+    let metadata: Value = serde_json::from_str(&metadata).unwrap();
+    for package in metadata["packages"].as_array().unwrap() {
+        let folder = Path::new(package["manifest_path"].as_str().unwrap()).parent().unwrap();
+        for target in package["targets"].as_array().unwrap().iter().filter(|one| one["kind"][0] == "lib") {
+            let looks = target["doctest"].as_bool().unwrap();
+            assert_eq!(looks, with_examples.contains(folder), "`doctest` of {}", folder.display());
+        }
     }
 }
 
