@@ -81,7 +81,7 @@ fn forged_cached_results_do_not_pass_a_bad_candidate() {
          [[step]]\ndemote = { as = \"ada\", reason = \"it has filled the store\" }\n",
     )
     .unwrap();
-    let fill_output = run(root.path(), fill.to_str().unwrap(), &["--data", data]);
+    let fill_output = run(root.path(), fill.to_str().unwrap(), &["--data", data, "--no-recording"]);
     assert_eq!(fill_output.status.code(), Some(3), "it is held: {}", stderr_text(&fill_output));
     let database = Path::new(data).join("telemetry.db");
     let connection = Connection::open(&database).unwrap();
@@ -98,7 +98,7 @@ fn forged_cached_results_do_not_pass_a_bad_candidate() {
     assert!(edited_rows >= 280, "{edited_rows} episodes were edited");
     drop(connection);
     // The scenario itself expects the rejection of the candidate by its behavior.
-    let run_output = run(root.path(), HARD_GRIP, &["--data", data]);
+    let run_output = run(root.path(), HARD_GRIP, &["--data", data, "--no-recording"]);
     assert_eq!(run_output.status.code(), Some(1), "{}", stderr_text(&run_output));
     let explanation = holdpoint(root.path(), &["explain", "grasp-hard-grip", "--json", "--data", data]);
     let explanation: serde_json::Value = serde_json::from_slice(&explanation.stdout).unwrap();
