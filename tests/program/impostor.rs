@@ -30,9 +30,7 @@ use holdpoint::service::control_socket::{
 use holdpoint::store::{AuditFilter, Layout, LockHolder, lock_holder};
 use serde_json::{Value, json};
 
-use crate::host::PATIENCE;
-use crate::quick_folder::quick_folder;
-use crate::reported_error::assert_error;
+use crate::{host::PATIENCE, quick_folder::quick_folder, reported_error::assert_error};
 
 /// The interval at which the impostor takes the name again.
 const TAKES_EVERY: Duration = Duration::from_millis(2);
@@ -65,7 +63,7 @@ impl GenuineEngine {
         Self::start_at("1", data)
     }
 
-    /// At a pace of the live cell: `1` is that of the clock.
+    /// At a pace of the live cell: only a measurement needs the clock's, `1`, in which a sequence takes eight seconds.
     fn start_at(pace: &str, data: &Path) -> Self {
         let mut serve = Process::new(env!("CARGO_BIN_EXE_holdpoint"));
         serve.args(["serve", "--json", "--pace", pace, "--no-recording", "--data"]).arg(data);
@@ -264,7 +262,6 @@ fn a_stop_stops_the_arm_while_an_impostor_has_the_name() {
     let stops = count("HOLDPOINT_IMPOSTOR_STOPS", 3);
     let measured = std::env::var_os("HOLDPOINT_IMPOSTOR_STOPS").is_some();
     let folder = quick_folder();
-    // Only a measurement needs the arm's own speed: each stop waits for the end of a sequence.
     let engine = GenuineEngine::start_at(if measured { "1" } else { "10" }, folder.path());
     let impostor = Impostor::start(&engine.layout());
     let mut worst = Duration::ZERO;
