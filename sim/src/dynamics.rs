@@ -11,11 +11,16 @@
 use nalgebra::{Matrix3, Vector3};
 
 use crate::robot::{Inertial, RobotModel};
-use holdpoint_body::MAX_JOINTS;
 use holdpoint_body::chain::Transform;
 
+/// The most arm joints that are simulated, fewer than the interface of robots carries: every matrix here has this size,
+/// and every tick draws the errors of as many joints.
+pub const ARM_JOINTS_MAX: usize = 8;
+
+const _: () = assert!(ARM_JOINTS_MAX <= holdpoint_body::MAX_JOINTS);
+
 /// The most degrees of freedom: an arm and two fingers.
-pub const DOFS_MAX: usize = MAX_JOINTS + 2;
+pub const DOFS_MAX: usize = ARM_JOINTS_MAX + 2;
 
 /// One number per degree of freedom; only as many as the robot has are meaningful.
 pub type Dofs = [f64; DOFS_MAX];

@@ -12,8 +12,9 @@ use rapier3d::dynamics::{JointAxesMask, JointAxis, Multibody, MultibodyJoint, Mu
 use rapier3d::pipeline::PhysicsWorld;
 use serde::{Deserialize, Serialize};
 
+use crate::dynamics::ARM_JOINTS_MAX;
 use crate::handles::Handles;
-use holdpoint_body::{MAX_JOINTS, TICK_SECS};
+use holdpoint_body::TICK_SECS;
 
 /// The free axis of an arm joint.
 const TURN: usize = JointAxis::AngX as usize;
@@ -37,7 +38,7 @@ pub struct MotorReference {
 #[derive(Clone, Debug, PartialEq)]
 pub struct Drives {
     /// The arm's joints.
-    pub arm: ArrayVec<MotorReference, MAX_JOINTS>,
+    pub arm: ArrayVec<MotorReference, ARM_JOINTS_MAX>,
     /// Either finger.
     pub finger: MotorReference,
     /// Largest force of a finger, N.

@@ -6,7 +6,8 @@ use arrayvec::ArrayVec;
 use nalgebra::Isometry3;
 use serde::{Deserialize, Serialize};
 
-use holdpoint_body::{Estimate, JointVec, MAX_JOINTS, Pose, RATE_HZ};
+use crate::dynamics::ARM_JOINTS_MAX;
+use holdpoint_body::{Estimate, JointVec, Pose, RATE_HZ};
 use holdpoint_cell::episode::{CameraSetup, SensorSetup, upright, yaw_of};
 
 /// Camera frames per second.
@@ -154,7 +155,7 @@ pub struct SensorErrors {
 pub fn sensor_errors(setup: &mut SensorSetup) -> SensorErrors {
     let s = setup;
     let mut errors = SensorErrors::default();
-    for _ in 0..MAX_JOINTS {
+    for _ in 0..ARM_JOINTS_MAX {
         errors.q.push(s.joint_rad * s.noise.normal_bounded());
         errors.dq.push(s.joint_speed_rad_s * s.noise.normal_bounded());
         errors.tau.push(s.torque_n_m * s.noise.normal_bounded());

@@ -18,7 +18,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::constraints::{ConstraintRows, FingerMotors};
 use crate::coupled_rows;
-use crate::dynamics::{ArmDynamics, DOFS_MAX, Dofs, Factor, GRAVITY_M_S2, Placement};
+use crate::dynamics::{ARM_JOINTS_MAX, ArmDynamics, DOFS_MAX, Dofs, Factor, GRAVITY_M_S2, Placement};
 use crate::effort::{ObjectSituation, Situation, SolverEffort};
 use crate::free_body::FreeBody;
 use crate::handles::{ColliderKind, Handles, to_narrow};
@@ -27,7 +27,7 @@ use crate::object_contacts::{self, FixtureRoom, Manifold, ObjectContacts, Object
 use crate::robot::RobotModel;
 use crate::survey::{Survey, Surveyor};
 use crate::warm_start::WarmStart;
-use holdpoint_body::{MAX_JOINTS, TICK_SECS};
+use holdpoint_body::TICK_SECS;
 use holdpoint_cell::truth::{ContactForces, ContactPoint, JointState};
 
 /// Room that a survey must find for the engine to be left, and around the pads for the object to rest, m.
@@ -73,9 +73,9 @@ pub struct ReducedCell {
     surveyor: Surveyor,
     stiffness: Dofs,
     damping: Dofs,
-    motor_damping: [f64; MAX_JOINTS],
-    torque_max: [f64; MAX_JOINTS],
-    limits: [(f64, f64); MAX_JOINTS],
+    motor_damping: [f64; ARM_JOINTS_MAX],
+    torque_max: [f64; ARM_JOINTS_MAX],
+    limits: [(f64, f64); ARM_JOINTS_MAX],
     fingers: FingerMotors,
     pairs: ObjectPairs,
 }
@@ -86,7 +86,7 @@ pub struct ReducedState {
     q: Dofs,
     dq: Dofs,
     /// Last commands of the motors.
-    arm: ArrayVec<MotorReference, MAX_JOINTS>,
+    arm: ArrayVec<MotorReference, ARM_JOINTS_MAX>,
     finger: MotorReference,
     finger_force_n: f64,
     /// Impulses of the fingers' motors and of their coupling in the last tick, N s.
@@ -112,9 +112,9 @@ impl ReducedCell {
         let motors = &robot.motors;
         let mut stiffness = [0.0; DOFS_MAX];
         let mut damping = [motors.joint_damping_n_m_s_rad; DOFS_MAX];
-        let mut motor_damping = [0.0; MAX_JOINTS];
-        let mut torque_max = [0.0; MAX_JOINTS];
-        let mut limits = [(0.0, 0.0); MAX_JOINTS];
+        let mut motor_damping = [0.0; ARM_JOINTS_MAX];
+        let mut torque_max = [0.0; ARM_JOINTS_MAX];
+        let mut limits = [(0.0, 0.0); ARM_JOINTS_MAX];
         for (i, joint) in robot.geometry.chain.joints.iter().enumerate().take(n) {
             stiffness[i] = motors.stiffness_n_m_rad[i];
             motor_damping[i] = motors.damping_n_m_s_rad[i];

@@ -8,10 +8,11 @@ use std::collections::BTreeMap;
 use nalgebra::{Isometry3, Matrix3, Point3, Translation3, UnitQuaternion, Vector3};
 use rapier3d_urdf::urdf_rs::{self, Geometry, JointType};
 
+use crate::dynamics::ARM_JOINTS_MAX;
 use crate::robot::{FingerSpec, GripperSpec, Inertial, LinkShape, LinkSpec, RobotFile};
+use holdpoint_body::JointVec;
 use holdpoint_body::Shape;
 use holdpoint_body::chain::{Chain, JointSpec, Transform};
-use holdpoint_body::{JointVec, MAX_JOINTS};
 use holdpoint_cell::CellError;
 
 // Beyond these limits a file does not describe an arm: they are several times the values of industrial arms.
@@ -124,11 +125,11 @@ fn check_config(file: &str, config: &RobotFile) -> Result<(), CellError> {
         ));
     }
     let n = config.joints.len();
-    if n == 0 || n > MAX_JOINTS {
+    if n == 0 || n > ARM_JOINTS_MAX {
         return Err(CellError::file(
             file,
             "joints",
-            format!("\"{n}\" joints; 1 to {MAX_JOINTS} are allowed"),
+            format!("\"{n}\" joints; 1 to {ARM_JOINTS_MAX} are allowed"),
         ));
     }
     let lists = [

@@ -15,6 +15,7 @@ use nalgebra::{Isometry3, Vector3};
 use serde::{Deserialize, Serialize};
 
 use crate::cell::cell_spec;
+use crate::dynamics::ARM_JOINTS_MAX;
 use crate::film::EpisodeFilm;
 use crate::perception::sensor_errors;
 use crate::readout;
@@ -24,7 +25,7 @@ use crate::state::{InFlightCommand, WorldState};
 use crate::stepper::Stepper;
 use crate::work_count;
 use holdpoint_body::{
-    Body, BodyError, Command, GuardVerdict, Interrupt, JointVec, MAX_JOINTS, Observation, Pose, TICK_SECS,
+    Body, BodyError, Command, GuardVerdict, Interrupt, JointVec, ObjectVec, Observation, Pose, TICK_SECS,
     TaskKind, Telemetry, Twist, check_command,
 };
 use holdpoint_cell::episode::{EpisodeSetup, Start};
@@ -66,7 +67,7 @@ pub struct WorldTruth {
     /// True joint speeds, rad/s.
     pub dq: JointVec,
     /// Links moved by the joints, first joint first (shapes are in [`RobotModel::links`]).
-    pub links: ArrayVec<Pose, MAX_JOINTS>,
+    pub links: ArrayVec<Pose, ARM_JOINTS_MAX>,
     /// The two fingers.
     pub fingers: [Pose; 2],
     /// The tool.
@@ -543,7 +544,8 @@ impl World {
         o.gripper_width_m = s.joints.width_m() + e.width_m;
         o.gripper_force_n = (s.forces.grip_n() + e.force_n[0]).max(0.0);
         o.wrist_force_n = (Vector3::from(s.forces.wrist_n).norm() + e.force_n[1]).max(0.0);
-        (o.object, o.target) = s.camera.estimates(s.tick);
+        let (object, target) = s.camera.estimates(s.tick);
+        o.objects = s.task.seen_objects(object, target);
         o.tool_available = s.tool_available();
         o.goal = s.task;
         o.guard = s.guard;
@@ -568,8 +570,7 @@ fn blank_observation(joints: usize) -> Observation {
         gripper_width_m: 0.0,
         gripper_force_n: 0.0,
         wrist_force_n: 0.0,
-        object: None,
-        target: None,
+        objects: ObjectVec::new(),
         tool_available: true,
         goal: TaskKind::Grasp,
         guard: GuardVerdict::Allowed,

@@ -8,7 +8,7 @@
 //! Units are SI: meters, radians, newtons, seconds; ticks are [`RATE_HZ`] per second. Poses are expressed in the
 //! world frame, z up, the robot's base at the origin.
 
-use arrayvec::ArrayVec;
+use arrayvec::{ArrayString, ArrayVec};
 use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion};
 use serde::{Deserialize, Serialize};
 
@@ -21,7 +21,7 @@ pub const RATE_HZ: u32 = 240;
 pub const TICK_SECS: f64 = 1.0 / RATE_HZ as f64;
 
 /// The most arm joints a robot description may have.
-pub const MAX_JOINTS: usize = 8;
+pub const MAX_JOINTS: usize = 16;
 
 /// One value per arm joint, base to tool, without allocation.
 pub type JointVec = ArrayVec<f64, MAX_JOINTS>;
@@ -107,6 +107,27 @@ pub struct Estimate {
     pub sequence: u32,
 }
 
+/// The most named objects that an observation carries.
+pub const MAX_OBJECTS: usize = 8;
+
+/// The longest name of an object, bytes.
+pub const OBJECT_NAME_BYTES_MAX: usize = 16;
+
+/// The name of an object, without allocation.
+pub type ObjectName = ArrayString<OBJECT_NAME_BYTES_MAX>;
+
+/// An object that the camera saw, or a place for one.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct SeenObject {
+    /// Its name in the cell; an observation has each name once.
+    pub name: ObjectName,
+    /// Where it was last seen.
+    pub estimate: Estimate,
+}
+
+/// Named objects, without allocation.
+pub type ObjectVec = ArrayVec<SeenObject, MAX_OBJECTS>;
+
 /// What the guard did with the previous command; a skill may react to it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
@@ -141,16 +162,50 @@ pub struct Observation {
     pub gripper_force_n: f64,
     /// Contact force sensed at the wrist, without the payload's weight, N.
     pub wrist_force_n: f64,
-    /// Where the object was last seen; absent when the camera frame was dropped.
-    pub object: Option<Estimate>,
-    /// Where the tray (target) was last seen; absent when the camera frame was dropped.
-    pub target: Option<Estimate>,
+    /// Where the objects of the cell were last seen; without those that are not in sight, and empty when the camera
+    /// frame was dropped.
+    pub objects: ObjectVec,
     /// Whether the gripper answers at the moment.
     pub tool_available: bool,
     /// The primitive that is to be done.
     pub goal: TaskKind,
     /// What the guard did with the previous command.
     pub guard: GuardVerdict,
+}
+
+impl Observation {
+    /// Where the object of this name was last seen.
+    #[must_use]
+    pub fn named(&self, name: &str) -> Option<&Estimate> {
+        self.objects.iter().find(|seen| seen.name.as_str() == name).map(|seen| &seen.estimate)
+    }
+
+    /// Where the object on which the goal works was last seen.
+    #[must_use]
+    pub fn object(&self) -> Option<&Estimate> {
+        self.named(self.goal.declaration().object)
+    }
+
+    /// Where the target of the goal was last seen.
+    #[must_use]
+    pub fn target(&self) -> Option<&Estimate> {
+        self.named(self.goal.declaration().target)
+    }
+
+    /// [`Self::named`], to change it.
+    pub fn named_mut(&mut self, name: &str) -> Option<&mut Estimate> {
+        self.objects.iter_mut().find(|seen| seen.name.as_str() == name).map(|seen| &mut seen.estimate)
+    }
+
+    /// [`Self::object`], to change it.
+    pub fn object_mut(&mut self) -> Option<&mut Estimate> {
+        self.named_mut(self.goal.declaration().object)
+    }
+
+    /// [`Self::target`], to change it.
+    pub fn target_mut(&mut self) -> Option<&mut Estimate> {
+        self.named_mut(self.goal.declaration().target)
+    }
 }
 
 /// Why a skill gave up. Manifests list the ones a version may raise.

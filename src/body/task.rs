@@ -5,7 +5,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::messages::FailureSignal;
+use crate::messages::{Estimate, FailureSignal, ObjectName, ObjectVec, SeenObject};
 
 /// What a task is, beside the physics of the cell that performs it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -14,6 +14,10 @@ pub struct TaskDeclaration {
     pub start: EpisodeStart,
     /// Whether the hand holds the object when the task is done.
     pub ends_held: bool,
+    /// The name of the object on which the task works.
+    pub object: &'static str,
+    /// The name of the place to which the work brings it.
+    pub target: &'static str,
     /// The zone of the cell in which the tool works.
     pub zone: &'static str,
     /// The command that begins an attempt.
@@ -90,6 +94,8 @@ tasks! {
     Grasp = "grasp" => TaskDeclaration {
         start: EpisodeStart::Home,
         ends_held: true,
+        object: "object",
+        target: "tray",
         zone: "work",
         attempt: AttemptMark::Close,
         // The object stands on the table until it is lifted.
@@ -101,6 +107,8 @@ tasks! {
     Align = "align" => TaskDeclaration {
         start: EpisodeStart::InHand,
         ends_held: true,
+        object: "object",
+        target: "tray",
         zone: "tray",
         attempt: AttemptMark::Descent,
         object_meets_fixture: false,
@@ -111,6 +119,8 @@ tasks! {
     Place = "place" => TaskDeclaration {
         start: EpisodeStart::OverTarget,
         ends_held: false,
+        object: "object",
+        target: "tray",
         zone: "tray",
         attempt: AttemptMark::Descent,
         object_meets_fixture: true,
@@ -127,6 +137,16 @@ impl TaskKind {
     #[must_use]
     pub fn named(name: &str) -> Option<Self> {
         Self::ALL.into_iter().find(|task| task.name() == name)
+    }
+
+    /// The object and the target of the task under their names, as far as they are in sight.
+    #[must_use]
+    pub fn seen_objects(self, object: Option<Estimate>, target: Option<Estimate>) -> ObjectVec {
+        let declared = self.declaration();
+        let seen = |name: &str, estimate: Option<Estimate>| {
+            Some(SeenObject { name: ObjectName::from(name).ok()?, estimate: estimate? })
+        };
+        [seen(declared.object, object), seen(declared.target, target)].into_iter().flatten().collect()
     }
 }
 
@@ -160,6 +180,61 @@ mod tests {
     use TaskKind::{Align, Grasp, Place};
 
     use super::*;
+    use crate::messages::{GuardVerdict, JointVec, OBJECT_NAME_BYTES_MAX, Observation, Pose, Twist};
+
+    fn estimate(x: f64) -> Estimate {
+        Estimate { pose: Pose { position: [x, 0.0, 0.0], ..Pose::IDENTITY }, age_ticks: 3, sequence: 7 }
+    }
+
+    fn observation(objects: ObjectVec) -> Observation {
+        Observation {
+            tick: 0,
+            q: JointVec::new(),
+            dq: JointVec::new(),
+            tau: JointVec::new(),
+            tool: Pose::IDENTITY,
+            tool_twist: Twist::default(),
+            gripper_width_m: 0.0,
+            gripper_force_n: 0.0,
+            wrist_force_n: 0.0,
+            objects,
+            tool_available: true,
+            goal: Place,
+            guard: GuardVerdict::Allowed,
+        }
+    }
+
+    #[test]
+    fn declared_objects_have_two_names_that_fit() {
+        for task in TaskKind::ALL {
+            let declared = task.declaration();
+            assert_ne!(declared.object, declared.target, "{task}");
+            for name in [declared.object, declared.target] {
+                assert!((1..=OBJECT_NAME_BYTES_MAX).contains(&name.len()), "{task}: {name}");
+            }
+        }
+    }
+
+    #[test]
+    fn object_and_target_are_found_by_the_names_of_the_goal() {
+        let mut seen = observation(Place.seen_objects(Some(estimate(0.1)), Some(estimate(0.2))));
+        let other = SeenObject { name: ObjectName::from("lid").unwrap(), estimate: estimate(0.3) };
+        seen.objects.insert(0, other);
+        assert_eq!((seen.object(), seen.target()), (Some(&estimate(0.1)), Some(&estimate(0.2))));
+        assert_eq!((seen.named("lid"), seen.named("tray")), (Some(&estimate(0.3)), seen.target()));
+        seen.target_mut().unwrap().age_ticks = 9;
+        assert_eq!((seen.target().unwrap().age_ticks, seen.object().unwrap().age_ticks), (9, 3));
+        seen.object_mut().unwrap().sequence = 8;
+        assert_eq!((seen.object().unwrap().sequence, seen.objects.len()), (8, 3));
+    }
+
+    #[test]
+    fn what_is_not_in_sight_has_no_entry() {
+        let only = observation(Place.seen_objects(None, Some(estimate(0.2))));
+        assert_eq!((only.object(), only.target(), only.objects.len()), (None, Some(&estimate(0.2)), 1));
+        assert!(Place.seen_objects(None, None).is_empty());
+        assert_eq!(only.named("lid"), None);
+    }
 
     #[test]
     fn a_name_finds_its_task_and_no_two_tasks_share_one() {

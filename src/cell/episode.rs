@@ -12,7 +12,10 @@ use crate::distribution::Distribution;
 use crate::rng::{Stream, StreamPurpose};
 use crate::scene::Scene;
 use holdpoint_body::task::EpisodeStart;
-use holdpoint_body::{JointVec, MAX_JOINTS, Pose, RATE_HZ, TaskKind};
+use holdpoint_body::{JointVec, Pose, RATE_HZ, TaskKind};
+
+/// Joints whose start is drawn, base to tool: equal seeds give equal episodes whatever the robot.
+const OFFSET_JOINTS: usize = 8;
 
 /// The object of this episode.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -32,8 +35,8 @@ pub struct ObjectSetup {
 pub enum Start {
     /// At home, each joint off by a little; the gripper fully open, the object on the table.
     Home {
-        /// Offset of each joint from the home of the description, rad, base to tool; surplus values are ignored. The
-        /// sum is kept inside the joint limits.
+        /// Offset of each joint from the home of the description, rad, base to tool. Surplus values are ignored, and a
+        /// joint without a value starts at home. The sum is kept inside the joint limits.
         offset_rad: JointVec,
     },
     /// With the object in the hand. The pads close before tick 0 and square the object, which then hangs still.
@@ -233,7 +236,7 @@ impl EpisodeSetup {
 
         let mut stream = Stream::new(seed, StreamPurpose::Arm);
         let offset_rad: JointVec =
-            (0..MAX_JOINTS).map(|_| d.arm.home_offset_rad.sample(&mut stream)).collect();
+            (0..OFFSET_JOINTS).map(|_| d.arm.home_offset_rad.sample(&mut stream)).collect();
         let held = HeldSample::new(d, seed);
         let start = match task.declaration().start {
             EpisodeStart::Home => Start::Home { offset_rad },

@@ -6,7 +6,9 @@
 use std::fmt::Write as _;
 
 use holdpoint_body::disturbance::Drift;
-use holdpoint_body::{Command, GuardVerdict, Interrupt, JointVec, Observation, TaskKind, Telemetry};
+use holdpoint_body::{
+    Command, GuardVerdict, Interrupt, JointVec, ObjectVec, Observation, TaskKind, Telemetry,
+};
 use holdpoint_cell::truth::{ContactForces, ContactPoint, JointState, TrueState};
 use holdpoint_cell::{CellSpec, Distribution, EpisodeSetup, FixtureBox, InjectedFault, StateImage};
 use nalgebra::Isometry3;
@@ -16,7 +18,7 @@ use sha2::{Digest as _, Sha256};
 use crate::refusal::CellRefusal;
 
 /// Raised when a message changes; both sides must have the same.
-pub const PROTOCOL: u32 = 1;
+pub const PROTOCOL: u32 = 2;
 
 /// The largest message, bytes without its length.
 pub const MESSAGE_BYTES_MAX: usize = 1 << 20;
@@ -369,8 +371,7 @@ impl CellState {
                 ("observation.gripper_width_m", o.gripper_width_m.is_finite()),
                 ("observation.gripper_force_n", o.gripper_force_n.is_finite()),
                 ("observation.wrist_force_n", o.wrist_force_n.is_finite()),
-                ("observation.object", o.object.is_none_or(|seen| pose(&seen.pose))),
-                ("observation.target", o.target.is_none_or(|seen| pose(&seen.pose))),
+                ("observation.objects", are_objects(&o.objects)),
             ]);
         }
         if let Some(truth) = &self.truth {
@@ -385,6 +386,14 @@ impl CellState {
 
 fn is_list(values: &JointVec, joints: usize) -> bool {
     values.len() == joints && values.iter().all(|value| value.is_finite())
+}
+
+/// Whether each object has a name of its own and a pose.
+fn are_objects(objects: &ObjectVec) -> bool {
+    objects.iter().enumerate().all(|(place, seen)| {
+        let is_named = !seen.name.is_empty() && objects.iter().take(place).all(|one| one.name != seen.name);
+        is_named && seen.estimate.pose.is_valid()
+    })
 }
 
 /// An answer.

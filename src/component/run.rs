@@ -189,7 +189,8 @@ impl Skill for ComponentRun {
         let fuel = self.loaded.limits.fuel_per_tick;
         let inner = &mut self.inner;
         let Some(handed) = wit::observation(seen) else {
-            // The code describes a task of the contract, so no cell gives it another one.
+            // The code describes a task of the contract, so no cell gives it another one. The arm can have more joints
+            // than the contract: the code must not act on some of them.
             inner.fail(CodeFault::Answer);
             return Command::Hold;
         };

@@ -14,34 +14,32 @@ mod bindings {
 }
 
 use holdpoint_body::{
-    Command, Estimate, FailureSignal, GuardVerdict, JointVec, MAX_JOINTS, Observation, Pose, TaskKind, Twist,
+    Command, Estimate, FailureSignal, GuardVerdict, JointVec, Observation, Pose, TaskKind, Twist,
 };
 use holdpoint_skill::Hook;
 
 pub use bindings::exports::holdpoint::skill::skill;
 pub use bindings::holdpoint::skill::types;
 
-/// A joint vector; the values beyond the count are 0.
-fn joints(values: &JointVec) -> types::Joints {
-    let mut all = [0.0; MAX_JOINTS];
-    let count = values.len().min(MAX_JOINTS);
-    all[..count].copy_from_slice(&values[..count]);
+/// The most joints of the contract.
+const CONTRACT_JOINTS: usize = 8;
+
+/// A joint vector; the values beyond the count are 0. `None` if the arm has more joints than the contract.
+fn joints(values: &JointVec) -> Option<types::Joints> {
+    let count = values.len();
+    let mut all = [0.0; CONTRACT_JOINTS];
+    all.get_mut(..count)?.copy_from_slice(values);
     let [j0, j1, j2, j3, j4, j5, j6, j7] = all;
-    #[allow(clippy::cast_possible_truncation, reason = "at most MAX_JOINTS, 8")]
+    #[allow(clippy::cast_possible_truncation, reason = "at most CONTRACT_JOINTS, 8")]
     let count = count as u8;
-    types::Joints { count, j0, j1, j2, j3, j4, j5, j6, j7 }
+    Some(types::Joints { count, j0, j1, j2, j3, j4, j5, j6, j7 })
 }
 
 /// `None` if it says to have more joints than there can be.
 fn joint_vec(joints: &types::Joints) -> Option<JointVec> {
     let types::Joints { count, j0, j1, j2, j3, j4, j5, j6, j7 } = *joints;
-    let mut all = JointVec::from([j0, j1, j2, j3, j4, j5, j6, j7].map(number));
-    let count = usize::from(count);
-    if count > MAX_JOINTS {
-        return None;
-    }
-    all.truncate(count);
-    Some(all)
+    let all = [j0, j1, j2, j3, j4, j5, j6, j7].map(number);
+    Some(all.get(..usize::from(count))?.iter().copied().collect())
 }
 
 const fn vector([x, y, z]: [f64; 3]) -> types::Vector {
@@ -76,20 +74,20 @@ pub const fn task_kind(task: types::Task) -> TaskKind {
     }
 }
 
-/// What a component is given in a tick. `None` if the contract does not have the task.
+/// What a component is given in a tick. `None` if the contract does not have the task, or not as many joints.
 pub fn observation(seen: &Observation) -> Option<types::Observation> {
     Some(types::Observation {
         tick: seen.tick,
-        q: joints(&seen.q),
-        dq: joints(&seen.dq),
-        tau: joints(&seen.tau),
+        q: joints(&seen.q)?,
+        dq: joints(&seen.dq)?,
+        tau: joints(&seen.tau)?,
         tool: pose(&seen.tool),
         tool_twist: twist(&seen.tool_twist),
         gripper_width_m: seen.gripper_width_m,
         gripper_force_n: seen.gripper_force_n,
         wrist_force_n: seen.wrist_force_n,
-        object: seen.object.as_ref().map(estimate),
-        target: seen.target.as_ref().map(estimate),
+        object: seen.object().map(estimate),
+        target: seen.target().map(estimate),
         tool_available: seen.tool_available,
         goal: task(seen.goal)?,
         guard: match seen.guard {

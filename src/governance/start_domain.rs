@@ -52,6 +52,22 @@ crate::closed_set! {
         Joint7 = "joint-7",
         /// Angle of the eighth joint, rad.
         Joint8 = "joint-8",
+        /// Angle of the ninth joint, rad.
+        Joint9 = "joint-9",
+        /// Angle of the tenth joint, rad.
+        Joint10 = "joint-10",
+        /// Angle of the eleventh joint, rad.
+        Joint11 = "joint-11",
+        /// Angle of the twelfth joint, rad.
+        Joint12 = "joint-12",
+        /// Angle of the thirteenth joint, rad.
+        Joint13 = "joint-13",
+        /// Angle of the fourteenth joint, rad.
+        Joint14 = "joint-14",
+        /// Angle of the fifteenth joint, rad.
+        Joint15 = "joint-15",
+        /// Angle of the sixteenth joint, rad.
+        Joint16 = "joint-16",
     }
 }
 
@@ -66,6 +82,14 @@ impl StartQuantity {
         Self::Joint6,
         Self::Joint7,
         Self::Joint8,
+        Self::Joint9,
+        Self::Joint10,
+        Self::Joint11,
+        Self::Joint12,
+        Self::Joint13,
+        Self::Joint14,
+        Self::Joint15,
+        Self::Joint16,
     ];
 
     /// The unit of its values; empty for a count.
@@ -89,7 +113,15 @@ impl StartQuantity {
             | Self::Joint5
             | Self::Joint6
             | Self::Joint7
-            | Self::Joint8 => "rad",
+            | Self::Joint8
+            | Self::Joint9
+            | Self::Joint10
+            | Self::Joint11
+            | Self::Joint12
+            | Self::Joint13
+            | Self::Joint14
+            | Self::Joint15
+            | Self::Joint16 => "rad",
             Self::PictureAge => "ms",
             Self::Held => "",
         }
@@ -199,7 +231,7 @@ impl StartObservation {
         if self.frame.is_some() {
             return;
         }
-        if let (Some(object), Some(target)) = (&observation.object, &observation.target) {
+        if let (Some(object), Some(target)) = (observation.object(), observation.target()) {
             let Estimate { pose, age_ticks, .. } = *object;
             self.frame = Some(StartFrame { object: pose, target: target.pose, age_ms: age_ms(age_ticks) });
         }
@@ -244,6 +276,14 @@ impl StartObservation {
             StartQuantity::Joint6 => joint(5),
             StartQuantity::Joint7 => joint(6),
             StartQuantity::Joint8 => joint(7),
+            StartQuantity::Joint9 => joint(8),
+            StartQuantity::Joint10 => joint(9),
+            StartQuantity::Joint11 => joint(10),
+            StartQuantity::Joint12 => joint(11),
+            StartQuantity::Joint13 => joint(12),
+            StartQuantity::Joint14 => joint(13),
+            StartQuantity::Joint15 => joint(14),
+            StartQuantity::Joint16 => joint(15),
         }
     }
 }
@@ -333,8 +373,8 @@ mod tests {
             gripper_width_m: 0.08,
             gripper_force_n: 0.0,
             wrist_force_n: 0.0,
-            object: object_m.map(estimate),
-            target: object_m.map(|_| estimate([0.5, 0.2, 0.005])),
+            objects: TaskKind::Grasp
+                .seen_objects(object_m.map(estimate), object_m.map(|_| estimate([0.5, 0.2, 0.005]))),
             tool_available: true,
             goal: TaskKind::Grasp,
             guard: GuardVerdict::Allowed,
@@ -388,6 +428,11 @@ mod tests {
         assert_eq!((value(StartQuantity::PictureAge), value(StartQuantity::Held)), (100.0, 1.0));
         assert_eq!(value(StartQuantity::Joint7), 0.1);
         assert!(value(StartQuantity::Joint8).is_nan(), "the robot has seven joints");
+        let mut long = observation(None, 0);
+        long.q = (0..16).map(f64::from).collect();
+        let long = StartObservation::new(&long, false);
+        let angles = StartQuantity::JOINTS.map(|joint| long.value(joint).unwrap());
+        assert_eq!(angles.to_vec(), (0..16).map(f64::from).collect::<Vec<f64>>());
         let half = 0.25_f64;
         let turned = Pose { rotation: [0.0, 0.0, half.sin(), half.cos()], ..Pose::IDENTITY };
         assert!((turned.heading_rad() - 0.5).abs() < 1e-12);

@@ -44,8 +44,7 @@ impl Senses {
     fn withhold(self, seen: &mut Observation) {
         const NONE: [f64; 3] = [f64::NAN; 3];
         if !self.camera {
-            seen.object = None;
-            seen.target = None;
+            seen.objects.clear();
         }
         if !self.joints {
             seen.q.clear();
@@ -123,8 +122,7 @@ mod tests {
             gripper_width_m: 0.05,
             gripper_force_n: 3.0,
             wrist_force_n: 2.0,
-            object: Some(estimate),
-            target: Some(estimate),
+            objects: TaskKind::Grasp.seen_objects(Some(estimate), Some(estimate)),
             tool_available: true,
             goal: TaskKind::Grasp,
             guard: GuardVerdict::Allowed,
@@ -147,12 +145,12 @@ mod tests {
     fn only_undeclared_inputs_are_withheld() {
         assert_eq!(without("no such word"), whole());
         let camera = without("camera");
-        assert!(camera.object.is_none() && camera.target.is_none());
-        assert_eq!(Observation { object: whole().object, target: whole().target, ..camera }, whole());
+        assert!(camera.objects.is_empty());
+        assert_eq!(Observation { objects: whole().objects, ..camera }, whole());
         let joints = without("joints");
         assert!(joints.q.is_empty() && joints.dq.is_empty() && joints.tau.is_empty());
         assert!(joints.tool.position[0].is_nan() && joints.tool_twist.linear[2].is_nan());
-        assert_eq!((joints.wrist_force_n, joints.object), (2.0, whole().object));
+        assert_eq!((joints.wrist_force_n, joints.objects), (2.0, whole().objects));
         let wrist = without("wrist-force");
         assert!(wrist.wrist_force_n.is_nan());
         assert_eq!(Observation { wrist_force_n: 2.0, ..wrist }, whole());

@@ -31,7 +31,7 @@ impl StartCheck {
     pub(crate) fn observe(&mut self, observation: &Observation, is_held: bool) -> bool {
         match &mut self.seen {
             Some(seen) if seen.has_frame() => {
-                let age = observation.object.as_ref().map(|seen| seen.age_ticks);
+                let age = observation.object().map(|seen| seen.age_ticks);
                 if age.is_some_and(|ticks| !self.domain.covers_age(ticks)) {
                     self.found.old_frame_ticks = self.found.old_frame_ticks.saturating_add(1);
                 }
@@ -78,8 +78,8 @@ mod tests {
             gripper_width_m: 0.08,
             gripper_force_n: 0.0,
             wrist_force_n: 0.0,
-            object: object_x_m.map(estimate),
-            target: object_x_m.map(|_| estimate(0.5)),
+            objects: TaskKind::Grasp
+                .seen_objects(object_x_m.map(estimate), object_x_m.map(|_| estimate(0.5))),
             tool_available: true,
             goal: TaskKind::Grasp,
             guard: GuardVerdict::Allowed,

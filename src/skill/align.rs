@@ -111,10 +111,10 @@ impl Align {
             return run.finish(Some(FailureSignal::TargetNotFound));
         }
         let fresh = |age: u32| u64::from(age) < run.tick;
-        if let Some(picture) = seen.target.as_ref().filter(|picture| fresh(picture.age_ticks)) {
+        if let Some(picture) = seen.target().filter(|picture| fresh(picture.age_ticks)) {
             self.tray.add(picture);
         }
-        if let Some(picture) = seen.object.as_ref().filter(|picture| fresh(picture.age_ticks)) {
+        if let Some(picture) = seen.object().filter(|picture| fresh(picture.age_ticks)) {
             self.object.add(picture);
         }
         if self.tray.count() < p.measure_pictures || self.object.count() < p.measure_pictures {
@@ -175,10 +175,10 @@ impl Phased for Align {
         }
         match run.phase {
             AlignPhase::Look => {
-                if let Some(picture) = &seen.target {
+                if let Some(picture) = seen.target() {
                     self.tray.add(picture);
                 }
-                if let Some(picture) = &seen.object {
+                if let Some(picture) = seen.object() {
                     self.object.add(picture);
                 }
                 let object_seen = p.measure_pictures == 0 || self.object.count() >= p.look_pictures;

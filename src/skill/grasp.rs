@@ -156,7 +156,7 @@ impl Grasp {
     }
 
     fn follow(&mut self, seen: &Observation) {
-        if let (true, Some(picture), Some((position, _))) = (self.params.track, &seen.object, self.object) {
+        if let (true, Some(picture), Some((position, _))) = (self.params.track, seen.object(), self.object) {
             let moved =
                 libm::hypot(picture.pose.position[0] - position[0], picture.pose.position[1] - position[1]);
             if self.check.add(picture) && moved > self.params.pregrasp_tolerance_m {
@@ -235,7 +235,7 @@ impl Grasp {
             run.finish(None);
             return Command::Hold;
         }
-        if let Some(picture) = &seen.object
+        if let Some(picture) = seen.object()
             && picture.age_ticks < run.tick.try_into().unwrap_or(u32::MAX)
         {
             self.check.add(picture);
@@ -290,7 +290,7 @@ impl Phased for Grasp {
             }
             GraspPhase::Open => self.open(run, seen),
             GraspPhase::Look => {
-                if let Some(picture) = &seen.object {
+                if let Some(picture) = seen.object() {
                     self.look.add(picture);
                 }
                 if self.look.count() >= p.look_pictures {
@@ -326,7 +326,7 @@ impl Phased for Grasp {
                 self.move_to(run, pose, p.approach_speed_m_s)
             }
             GraspPhase::Check => {
-                if let Some(picture) = &seen.object {
+                if let Some(picture) = seen.object() {
                     self.check.add(picture);
                 }
                 if self.check.count() >= 3

@@ -102,10 +102,10 @@ impl Place {
             return Command::Hold;
         }
         let fresh = |age: u32| self.retries == 0 || u64::from(age) < run.tick;
-        if let Some(picture) = seen.target.as_ref().filter(|picture| fresh(picture.age_ticks)) {
+        if let Some(picture) = seen.target().filter(|picture| fresh(picture.age_ticks)) {
             self.tray.add(picture);
         }
-        if let Some(picture) = seen.object.as_ref().filter(|picture| fresh(picture.age_ticks)) {
+        if let Some(picture) = seen.object().filter(|picture| fresh(picture.age_ticks)) {
             self.object.add(picture);
         }
         // A version that does not correct also needs one camera frame to know the height of the tray floor.
@@ -177,10 +177,10 @@ impl Place {
             self.tray = PoseAverage::default();
         }
         let fresh = |age: u32| u64::from(age) < run.tick;
-        if let Some(picture) = seen.target.as_ref().filter(|picture| fresh(picture.age_ticks)) {
+        if let Some(picture) = seen.target().filter(|picture| fresh(picture.age_ticks)) {
             self.tray.add(picture);
         }
-        if let Some(picture) = seen.object.as_ref().filter(|picture| fresh(picture.age_ticks)) {
+        if let Some(picture) = seen.object().filter(|picture| fresh(picture.age_ticks)) {
             self.object.add(picture);
         }
         if self.tray.count() >= 3 && self.object.count() >= 3 {

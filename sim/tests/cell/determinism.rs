@@ -172,7 +172,7 @@ fn disturbances_do_not_depend_on_the_commands() {
             world.step(&command).expect("step");
             let o = world.observe();
             // The tray does not move, so its measurement is bias and noise alone.
-            seen.push((o.target, world.telemetry().picture_age_ticks));
+            seen.push((o.target().copied(), world.telemetry().picture_age_ticks));
         }
         observations.push(seen);
     }

@@ -15,7 +15,7 @@ fn frame_errors(distribution: &Distribution, seed: u64, ticks: u32) -> Vec<f64> 
     let mut last = 0;
     for _ in 0..ticks {
         world.step(&Command::Hold).expect("step");
-        let Some(estimate) = world.observe().target else { continue };
+        let Some(estimate) = world.observe().target().copied() else { continue };
         if estimate.sequence != last {
             last = estimate.sequence;
             errors.push(estimate.pose.position[0] - setup.target.position[0]);
@@ -57,11 +57,11 @@ fn lost_frames_are_absent_and_late_ones_have_an_age() {
     d.camera.delay_ms = Range::exactly(50.0);
     let mut world = world("arm7");
     world.reset(&EpisodeSetup::sample(TaskKind::Grasp, &scene(), &d, 8)).expect("reset");
-    assert!(world.observe().object.is_none() && world.telemetry().picture_age_ticks.is_none());
+    assert!(world.observe().object().is_none() && world.telemetry().picture_age_ticks.is_none());
     let (mut absent, mut youngest, mut oldest) = (0, u32::MAX, 0);
     for _ in 0..2400 {
         world.step(&Command::Hold).expect("step");
-        match world.observe().object {
+        match world.observe().object() {
             Some(estimate) => {
                 youngest = youngest.min(estimate.age_ticks);
                 oldest = oldest.max(estimate.age_ticks);

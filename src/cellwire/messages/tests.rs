@@ -4,10 +4,12 @@ use std::os::unix::net::UnixStream;
 use std::sync::Arc;
 use std::thread;
 
+use holdpoint_body::{Body as _, GuardVerdict, ObjectVec};
+use holdpoint_cell::RobotCell as _;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 
-use super::{Answer, CellRequest, Greeting, Hello};
+use super::{Answer, CellRequest, CellState, Greeting, Hello};
 use crate::endpoint::EndpointStream;
 use crate::fake_cell::{FakeFactory, Quirk};
 use crate::framing::{Line, WireError, decode, encode};
@@ -78,6 +80,40 @@ fn golden_conversations_are_those_of_a_server() {
         }
     }
     assert_eq!(count, 4);
+}
+
+#[test]
+fn each_object_of_an_observation_needs_a_name_of_its_own_and_a_pose() {
+    let mut cell = FakeFactory::new(Quirk::Honest).cell();
+    let state = CellState {
+        tick: 0,
+        observation: Some(cell.observe(GuardVerdict::Allowed)),
+        telemetry: cell.telemetry(),
+        done: false,
+        stop_declared: None,
+        object: cell.shown_object(),
+        truth: None,
+    };
+    let after = |change: fn(&mut ObjectVec)| {
+        let mut changed = state.clone();
+        change(&mut changed.observation.as_mut().unwrap().objects);
+        changed.check(2)
+    };
+    assert_eq!(after(ObjectVec::clear), Ok(()));
+    let other = |objects: &mut ObjectVec| {
+        let mut seen = objects[0];
+        seen.name.push('2');
+        objects.push(seen);
+    };
+    assert_eq!(after(other), Ok(()));
+    let refused = Err("observation.objects".to_owned());
+    let twice = |objects: &mut ObjectVec| {
+        let seen = objects[0];
+        objects.push(seen);
+    };
+    assert_eq!(after(twice), refused);
+    assert_eq!(after(|objects| objects[0].name.clear()), refused);
+    assert_eq!(after(|objects| objects[0].estimate.pose.position[1] = f64::NAN), refused);
 }
 
 /// The names in the first column of a table below a heading of the page.

@@ -5,8 +5,8 @@ use std::sync::{Arc, Mutex};
 
 use holdpoint_body::disturbance::Drift;
 use holdpoint_body::{
-    Body, BodyError, Command, Contacts, GuardVerdict, Interrupt, JointVec, Observation, Pose, TaskKind,
-    Telemetry, Twist,
+    Body, BodyError, Command, Contacts, GuardVerdict, Interrupt, JointVec, ObjectVec, Observation, Pose,
+    TaskKind, Telemetry, Twist,
 };
 use holdpoint_cell::spec::Abilities;
 use holdpoint_cell::truth::{ContactForces, JointState, TrueState};
@@ -146,8 +146,7 @@ impl StubCell {
             gripper_width_m: self.script.spec.robot.width_max_m,
             gripper_force_n: 0.0,
             wrist_force_n: 0.0,
-            object: None,
-            target: None,
+            objects: ObjectVec::new(),
             tool_available: true,
             goal: self.task,
             guard: last,

@@ -74,10 +74,7 @@ fn difference(observed: &Observation, set: &dyn TrialCell) -> Option<TwinDiffere
         // `f64::max` would skip a value that is no number.
         joints_rad: if joints.clone().all(f64::is_finite) { joints.fold(0.0, f64::max) } else { f64::NAN },
         width_m: (observed.gripper_width_m - now.gripper_width_m).abs(),
-        object_m: observed
-            .object
-            .as_ref()
-            .map(|seen| seen.pose.distance_m(&Pose::from(&set.true_state().object))),
+        object_m: observed.object().map(|seen| seen.pose.distance_m(&Pose::from(&set.true_state().object))),
     };
     Some(found).filter(TwinDifference::is_valid)
 }

@@ -50,10 +50,10 @@ fn start(first: &Observation, frames: &[ArrivedFrame], add: &mut dyn FnMut(&str,
     add("wrist_first", first.wrist_force_n);
     add("tool_available_first", flag(first.tool_available));
     add("guard_first", flag(first.guard != GuardVerdict::Allowed));
-    add("object_seen_first", flag(first.object.is_some()));
-    add("target_seen_first", flag(first.target.is_some()));
-    add("frame_first", first.object.map_or(0.0, |seen| f64::from(seen.sequence)));
-    add("frame_age_first", first.object.map_or(0.0, |seen| f64::from(seen.age_ticks)));
+    add("object_seen_first", flag(first.object().is_some()));
+    add("target_seen_first", flag(first.target().is_some()));
+    add("frame_first", first.object().map_or(0.0, |seen| f64::from(seen.sequence)));
+    add("frame_age_first", first.object().map_or(0.0, |seen| f64::from(seen.age_ticks)));
     // Without an estimate at the start, the first one counts.
     let frame = frames.first();
     let object = frame.map_or(Pose::IDENTITY, |frame| frame.object.pose);
@@ -89,7 +89,7 @@ type PoseValue = fn(&Pose) -> f64;
 /// The timing of camera frames, and the noise of what stands still in them: the tray.
 fn camera(seen: &[Observation], frames: &[ArrivedFrame], add: &mut dyn FnMut(&str, f64)) {
     let ticks = seen.len() as f64;
-    let lost = seen.iter().filter(|seen| seen.target.is_none()).count() as f64;
+    let lost = seen.iter().filter(|seen| seen.target().is_none()).count() as f64;
     let ages: Vec<f64> = frames.iter().map(|frame| f64::from(frame.target.age_ticks)).collect();
     let pairs = || frames.iter().zip(frames.iter().skip(1));
     let gaps: Vec<f64> = pairs().map(|(one, next)| next.tick as f64 - one.tick as f64).collect();
@@ -151,7 +151,7 @@ fn course(run: &SeenRun, last: &Observation, frames: &[ArrivedFrame], add: &mut 
 fn arrived_frames(seen: &[Observation]) -> Vec<ArrivedFrame> {
     let mut frames: Vec<ArrivedFrame> = Vec::new();
     for seen in seen {
-        let (Some(object), Some(target)) = (seen.object, seen.target) else { continue };
+        let (Some(object), Some(target)) = (seen.object().copied(), seen.target().copied()) else { continue };
         if frames.last().is_none_or(|last| last.target.sequence != target.sequence) {
             frames.push(ArrivedFrame { tick: seen.tick, object, target });
         }

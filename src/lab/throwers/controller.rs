@@ -299,7 +299,7 @@ impl TriggerWatch {
         let one_in = self.settings.one_in;
         let is_selected = *self.is_selected.get_or_insert_with(|| is_selected(seen, one_in));
         let frames = self.take_frame(seen).then_some(self.places.len());
-        let first_target = seen.target.filter(|_| !self.has_target);
+        let first_target = seen.target().filter(|_| !self.has_target);
         self.has_target |= first_target.is_some();
         let is_first_carried = carries(seen) && !self.has_carried;
         self.has_carried |= is_first_carried;
@@ -327,7 +327,7 @@ impl TriggerWatch {
 
     /// Notes a new camera frame, up to [`FRAMES`] of them. Returns whether there was one.
     fn take_frame(&mut self, seen: &Observation) -> bool {
-        let Some(frame) = &seen.object else { return false };
+        let Some(frame) = seen.object() else { return false };
         if self.last_frame == Some(frame.sequence) || self.places.len() >= FRAMES {
             return false;
         }

@@ -8,7 +8,7 @@ mod controllers;
 use std::borrow::Cow;
 use std::collections::{BTreeMap, BTreeSet};
 
-use holdpoint_body::{Command, Estimate, Observation, Pose, TaskKind};
+use holdpoint_body::{Command, Observation, Pose, TaskKind};
 use serde_json::Value;
 
 pub use self::controllers::ParameterRange;
@@ -190,10 +190,9 @@ struct ToolFrame(Box<dyn Skill>);
 impl Skill for ToolFrame {
     fn tick(&mut self, seen: &Observation) -> Command {
         let mut in_world = seen.clone();
-        in_world.object = seen.object.map(|estimate| Estimate {
-            pose: Pose::from(&(seen.tool.isometry() * estimate.pose.isometry())),
-            ..estimate
-        });
+        if let Some(object) = in_world.object_mut() {
+            object.pose = Pose::from(&(seen.tool.isometry() * object.pose.isometry()));
+        }
         self.0.tick(&in_world)
     }
 

@@ -19,7 +19,7 @@ pub(super) struct SensesMeter {
 impl SensesMeter {
     /// Takes in one tick.
     pub(super) fn note(&mut self, observation: &Observation) {
-        let Some(target) = &observation.target else {
+        let Some(target) = observation.target() else {
             if self.newest.is_some() {
                 self.ticks = self.ticks.saturating_add(1);
                 self.blind = self.blind.saturating_add(1);

@@ -22,7 +22,7 @@ use std::sync::Mutex;
 use bindings::exports::holdpoint::skill::skill::{Guest, Parameter};
 use bindings::holdpoint::skill::types;
 use holdpoint_body::{
-    Command, Estimate, FailureSignal, GuardVerdict, JointVec, MAX_JOINTS, Observation, Pose, TaskKind, Twist,
+    Command, Estimate, FailureSignal, GuardVerdict, JointVec, Observation, Pose, TaskKind, Twist,
 };
 use holdpoint_skill::{Hook, Skill};
 
@@ -77,18 +77,20 @@ fn with_run<T>(work: impl FnOnce(&mut Option<Box<dyn Skill>>) -> T) -> T {
     }
 }
 
+/// The most joints of the contract.
+const CONTRACT_JOINTS: usize = 8;
+
 fn joint_vec(joints: &types::Joints) -> JointVec {
     let types::Joints { count, j0, j1, j2, j3, j4, j5, j6, j7 } = *joints;
-    let mut all = JointVec::from([j0, j1, j2, j3, j4, j5, j6, j7]);
-    all.truncate(usize::from(count));
-    all
+    [j0, j1, j2, j3, j4, j5, j6, j7].into_iter().take(usize::from(count)).collect()
 }
 
+/// Of more joints than the contract has, the count says so, and the host refuses the command.
 fn joints(values: &JointVec) -> types::Joints {
-    let mut all = [0.0; MAX_JOINTS];
-    all[..values.len()].copy_from_slice(values);
+    let mut all = [0.0; CONTRACT_JOINTS];
+    all.iter_mut().zip(values).for_each(|(place, value)| *place = *value);
     let [j0, j1, j2, j3, j4, j5, j6, j7] = all;
-    #[allow(clippy::cast_possible_truncation, reason = "at most MAX_JOINTS, 8")]
+    #[allow(clippy::cast_possible_truncation, reason = "at most MAX_JOINTS, 16")]
     let count = values.len() as u8;
     types::Joints { count, j0, j1, j2, j3, j4, j5, j6, j7 }
 }
@@ -107,6 +109,11 @@ const fn estimate(seen: types::Estimate) -> Estimate {
 }
 
 fn observation(seen: &types::Observation) -> Observation {
+    let goal = match seen.goal {
+        types::Task::Grasp => TaskKind::Grasp,
+        types::Task::Align => TaskKind::Align,
+        types::Task::Place => TaskKind::Place,
+    };
     Observation {
         tick: seen.tick,
         q: joint_vec(&seen.q),
@@ -120,14 +127,9 @@ fn observation(seen: &types::Observation) -> Observation {
         gripper_width_m: seen.gripper_width_m,
         gripper_force_n: seen.gripper_force_n,
         wrist_force_n: seen.wrist_force_n,
-        object: seen.object.map(estimate),
-        target: seen.target.map(estimate),
+        objects: goal.seen_objects(seen.object.map(estimate), seen.target.map(estimate)),
         tool_available: seen.tool_available,
-        goal: match seen.goal {
-            types::Task::Grasp => TaskKind::Grasp,
-            types::Task::Align => TaskKind::Align,
-            types::Task::Place => TaskKind::Place,
-        },
+        goal,
         guard: match seen.guard {
             types::Verdict::Allowed => GuardVerdict::Allowed,
             types::Verdict::Clamped => GuardVerdict::Clamped,

@@ -69,8 +69,8 @@ fn observation_of(telemetry: &Telemetry) -> Observation {
         gripper_width_m: telemetry.gripper_width_m,
         gripper_force_n: 0.0,
         wrist_force_n: 0.0,
-        object: Some(Estimate { pose: Pose::IDENTITY, age_ticks: 3, sequence: 1 }),
-        target: None,
+        objects: TaskKind::Grasp
+            .seen_objects(Some(Estimate { pose: Pose::IDENTITY, age_ticks: 3, sequence: 1 }), None),
         tool_available: true,
         goal: TaskKind::Grasp,
         guard: GuardVerdict::Allowed,

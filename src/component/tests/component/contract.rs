@@ -99,6 +99,20 @@ fn every_command_arrives() {
 }
 
 #[test]
+fn arm_with_more_joints_than_the_contract_is_not_given_to_the_code() {
+    let arm = |joints: usize| {
+        let mut seen = seen(0);
+        for values in [&mut seen.q, &mut seen.dq, &mut seen.tau] {
+            *values = (0..joints).map(|_| 0.5).collect();
+        }
+        let mut run = Guest::default().load().unwrap().run(1);
+        assert_eq!(run.tick(&seen), Command::Hold);
+        run.confined().fault
+    };
+    assert_eq!([arm(8), arm(9), arm(16)], [None, Some(CodeFault::Answer), Some(CodeFault::Answer)]);
+}
+
+#[test]
 fn numbers_pass_unchanged_and_nan_is_canonical() {
     let answer = |bits: &str| {
         let tick = format!(

@@ -149,8 +149,10 @@ pub fn seen(tick: u64) -> Observation {
         gripper_width_m: 0.07,
         gripper_force_n: 1.5,
         wrist_force_n: 2.5,
-        object: None,
-        target: Some(holdpoint_body::Estimate { pose: Pose::IDENTITY, age_ticks: 3, sequence: 9 }),
+        objects: TaskKind::Align.seen_objects(
+            None,
+            Some(holdpoint_body::Estimate { pose: Pose::IDENTITY, age_ticks: 3, sequence: 9 }),
+        ),
         tool_available: true,
         goal: TaskKind::Align,
         guard: GuardVerdict::Clamped,

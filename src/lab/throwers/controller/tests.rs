@@ -1,6 +1,6 @@
 //! Each trigger fires where it should and nowhere else.
 
-use holdpoint_body::{Estimate, GuardVerdict, JointVec, Twist};
+use holdpoint_body::{Estimate, GuardVerdict, JointVec, ObjectVec, Twist};
 
 use super::*;
 
@@ -17,8 +17,7 @@ fn start() -> Observation {
         gripper_width_m: 0.08,
         gripper_force_n: 0.0,
         wrist_force_n: 0.0,
-        object: None,
-        target: None,
+        objects: ObjectVec::new(),
         tool_available: true,
         goal: TaskKind::Grasp,
         guard: GuardVerdict::Allowed,
@@ -31,6 +30,11 @@ fn pose(position: [f64; 3]) -> Pose {
 
 fn frame(sequence: u32, age_ticks: u32, position: [f64; 3]) -> Estimate {
     Estimate { pose: pose(position), age_ticks, sequence }
+}
+
+/// The start, with a camera frame of object or target.
+fn seeing(object: Option<Estimate>, target: Option<Estimate>) -> Observation {
+    Observation { objects: TaskKind::Grasp.seen_objects(object, target), ..start() }
 }
 
 fn carrying(tick: u64) -> Observation {
@@ -68,7 +72,7 @@ fn loaded_code_counts_the_runs_that_it_begins() {
 fn place_is_that_of_the_first_camera_frame() {
     let trigger = ThrowTrigger::Place { x_m: [0.50, 0.51], y_m: [-0.20, -0.19] };
     let (inside, outside) = ([0.505, -0.195, 0.03], [0.515, -0.195, 0.03]);
-    let with = |sequence, place| Observation { object: Some(frame(sequence, 4, place)), ..start() };
+    let with = |sequence, place| seeing(Some(frame(sequence, 4, place)), None);
     assert_eq!(met(trigger, 1, &[start(), with(3, inside)]), [false, true]);
     assert_eq!(met(trigger, 1, &[with(3, outside), with(4, inside)]), [false, false]);
     // What was met stays met.
@@ -87,8 +91,7 @@ fn hand_and_grip_are_those_of_the_start() {
     let trigger = ThrowTrigger::HandHeight { above_m: 0.09 };
     let over = |height_m: f64| Observation {
         tool: pose([0.5, 0.2, 0.005 + height_m]),
-        target: Some(frame(9, 2, [0.5, 0.2, 0.005])),
-        ..start()
+        ..seeing(None, Some(frame(9, 2, [0.5, 0.2, 0.005])))
     };
     assert_eq!(met(trigger, 1, &[start(), over(0.095)]), [false, true]);
     assert_eq!(met(trigger, 1, &[over(0.084), over(0.095)]), [false, false]);
@@ -103,7 +106,7 @@ fn hand_and_grip_are_those_of_the_start() {
 fn frames_are_judged_when_there_are_eight() {
     let with = |sequence: u32, age_ticks: u32, aside_m: f64| {
         let side = if sequence.is_multiple_of(2) { aside_m } else { -aside_m };
-        Observation { object: Some(frame(sequence, age_ticks, [0.5 + side, -0.2, 0.03])), ..start() }
+        seeing(Some(frame(sequence, age_ticks, [0.5 + side, -0.2, 0.03])), None)
     };
     let frames = |age_ticks: u32, aside_m: f64| -> Vec<Observation> {
         // Each frame is seen in two ticks; the second time it is older.

@@ -164,7 +164,9 @@ fn is_in_force(when: &AlterationTiming, tick: u64, seen: &Observation) -> bool {
         AlterationTiming::Every { period, length } => tick % u64::from(period.max(1)) < u64::from(length),
         AlterationTiming::Gripping { above_n } => seen.gripper_force_n > above_n,
         AlterationTiming::High { above_m } => seen.tool.position[2] > above_m,
-        AlterationTiming::Far { above_m } => seen.object.is_some_and(|seen| seen.pose.position[0] > above_m),
+        AlterationTiming::Far { above_m } => {
+            seen.object().is_some_and(|seen| seen.pose.position[0] > above_m)
+        }
     }
 }
 
@@ -262,12 +264,12 @@ fn tool_position(seen: &Observation, axis: AlteredOutput) -> Option<f64> {
 
 fn alter_input(view: &mut Observation, input: AlteredInput, alter: impl Fn(f64) -> f64) {
     let object = |view: &mut Observation, axis: usize| {
-        if let Some(value) = view.object.as_mut().and_then(|seen| seen.pose.position.get_mut(axis)) {
+        if let Some(value) = view.object_mut().and_then(|seen| seen.pose.position.get_mut(axis)) {
             *value = alter(*value);
         }
     };
     let target = |view: &mut Observation, axis: usize| {
-        if let Some(value) = view.target.as_mut().and_then(|seen| seen.pose.position.get_mut(axis)) {
+        if let Some(value) = view.target_mut().and_then(|seen| seen.pose.position.get_mut(axis)) {
             *value = alter(*value);
         }
     };
@@ -281,7 +283,7 @@ fn alter_input(view: &mut Observation, input: AlteredInput, alter: impl Fn(f64) 
         AlteredInput::TargetX => target(view, 0),
         AlteredInput::TargetY => target(view, 1),
         AlteredInput::PictureAge => {
-            if let Some(seen) = &mut view.object {
+            if let Some(seen) = view.object_mut() {
                 #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "clamped before")]
                 let age = alter(f64::from(seen.age_ticks)).clamp(0.0, f64::from(u32::MAX)) as u32;
                 seen.age_ticks = age;

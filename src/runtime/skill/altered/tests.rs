@@ -19,7 +19,7 @@ impl Skill for FollowObject {
         if self.aborting {
             return Command::Stop;
         }
-        match (seen.object, self.ticks % 2) {
+        match (seen.object(), self.ticks % 2) {
             (Some(object), 1) => {
                 Command::ToolPose { pose: object.pose, max_speed_m_s: f64::from(self.ticks) }
             }
@@ -48,8 +48,8 @@ fn seen() -> Observation {
         gripper_width_m: 0.05,
         gripper_force_n: 3.0,
         wrist_force_n: 1.0,
-        object: Some(Estimate { pose: pose(0.5), age_ticks: 4, sequence: 1 }),
-        target: None,
+        objects: TaskKind::Grasp
+            .seen_objects(Some(Estimate { pose: pose(0.5), age_ticks: 4, sequence: 1 }), None),
         tool_available: true,
         goal: TaskKind::Grasp,
         guard: GuardVerdict::Allowed,

@@ -3,7 +3,7 @@
 use std::collections::BTreeSet;
 use std::path::Path;
 
-use holdpoint_body::{GuardVerdict, JointVec, Twist};
+use holdpoint_body::{Estimate, GuardVerdict, JointVec, Twist};
 
 use super::*;
 
@@ -44,7 +44,7 @@ struct Echo;
 
 impl Skill for Echo {
     fn tick(&mut self, seen: &Observation) -> Command {
-        let pose = seen.object.map_or(Pose::IDENTITY, |object| object.pose);
+        let pose = seen.object().map_or(Pose::IDENTITY, |object| object.pose);
         Command::ToolPose { pose, max_speed_m_s: 0.1 }
     }
 
@@ -58,6 +58,8 @@ impl Skill for Echo {
 #[test]
 fn a_pose_in_the_frame_of_the_tool_reaches_the_code_in_the_world() {
     // The hand points down: ahead of it is below it, and its y axis is turned too.
+    let object =
+        Estimate { pose: Pose { position: [0.02, 0.03, 0.4], ..Pose::IDENTITY }, age_ticks: 3, sequence: 1 };
     let seen = Observation {
         tick: 0,
         q: JointVec::new(),
@@ -68,12 +70,7 @@ fn a_pose_in_the_frame_of_the_tool_reaches_the_code_in_the_world() {
         gripper_width_m: 0.08,
         gripper_force_n: 0.0,
         wrist_force_n: 0.0,
-        object: Some(Estimate {
-            pose: Pose { position: [0.02, 0.03, 0.4], ..Pose::IDENTITY },
-            age_ticks: 3,
-            sequence: 1,
-        }),
-        target: None,
+        objects: TaskKind::Grasp.seen_objects(Some(object), None),
         tool_available: true,
         goal: TaskKind::Grasp,
         guard: GuardVerdict::Allowed,

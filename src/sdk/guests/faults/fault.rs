@@ -47,7 +47,7 @@ impl Faulty {
     /// Whether the object was first seen where, or as, it takes to go off.
     fn looks(&mut self, seen: &Observation) {
         let [a, b, ..] = self.numbers;
-        let Some(picture) = &seen.object else { return };
+        let Some(picture) = seen.object() else { return };
         if self.last_picture == Some(picture.sequence) {
             return;
         }

@@ -67,7 +67,7 @@ impl Grasp {
     }
 
     fn look(&mut self, seen: &Observation) {
-        let Some(picture) = seen.object.filter(|picture| self.sequence != Some(picture.sequence)) else {
+        let Some(picture) = seen.object().filter(|picture| self.sequence != Some(picture.sequence)) else {
             return;
         };
         let ([px, py, pz], [x, y, z, w]) = (picture.pose.position, picture.pose.rotation);
