@@ -64,6 +64,7 @@ const RUST_KIT: &[(&str, &str)] = files![
     "skill/park.rs",
     "skill/phases.rs",
     "skill/place.rs",
+    "wit/2/skill.wit",
     "wit/skill.wit",
 ];
 

@@ -4,7 +4,7 @@ use std::borrow::Cow;
 
 use holdpoint_text::{Hint, Untrusted};
 
-use crate::{COMPONENT_BYTES_MAX, INTERFACE_BYTES_MAX, PARAMETERS_MAX, SKILL};
+use crate::{COMPONENT_BYTES_MAX, INTERFACE_BYTES_MAX, PARAMETERS_MAX, SkillContract};
 
 /// Which call into a component an error is about.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -164,6 +164,18 @@ pub enum ComponentError {
         /// Why not.
         reason: String,
     },
+    /// It performs a task that is not declared.
+    #[error("the component performs the task {name:?}, and there is no such task")]
+    Task {
+        /// The name of the task.
+        name: String,
+    },
+    /// It asks for a sensor that cannot be granted.
+    #[error("the component asks for the sensor {name:?}, which cannot be granted")]
+    Sensor {
+        /// The name of the first such sensor.
+        name: String,
+    },
     /// `describe` gave an error.
     #[error("the component's `describe` refuses its parameters: {reason}")]
     Refused {
@@ -211,8 +223,10 @@ impl Hint for ComponentError {
                 "`holdpoint skill build` makes a component of your code".into()
             }
             Self::TooLarge { .. } => "build it for size and without debug information".into(),
-            Self::NoExport { .. } | Self::ExportType { .. } => {
-                format!("the interface {SKILL} is in src/sdk/wit/skill.wit").into()
+            Self::NoExport { name } | Self::ExportType { name, .. } => {
+                let of_first = name.starts_with(SkillContract::One.skill());
+                let contract = if of_first { SkillContract::One } else { SkillContract::Two };
+                format!("the interface {} is in {}", contract.skill(), contract.file()).into()
             }
             Self::Composed => "link its parts into one module, or into modules of one component".into(),
             Self::Limit { .. } => "declare what the code needs: the profile allows less than there is".into(),
@@ -228,6 +242,9 @@ impl Hint for ComponentError {
                 "it is JSON with the fields that `description.interface` in the WIT names, and no others"
                     .into()
             }
+            Self::Sensor { .. } => {
+                "at most 4 images of 1024 pixels a side and 8 vectors of 256 numbers, each named once".into()
+            }
             Self::Invalid { .. }
             | Self::TooMuch { .. }
             | Self::Resource
@@ -237,6 +254,7 @@ impl Hint for ComponentError {
             | Self::Trapped { .. }
             | Self::Answer { .. }
             | Self::Refused { .. }
+            | Self::Task { .. }
             | Self::InterfaceSize { .. }
             | Self::Engine { .. }
             | Self::Canonical { .. } => return None,

@@ -1,7 +1,8 @@
 //! A skill that is a WebAssembly component, confined.
 //!
-//! A component is given what its calls bring and nothing else (`src/sdk/wit/skill.wit`); whatever its code does is an answer,
-//! a measured fault, or nothing. [`Component::load`] holds it against the contract and asks it what it offers and needs;
+//! A component is given what its calls bring and nothing else; whatever its code does is an answer, a measured fault, or
+//! nothing. It keeps the contract of `src/sdk/wit/2/skill.wit`, or the earlier one of `src/sdk/wit/skill.wit`
+//! ([`SkillContract`]). [`Component::load`] holds it against the contract and asks it what it offers and needs;
 //! [`Component::start`] begins one run: one store, one instance, one task.
 //!
 //! What bounds a run:
@@ -16,14 +17,18 @@
 //! After a fault the code is not called again and the run answers [`holdpoint_body::Command::Hold`]: its caller reads
 //! the fault from `confined()` and stops the arm.
 
+mod chunk;
+mod contract;
 mod error;
 mod host;
 mod load;
 mod parameters;
 mod run;
 mod scan;
+mod sensors;
 mod wasm_runtime;
 mod wit;
+mod wit_2;
 
 // The guests of the tests beside this crate name it as everyone does.
 #[cfg(test)]
@@ -35,12 +40,15 @@ mod guest;
 
 use holdpoint_governance::manifest::{FUEL_PER_US, Resources};
 
+pub use chunk::CHUNK_COMMANDS_MAX;
+pub use contract::SkillContract;
 pub use error::{ComponentCall, ComponentError};
 pub use holdpoint_compiled::CodeOrigin;
 pub use host::LOG_BYTES_MAX;
 pub use load::Component;
 pub use parameters::PARAMETERS_MAX;
 pub use run::ComponentRun;
+pub use sensors::{ImageSpec, PixelFormat, SensorSet, VectorSpec};
 pub use wasm_runtime::keep_compiled_in;
 
 pub use holdpoint_governance::component::COMPONENT_BYTES_MAX;
@@ -60,12 +68,6 @@ const MEMORY_BYTES_MAX: u64 = 256 << 20;
 
 /// Ticks' budgets that `enter` has: the arm is moving when it is called.
 pub const ENTER_TICKS: u64 = 2;
-
-/// The interface that a component exports.
-const SKILL: &str = "holdpoint:skill/skill@1.0.0";
-
-/// The interface of their messages: it has types alone, and components name it as an import.
-const TYPES: &str = "holdpoint:skill/types@1.0.0";
 
 /// What a run may use.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

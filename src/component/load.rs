@@ -14,22 +14,23 @@ use holdpoint_governance::exports::Interface;
 use holdpoint_governance::ids::{Digest, canonical_json};
 use holdpoint_skill::Skill;
 
+use crate::contract::{CallIndices, SkillContract};
 use crate::error::{ComponentCall, ComponentError, line, reason};
 use crate::host::{self, Host, HostState};
 use crate::parameters;
 use crate::run::{CallEnd, ComponentRun, LiveInstance};
 use crate::scan::scan;
+use crate::sensors::SensorSet;
 use crate::wasm_runtime::WasmRuntime;
-use crate::wit::{self, skill, types};
-use crate::{
-    COMPONENT_BYTES_MAX, ComponentLimits, DESCRIBE_FUEL_PER_TICK, INTERFACE_BYTES_MAX, SKILL, START_TICKS,
-    TYPES,
-};
+use crate::wit::types;
+use crate::wit_2::types as types_2;
+use crate::{COMPONENT_BYTES_MAX, ComponentLimits, DESCRIBE_FUEL_PER_TICK, INTERFACE_BYTES_MAX, START_TICKS};
 
 /// What a source compiles to, whatever its parameters and limits.
 pub struct CompiledComponent {
     pub pre: InstancePre<Host>,
-    pub skill: skill::GuestIndices,
+    pub skill: CallIndices,
+    contract: SkillContract,
     imports: BTreeSet<String>,
     origin: CodeOrigin,
 }
@@ -39,6 +40,9 @@ pub struct LoadedComponent {
     pub compiled: Arc<CompiledComponent>,
     pub parameters: Vec<types::Parameter>,
     pub limits: ComponentLimits,
+    /// Of the sensors that the code asks for, those that the cell offers.
+    pub granted: SensorSet,
+    wanted: SensorSet,
     digest: Digest,
     interface: Interface,
     task: TaskKind,
@@ -73,7 +77,7 @@ impl CompiledComponent {
         origin: CodeOrigin,
     ) -> Result<Self, ComponentError> {
         let ty = component.component_type();
-        exported(engine, &ty)?;
+        let contract = exported(engine, &ty)?;
         let imports = imported(engine, &ty)?;
         let linker = host::linker(engine, component)
             .map_err(|error| ComponentError::ImportType { reason: reason(&error) })?;
@@ -83,8 +87,8 @@ impl CompiledComponent {
         let missing = |name: &'static str| {
             move |error| ComponentError::ExportType { name: name.to_owned(), reason: reason(&error) }
         };
-        let skill = skill::GuestIndices::new(&pre).map_err(missing(SKILL))?;
-        Ok(Self { pre, skill, imports, origin })
+        let skill = CallIndices::new(contract, &pre).map_err(missing(contract.skill()))?;
+        Ok(Self { pre, skill, contract, imports, origin })
     }
 }
 
@@ -95,7 +99,8 @@ fn imported(engine: &Engine, ty: &ComponentType) -> Result<BTreeSet<String>, Com
         let refused = || ComponentError::Import { name: line(name) };
         let ComponentItem::ComponentInstance(interface) = &import.ty else { return Err(refused()) };
         let mut items = interface.exports(engine);
-        if name == TYPES && items.all(|(_, item)| matches!(item.ty, ComponentItem::Type(_))) {
+        let is_types = [SkillContract::One, SkillContract::Two].iter().any(|one| one.types() == name);
+        if is_types && items.all(|(_, item)| matches!(item.ty, ComponentItem::Type(_))) {
             continue;
         }
         if !is_wasi(name) {
@@ -106,8 +111,9 @@ fn imported(engine: &Engine, ty: &ComponentType) -> Result<BTreeSet<String>, Com
     Ok(imports)
 }
 
-/// Holds the exports against the contract, one by one, so that the first that is not so is named.
-fn exported(engine: &Engine, ty: &ComponentType) -> Result<(), ComponentError> {
+/// Holds the exports against the contract, one by one, so that the first that is not so is named. A component that exports
+/// neither contract is asked for the second one.
+fn exported(engine: &Engine, ty: &ComponentType) -> Result<SkillContract, ComponentError> {
     type ExportCheck =
         fn(&ComponentFunc, &wasmtime::component::__internal::InstanceType<'_>) -> wasmtime::Result<()>;
     let cx = ty.instance_type();
@@ -132,8 +138,25 @@ fn exported(engine: &Engine, ty: &ComponentType) -> Result<(), ComponentError> {
         }
         Ok(())
     };
+    let exports = |contract: SkillContract| ty.get_export(engine, contract.skill()).is_some();
+    if exports(SkillContract::Two) || !exports(SkillContract::One) {
+        hold(
+            SkillContract::Two.skill(),
+            &[
+                ("describe", |f, cx| {
+                    f.typecheck::<(&[types_2::Parameter],), (Result<types_2::Description, String>,)>(cx)
+                }),
+                ("start", |f, cx| {
+                    f.typecheck::<(u64, &[types_2::Parameter], &types_2::Sensors), (Result<(), String>,)>(cx)
+                }),
+                ("step", |f, cx| f.typecheck::<(&types_2::Observation,), (Vec<types_2::Command>,)>(cx)),
+                ("enter", |f, cx| f.typecheck::<(types_2::Hook,), ()>(cx)),
+            ],
+        )?;
+        return Ok(SkillContract::Two);
+    }
     hold(
-        SKILL,
+        SkillContract::One.skill(),
         &[
             ("describe", |f, cx| {
                 f.typecheck::<(&[types::Parameter],), (Result<types::Description, String>,)>(cx)
@@ -143,7 +166,7 @@ fn exported(engine: &Engine, ty: &ComponentType) -> Result<(), ComponentError> {
             ("enter", |f, cx| f.typecheck::<(types::Hook,), ()>(cx)),
         ],
     )?;
-    Ok(())
+    Ok(SkillContract::One)
 }
 
 /// Whether the bytes begin like a component's.
@@ -207,8 +230,19 @@ impl Component {
                 &limits.memory_bytes.to_le_bytes(),
             ],
         );
-        let (task, interface) = describe(&compiled, &parameters, limits)?;
-        Ok(Self(Arc::new(LoadedComponent { compiled, parameters, limits, digest, interface, task })))
+        let (task, interface, wanted) = describe(&compiled, &parameters, limits)?;
+        // No cell offers such sensors yet.
+        let granted = wanted.granted(&SensorSet::default());
+        Ok(Self(Arc::new(LoadedComponent {
+            compiled,
+            parameters,
+            limits,
+            granted,
+            wanted,
+            digest,
+            interface,
+            task,
+        })))
     }
 }
 
@@ -229,6 +263,18 @@ impl Component {
     #[must_use]
     pub fn task(&self) -> TaskKind {
         self.0.task
+    }
+
+    /// The contract that the code keeps.
+    #[must_use]
+    pub fn contract(&self) -> SkillContract {
+        self.0.compiled.contract
+    }
+
+    /// The sensors beside those of every observation that the code can use.
+    #[must_use]
+    pub fn wanted_sensors(&self) -> &SensorSet {
+        &self.0.wanted
     }
 
     /// The interfaces of WASI that the code imports, with their versions.
@@ -261,7 +307,7 @@ fn describe(
     compiled: &CompiledComponent,
     parameters: &[types::Parameter],
     limits: ComponentLimits,
-) -> Result<(TaskKind, Interface), ComponentError> {
+) -> Result<(TaskKind, Interface, SensorSet), ComponentError> {
     // The declaration is not checked yet: until then the code gets only what a description needs.
     let limits =
         ComponentLimits { fuel_per_tick: limits.fuel_per_tick.min(DESCRIBE_FUEL_PER_TICK), ..limits };
@@ -277,7 +323,7 @@ fn describe(
     };
     let mut live = LiveInstance::new(compiled, limits, HostState::new(0))
         .map_err(|(ended, _, _)| failed(ComponentCall::Instantiate)(ended))?;
-    let (answer, _) = live.call(fuel, |store, skill| skill.call_describe(store, parameters));
+    let (answer, _) = live.call(fuel, |store, skill| skill.describe(store, parameters));
     let result = answer.map_err(failed(ComponentCall::Describe))?;
     let description = result.map_err(|text| ComponentError::Refused { reason: line(text) })?;
     if description.interface.len() > INTERFACE_BYTES_MAX {
@@ -285,5 +331,9 @@ fn describe(
     }
     let interface = serde_json::from_str(&description.interface)
         .map_err(|error| ComponentError::Interface { reason: line(error.to_string()) })?;
-    Ok((wit::task_kind(description.task), interface))
+    let task = description.task.map_err(|name| ComponentError::Task { name: line(name) })?;
+    if let Some(name) = description.wanted.first_refused() {
+        return Err(ComponentError::Sensor { name: line(name) });
+    }
+    Ok((task, interface, description.wanted))
 }

@@ -8,10 +8,11 @@ use holdpoint_body::{CodeFault, Command, Observation};
 use holdpoint_skill::{ConfinementReport, Hook, Skill};
 use holdpoint_text::Untrusted;
 
+use crate::chunk::ChunkPlayer;
+use crate::contract::SkillCalls;
 use crate::host::{Host, HostState, HostTrap};
 use crate::load::{CompiledComponent, LoadedComponent};
 use crate::wasm_runtime::DEADLINE_EPOCHS;
-use crate::wit::{self, skill};
 use crate::{ComponentLimits, ENTER_TICKS, INTERFACE_BYTES_MAX, START_TICKS};
 
 /// The most bytes that one call of the code hands over, in whatever form.
@@ -20,7 +21,7 @@ const HANDED_BYTES_MAX: usize = 2 * INTERFACE_BYTES_MAX;
 /// What is there as long as the code did nothing wrong.
 pub struct LiveInstance {
     store: Store<Host>,
-    skill: skill::Guest,
+    skill: SkillCalls,
 }
 
 /// What ended a call.
@@ -61,7 +62,7 @@ impl LiveInstance {
     pub fn call<T>(
         &mut self,
         fuel: u64,
-        call: impl FnOnce(&mut Store<Host>, &skill::Guest) -> wasmtime::Result<T>,
+        call: impl FnOnce(&mut Store<Host>, &SkillCalls) -> wasmtime::Result<T>,
     ) -> (Result<T, CallEnd>, u64) {
         self.store.set_epoch_deadline(DEADLINE_EPOCHS);
         let answer = match self.store.set_fuel(fuel) {
@@ -109,6 +110,7 @@ struct RunState {
 pub struct ComponentRun {
     loaded: Arc<LoadedComponent>,
     inner: RunState,
+    chunk: ChunkPlayer,
 }
 
 impl RunState {
@@ -146,7 +148,7 @@ impl RunState {
         &mut self,
         fuel: u64,
         tick: bool,
-        call: impl FnOnce(&mut Store<Host>, &skill::Guest) -> wasmtime::Result<T>,
+        call: impl FnOnce(&mut Store<Host>, &SkillCalls) -> wasmtime::Result<T>,
     ) -> Option<T> {
         let live = self.live.as_mut()?;
         let (answer, consumed) = live.call(fuel, call);
@@ -168,11 +170,12 @@ impl ComponentRun {
     pub(crate) fn start(loaded: Arc<LoadedComponent>, seed: u64) -> Self {
         let mut inner = RunState::instance(&loaded, HostState::new(seed));
         let fuel = loaded.limits.fuel_per_tick.saturating_mul(START_TICKS);
-        let begun = inner.call(fuel, false, |store, skill| skill.call_start(store, seed, &loaded.parameters));
+        let begun = inner
+            .call(fuel, false, |store, skill| skill.start(store, seed, &loaded.parameters, &loaded.granted));
         if let Some(Err(_)) = begun {
             inner.fail(CodeFault::Answer);
         }
-        Self { loaded, inner }
+        Self { loaded, inner, chunk: ChunkPlayer::default() }
     }
 
     /// What the code wrote to its output, the first [`crate::LOG_BYTES_MAX`] bytes of it.
@@ -186,31 +189,28 @@ impl ComponentRun {
 
 impl Skill for ComponentRun {
     fn tick(&mut self, seen: &Observation) -> Command {
+        if let Some(command) = self.chunk.play(seen) {
+            return command;
+        }
         let fuel = self.loaded.limits.fuel_per_tick;
-        let inner = &mut self.inner;
-        let Some(handed) = wit::observation(seen) else {
-            // The code describes a task of the contract, so no cell gives it another one. The arm can have more joints
-            // than the contract: the code must not act on some of them.
-            inner.fail(CodeFault::Answer);
-            return Command::Hold;
-        };
-        let answer = inner.call(fuel, true, |store, skill| {
+        let answer = self.inner.call(fuel, true, |store, skill| {
             store.data_mut().outside.tick = seen.tick;
-            skill.call_tick(store, handed)
+            skill.step(store, seen)
         });
-        let Some(answer) = answer else { return Command::Hold };
-        match wit::command(&answer) {
-            Some(command) => command,
-            None => {
-                inner.fail(CodeFault::Answer);
+        match answer {
+            Some(Some(chunk)) => self.chunk.begin(chunk, seen.tick),
+            Some(None) => {
+                self.inner.fail(CodeFault::Answer);
                 Command::Hold
             }
+            None => Command::Hold,
         }
     }
 
     fn enter(&mut self, hook: Hook) {
         let fuel = self.loaded.limits.fuel_per_tick.saturating_mul(ENTER_TICKS);
-        self.inner.call(fuel, false, |store, skill| skill.call_enter(store, wit::hook(hook)));
+        self.chunk.clear();
+        self.inner.call(fuel, false, |store, skill| skill.enter(store, hook));
     }
 
     /// None: code that can save and restore its state knows that it is in a drill, and its hooks could behave well

@@ -68,7 +68,7 @@ pub fn wit() -> String {
 }
 
 /// Bytes as they stand in a string of the text format.
-fn data(bytes: &[u8]) -> String {
+pub fn data(bytes: &[u8]) -> String {
     bytes.iter().fold(String::new(), |mut text, byte| {
         write!(text, "\\{byte:02x}").unwrap();
         text

@@ -4,6 +4,7 @@
 
 mod compiled_cache;
 mod contract;
+mod contract_2;
 mod guest;
 mod hostile;
 mod refused;

@@ -78,7 +78,7 @@ fn missing_or_mistyped_export_is_named() {
     };
     let more = r#"(func (export "aside#f"))"#.to_owned();
     let error = Guest { more, ..none }.load().unwrap_err();
-    assert_eq!(error, ComponentError::NoExport { name: "holdpoint:skill/skill@1.0.0".to_owned() });
+    assert_eq!(error, ComponentError::NoExport { name: "holdpoint:skill/skill@2.0.0".to_owned() });
     assert!(error.sentence().contains("skill.wit"));
     let named = |error: ComponentError| match error {
         ComponentError::ExportType { name, .. } => name,
@@ -89,8 +89,8 @@ fn missing_or_mistyped_export_is_named() {
     assert_eq!(named(speed), format!("{name}#tick"));
     assert_eq!(named(other("rollback,", "rollback, more,")), format!("{name}#enter"));
     assert_eq!(named(other("flag(bool)", "flag(u8)")), format!("{name}#describe"));
-    let package = wit().replace("package holdpoint:skill@1.0.0", "package holdpoint:skill@2.0.0");
-    let later = Guest { package, version: "2.0.0", ..Guest::default() }.load().unwrap_err();
+    let package = wit().replace("package holdpoint:skill@1.0.0", "package holdpoint:skill@3.0.0");
+    let later = Guest { package, version: "3.0.0", ..Guest::default() }.load().unwrap_err();
     assert!(matches!(later, ComponentError::NoExport { .. }), "{later}");
     all_is_well();
 }
