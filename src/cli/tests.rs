@@ -401,10 +401,8 @@ fn proofs_copies_and_witnesses_of_a_store_verify() {
     assert!(!std::path::Path::new("-").exists());
     assert!(output_of(&["doctor"], Exit::Confirmed).contains(&witness));
     let text = output_of(&["audit", "verify", "--all", "--against", &proof], Exit::Confirmed);
-    assert!(
-        text.contains("heads elsewhere") && text.contains(&holdpoint_wording::program::audit::recordings(0)),
-        "{text}"
-    );
+    let recordings = holdpoint_wording::program::audit::recordings(0);
+    assert!(text.contains("heads elsewhere") && text.contains(&recordings), "{text}");
     let text = output_of(&["audit", "verify", "--against", &path("other/checkpoints")], Exit::Rejected);
     assert!(text.contains(&other_id), "{text}");
     let (copy, lines) = (path("copy"), exported);

@@ -43,8 +43,13 @@ fn list_baselines() -> io::Result<()> {
     println!("cargo::rerun-if-changed={SITE}");
     let site = fs::read_to_string(SITE)?;
     let folders = site.lines().filter_map(|line| line.strip_prefix("baseline = \"")?.strip_suffix('"'));
-    let entries: Vec<String> =
-        folders.map(|folder| format!("    embedded_baseline!(\"{folder}\"),\n")).collect();
+    let root = fs::canonicalize("../../manifests")?;
+    let entry = |folder: &str| {
+        let texts = ["manifest.toml", "submission.toml", "params.toml"]
+            .map(|file| format!("include_str!({:?})", root.join(folder).join(file)));
+        format!("    (\"manifests/{folder}\", [{}]),\n", texts.join(", "))
+    };
+    let entries: Vec<String> = folders.map(entry).collect();
     let out = PathBuf::from(env::var_os("OUT_DIR").ok_or_else(|| io::Error::other("OUT_DIR is not set"))?);
     fs::write(out.join("baselines.rs"), format!("&[\n{}]\n", entries.concat()))
 }

@@ -6,27 +6,6 @@ use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::submission::Package;
 use holdpoint_runtime::capability::{Capability, PackageError, shown};
 
-/// A text in a folder of `manifests`.
-macro_rules! embedded_text {
-    ($folder:literal, $file:literal) => {
-        include_str!(concat!(env!("CARGO_MANIFEST_DIR"), "/../../manifests/", $folder, "/", $file))
-    };
-}
-
-/// The three texts of a family's first version.
-macro_rules! embedded_baseline {
-    ($folder:literal) => {
-        (
-            concat!("manifests/", $folder),
-            [
-                embedded_text!($folder, "manifest.toml"),
-                embedded_text!($folder, "submission.toml"),
-                embedded_text!($folder, "params.toml"),
-            ],
-        )
-    };
-}
-
 macro_rules! candidates {
     ($($name:literal),* $(,)?) => {
         [$((

@@ -34,8 +34,8 @@ fn code_and_stderr(output: &Output) -> (Option<i32>, String) {
 fn single_stage_run_starts_no_other_stage() {
     let folder = quick_folder();
     let store = folder.path();
-    register(store, "grasp-soft-grip");
-    let version = "grasp@1.1.3";
+    register(store, "grasp-improved");
+    let version = "grasp@1.1.0";
     assert_eq!(state(store, version), "registered");
     // No stage is skipped.
     assert_error(&on(store, &["candidate", "shadow", version, "--json"]), 3, "not-now");

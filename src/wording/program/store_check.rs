@@ -70,8 +70,8 @@ pub fn store_finding(of: &StoreFinding) -> String {
                 .to_owned()
         }
         StoreFinding::SignedUpTo { record } => format!(
-            "An earlier version signed the audit chain up to record {record}; later records are unsigned; `holdpoint \
-             store rebuild --from-chain` names them."
+            "An earlier version signed the audit chain up to record {record}; later records are unsigned; \
+             `holdpoint store rebuild --from-chain` names them."
         ),
         StoreFinding::UnsignedEnd => "The end of the audit chain is not signed.".to_owned(),
         StoreFinding::BadSignedEnd { problem } => {
@@ -127,8 +127,8 @@ pub fn store_finding(of: &StoreFinding) -> String {
             format!("{key:?} and {public:?} do not belong together; put back the two that do from a backup.")
         }
         StoreFinding::NotEnrolled { key, name, administrator } => format!(
-            "The key {key:?} is not enrolled and decides nothing; `holdpoint identity enroll {name} --by {administrator} \
-             --reason TEXT` enrolls it, or remove it."
+            "The key {key:?} is not enrolled and decides nothing; \
+             `holdpoint identity enroll {name} --by {administrator} --reason TEXT` enrolls it, or remove it."
         ),
         StoreFinding::OtherEnrolledKey { public, name, enrolled } => format!(
             "{public:?} is not the key that {name} is enrolled with ({enrolled}); put back the files of that key from a \

@@ -58,7 +58,7 @@ impl Guest2 {
                 .collect();
         let wanted: Vec<u8> =
             [NAME, length(name), width, 48, 1].iter().flat_map(|word| word.to_le_bytes()).collect();
-        let texts: String = [
+        let texts: Vec<String> = [
             (DESCRIBED, described.as_slice()),
             (WANTED, wanted.as_slice()),
             (NAME, name.as_bytes()),
@@ -68,6 +68,7 @@ impl Guest2 {
         .iter()
         .map(|(at, bytes)| format!("(data (i32.const {at}) \"{}\")", data(bytes)))
         .collect();
+        let texts = texts.concat();
         let interface = SkillContract::Two.skill();
         let text = format!(
             r#"(module

@@ -48,7 +48,7 @@ fn bad_manifests_are_refused_by_name() {
         (replace("equals = true", "equals = true\nmax = 1.0"), "either a range or equals"),
         (replace("[\"run\"]", "[]"), "\"invocation.entry_points\""),
         (replace("[\"run\"]", "[\"Run now\"]"), "\"Run now\""),
-        (replace("[\"work\", \"transit\"]", "[\"moon\"]"), "unknown variant `moon`"),
+        (replace("[\"work\", \"transit\"]", "[\"The moon\"]"), "\"The moon\""),
         (replace("[\"work\", \"transit\"]", "[]"), "\"permissions.zones\""),
         (
             replace("stop_time_max_ms = 300", "stop_time_max_ms = 0"),

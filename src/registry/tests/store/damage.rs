@@ -362,7 +362,7 @@ fn flipped_bits_are_found_or_harmless() {
 /// An attacker with write access to the file can put the largest number there.
 #[test]
 fn record_with_the_largest_number_does_not_break_the_verifier() {
-    let root = crate::edits::quick_folder();
+    let root = crate::quick_folder::quick_folder();
     let store = crate::verifiers::sample_stores(root.path()).remove(2);
     let last = "json('18446744073709551615')";
     rewrite(
