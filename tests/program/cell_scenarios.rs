@@ -15,7 +15,7 @@ use crate::quick_folder::quick_folder;
 const SHORT: &str = "reject-interface reject-low-flight";
 
 /// What may differ between the two logs, and nothing else: a field of an event. The digest of the policies and the one that
-/// approvers sign cover the site file with the cell's endpoint; a script makes the keys of its people anew.
+/// approvers sign cover the site file with the cell's endpoint; the keys of a script's people are new in each run.
 const MAY_DIFFER: [(&str, &str); 3] =
     [("engine-started", "/policy"), ("registered", "/requester/key"), ("approval-requested", "/evidence")];
 
