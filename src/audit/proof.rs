@@ -1,7 +1,7 @@
 //! Proofs that need no store: that a record is in the chain, and that today's chain continues an earlier one.
 //!
 //! Each is one small JSON document with its signed heads, checked with the store's public key alone. See
-//! [`merkle`](super::merkle) for the tree.
+//! [`merkle`] for the tree.
 
 use std::borrow::Cow;
 use std::path::Path;
