@@ -201,7 +201,7 @@ fn draw_set(
         let mut draft = Draft::of(baseline)?;
         let place = u32::try_from(place).unwrap_or(u32::MAX);
         let mut stream = stream_of(spec.seed, family, "candidate", set, place);
-        if kind != CandidateKind::Mutant {
+        if !matches!(kind, CandidateKind::Mutant | CandidateKind::Unchanged | CandidateKind::Negligible) {
             for recipe in &plain {
                 apply(recipe, &mut draft, &mut stream);
             }
@@ -225,6 +225,11 @@ fn draw_set(
                 by_recipe(&recipes_for(RecipeKind::of(kind)), 0, kind, &mut draft, &mut stream)
             }
             CandidateKind::Listed(kind) => by_list(kind, &listed, &mut draft, &mut stream),
+            CandidateKind::Unchanged => Some("unchanged".to_owned()),
+            CandidateKind::Negligible => {
+                mutant::nudge(&mut draft, baseline, &mut stream)?;
+                Some("negligible".to_owned())
+            }
             CandidateKind::Mutant => {
                 mutant::damage(&mut draft, baseline, &mut stream)?;
                 Some("mutant".to_owned())
@@ -279,6 +284,8 @@ fn by_recipe(
         CandidateKind::MarginalBehavior => "marginal-behavior",
         CandidateKind::MarginalRecovery => "marginal-recovery",
         CandidateKind::Listed(listed) => listed.name(),
+        CandidateKind::Unchanged => "unchanged",
+        CandidateKind::Negligible => "negligible",
         CandidateKind::Mutant | CandidateKind::Component(_) => "mutant",
     };
     let named = !recipe.mechanism.is_empty() && kind.class() == super::Class::Faulty;

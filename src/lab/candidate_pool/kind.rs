@@ -37,6 +37,10 @@ pub enum CandidateKind {
     MarginalRecovery,
     /// A kind of appendix C that no other of these is.
     Listed(Listed),
+    /// The baseline under another number.
+    Unchanged,
+    /// The baseline with one parameter changed by 1 in 1,000.
+    Negligible,
     /// Damaged blindly.
     Mutant,
     /// Brings its own code, with the fault of this place in [`Kind::ALL`].
@@ -58,7 +62,9 @@ impl CandidateKind {
             | Self::MinorGain
             | Self::Efficiency
             | Self::Robust
-            | Self::Stable => Class::Benign,
+            | Self::Stable
+            | Self::Unchanged
+            | Self::Negligible => Class::Benign,
             Self::Interface(_)
             | Self::Permission(_)
             | Self::Behavior(_)
@@ -87,6 +93,8 @@ impl CandidateKind {
             | Self::Efficiency
             | Self::Robust
             | Self::Stable
+            | Self::Unchanged
+            | Self::Negligible
             | Self::Mutant
             | Self::Component(_) => None,
             Self::Interface(_) => Some(Dimension::Interface),
@@ -107,6 +115,8 @@ holdpoint_governance::closed_set! {
         Paper8 = "paper-8",
         /// The sixteen of `full-10` and every kind of appendix C that they leave out: 23 a family.
         AppendixC = "appendix-c",
+        /// The baseline under another number, once as it is and once with a parameter changed by 1 in 1,000.
+        Equal = "equal",
         /// One blindly damaged version: as many mutants a family as there are sets.
         Mutants = "mutants",
         /// The controllers as components, once with each fault that code can have, and without one: 15 a family.
@@ -143,6 +153,7 @@ impl Preset {
                 let listed = Listed::ALL.map(CandidateKind::Listed);
                 [Self::Full10.kinds().as_slice(), &listed].concat()
             }
+            Self::Equal => vec![CandidateKind::Unchanged, CandidateKind::Negligible],
             Self::Mutants => vec![CandidateKind::Mutant],
             Self::Components => (0..Kind::ALL.len())
                 .map(|place| CandidateKind::Component(u8::try_from(place).unwrap_or(u8::MAX)))

@@ -62,13 +62,37 @@ fn fault(baseline: &Capability, problem: String) -> PoolError {
     PoolError::Generated { name: format!("a mutant of {}", baseline.id()), problem }
 }
 
-/// Changes one to three parameters: numbers walk or go to an end of their range, and a switch is thrown.
-fn parameters(draft: &mut Draft, baseline: &Capability, stream: &mut Stream) -> Result<(), PoolError> {
+/// The baseline's controller with its parameters.
+fn controller(baseline: &Capability) -> Result<Controller, PoolError> {
     let BundleSource::Native(name) = &baseline.manifest.deployment.bundle else {
         return Err(fault(baseline, "its bundle has no parameters to change".to_owned()));
     };
-    let controller = Controller::parse(name, "params.toml", &baseline.package.params)
-        .map_err(|error| fault(baseline, error.to_string()))?;
+    Controller::parse(name, "params.toml", &baseline.package.params)
+        .map_err(|error| fault(baseline, error.to_string()))
+}
+
+/// Changes one parameter by 1 in 1,000: a real number that is not 0, up or down within its range.
+///
+/// # Errors
+/// As [`damage`].
+pub fn nudge(draft: &mut Draft, baseline: &Capability, stream: &mut Stream) -> Result<(), PoolError> {
+    let mut changed: Vec<(&str, f64)> = Vec::new();
+    for (name, value, lowest, highest) in controller(baseline)?.ranges() {
+        let is_real = draft.params.get(name).is_some_and(Value::is_float);
+        let new = [1.001, 0.999].map(|factor| (value * factor * 1e9).round() / 1e9);
+        let allowed = |new: &f64| is_real && *new != value && (lowest..=highest).contains(new);
+        changed.extend(new.into_iter().filter(allowed).map(|new| (name, new)));
+    }
+    let Some((name, new)) = changed.get(below(stream, changed.len())) else {
+        return Err(fault(baseline, "it has no real parameter to change".to_owned()));
+    };
+    draft.param(name, *new);
+    Ok(())
+}
+
+/// Changes one to three parameters: numbers walk or go to an end of their range, and a switch is thrown.
+fn parameters(draft: &mut Draft, baseline: &Capability, stream: &mut Stream) -> Result<(), PoolError> {
+    let controller = controller(baseline)?;
     let numbers = controller.ranges();
     let switches: Vec<String> =
         draft.params.iter().filter_map(|(name, value)| value.as_bool().map(|_| name.clone())).collect();
@@ -240,6 +264,26 @@ mod tests {
 
     use super::super::generate::{PoolSpec, draw};
     use super::super::{Class, Preset};
+
+    /// Of two equal ones a family, one has the baseline's parameters and one has a single parameter that differs by 1 in 1,000.
+    #[test]
+    fn equal_candidates_differ_in_one_parameter_at_most() {
+        let pool = draw(PoolSpec { seed: 5, sets: 20, preset: Preset::Equal }).unwrap();
+        let truth: crate::candidate_pool::PoolTruth = serde_json::from_slice(&pool.truth).unwrap();
+        let changes = |kind: &str| {
+            let of_kind = truth.entries.iter().filter(|entry| entry.kind == kind);
+            of_kind.map(|entry| entry.what.as_str()).collect::<Vec<_>>()
+        };
+        assert_eq!(changes("unchanged"), [""; 60]);
+        let negligible = changes("negligible");
+        assert_eq!(negligible.len(), 60);
+        for what in negligible {
+            let (old, new) = what.split_once(" -> ").unwrap();
+            let number = |text: &str| text.rsplit(' ').next().unwrap().parse::<f64>().unwrap();
+            let ratio = number(new) / number(old);
+            assert!((0.0009..0.0011).contains(&(ratio - 1.0).abs()), "{what}");
+        }
+    }
 
     /// Every mutant loads (the generator checks it), none is the version it was made of, and every kind of damage is
     /// among those of a few.

@@ -63,7 +63,10 @@ impl RecipeKind {
             CandidateKind::MarginalRecovery => Self::MarginalRecovery,
             CandidateKind::Listed(_) => Self::Listed,
             // No recipe makes one.
-            CandidateKind::Mutant | CandidateKind::Component(_) => Self::Plain,
+            CandidateKind::Unchanged
+            | CandidateKind::Negligible
+            | CandidateKind::Mutant
+            | CandidateKind::Component(_) => Self::Plain,
         }
     }
 }

@@ -72,6 +72,7 @@ fn presets() -> impl TypedValueParser<Value = Preset> {
             Preset::AppendixC => {
                 "The sixteen, and the other kinds of the paper's appendix C: 23 a family"
             }
+            Preset::Equal => "The baseline under another number, and with a parameter changed by 1 in 1,000: 2 a family",
             Preset::Mutants => "One mutant for each family and set",
             Preset::Components => {
                 "The controllers as components, with each fault that code can have and without a fault: 15 a family"
