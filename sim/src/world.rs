@@ -24,6 +24,7 @@ use crate::robot::RobotModel;
 use crate::state::{InFlightCommand, WorldState};
 use crate::stepper::Stepper;
 use crate::work_count;
+use holdpoint_body::chain::Transform;
 use holdpoint_body::{
     Body, BodyError, Command, GuardVerdict, Interrupt, JointVec, ObjectVec, Observation, Pose, TICK_SECS,
     TaskKind, Telemetry, Twist, check_command,
@@ -290,14 +291,14 @@ impl World {
         let (object, object_speed_m_s, _) = s.object();
         let finger = |i: usize| {
             let slide = Isometry3::translation(0.0, 0.0, s.joints.fingers[i][0]);
-            let last = frames.links[frames.count.saturating_sub(1)].isometry();
+            let last = frames.links.last().copied().unwrap_or(Transform::IDENTITY).isometry();
             Pose::from(&(last * self.robot.gripper.fingers[i].origin.isometry() * slide))
         };
         WorldTruth {
             tick: s.tick,
             q: s.joints.q.clone(),
             dq: s.joints.dq.clone(),
-            links: frames.links.iter().take(frames.count).map(|f| Pose::from(&f.isometry())).collect(),
+            links: frames.links.iter().map(|f| Pose::from(&f.isometry())).collect(),
             fingers: [finger(0), finger(1)],
             tool: Pose::from(&frames.tool.isometry()),
             tool_speed_m_s: twist.fixed_rows::<3>(0).norm(),

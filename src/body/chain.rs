@@ -3,6 +3,7 @@
 //! Link frames are canonical: the joint of link `i` turns about the frame's own z. Angles in rad,
 //! lengths in m, poses in the frame of the base.
 
+use arrayvec::ArrayVec;
 use nalgebra::{Isometry3, Matrix3, Rotation3, Translation3, UnitQuaternion, Vector3, Vector6};
 use serde::{Deserialize, Serialize};
 
@@ -34,18 +35,21 @@ impl Transform {
     }
 
     /// `self` followed by `next`, which is given in this frame.
+    #[inline]
     #[must_use]
     pub fn then(&self, next: &Self) -> Self {
         Self { rotation: self.rotation * next.rotation, origin: self.point(&next.origin) }
     }
 
     /// A point given in this frame, expressed in its parent.
+    #[inline]
     #[must_use]
     pub fn point(&self, local: &Vector3<f64>) -> Vector3<f64> {
         self.rotation * local + self.origin
     }
 
     /// This frame's z axis in the parent frame: the axis a joint turns about.
+    #[inline]
     #[must_use]
     pub fn z(&self) -> Vector3<f64> {
         self.rotation.column(2).into_owned()
@@ -91,30 +95,25 @@ pub struct Chain {
 }
 
 /// Where every link and the tool are.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 pub struct Frames {
-    /// Frame of link `i + 1` (the link that joint `i` moves); only the first `count` are meaningful.
-    pub links: [Transform; MAX_JOINTS],
-    /// How many entries of `links` are meaningful: the number of joints.
-    pub count: usize,
+    /// Frame of link `i + 1`: the link that joint `i` moves.
+    pub links: ArrayVec<Transform, MAX_JOINTS>,
     /// Frame of the tool, in the frame of the base.
     pub tool: Transform,
 }
 
 /// Geometric Jacobian of the tool: one column (linear m/rad, angular) per joint.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 pub struct Jacobian {
-    /// Columns; only the first `count` are meaningful.
-    pub columns: [Vector6<f64>; MAX_JOINTS],
-    /// How many entries of `columns` are meaningful: the number of joints.
-    pub count: usize,
+    pub columns: ArrayVec<Vector6<f64>, MAX_JOINTS>,
 }
 
 impl Jacobian {
     /// Tool velocity (linear, angular) of the given joint velocities.
     #[must_use]
     pub fn twist(&self, dq: &[f64]) -> Vector6<f64> {
-        self.columns.iter().take(self.count).zip(dq).map(|(column, v)| column * *v).sum()
+        self.columns.iter().zip(dq).map(|(column, v)| column * *v).sum()
     }
 }
 
@@ -134,7 +133,7 @@ impl Chain {
     /// Forward kinematics. Missing values count as 0, surplus ones are ignored.
     #[must_use]
     pub fn frames(&self, q: &[f64]) -> Frames {
-        let mut links = [Transform::IDENTITY; MAX_JOINTS];
+        let mut links = ArrayVec::new();
         let mut at = Transform::IDENTITY;
         for (i, joint) in self.joints.iter().enumerate() {
             at = at.then(&joint.origin);
@@ -143,9 +142,9 @@ impl Chain {
             let y = at.rotation.column(1) * cos - at.rotation.column(0) * sin;
             at.rotation.set_column(0, &x);
             at.rotation.set_column(1, &y);
-            links[i] = at;
+            links.push(at);
         }
-        Frames { links, count: self.len(), tool: at.then(&self.tool_from_last) }
+        Frames { links, tool: at.then(&self.tool_from_last) }
     }
 
     /// Pose of the tool in the frame of the base, for joint angles in rad.
@@ -157,13 +156,12 @@ impl Chain {
     /// Geometric Jacobian of the tool for frames already computed.
     #[must_use]
     pub fn jacobian(&self, frames: &Frames) -> Jacobian {
-        let mut columns = [Vector6::zeros(); MAX_JOINTS];
-        for (column, link) in columns.iter_mut().zip(&frames.links).take(frames.count) {
+        let column = |link: &Transform| {
             let z = link.z();
             let linear = z.cross(&(frames.tool.origin - link.origin));
-            *column = Vector6::new(linear.x, linear.y, linear.z, z.x, z.y, z.z);
-        }
-        Jacobian { columns, count: frames.count }
+            Vector6::new(linear.x, linear.y, linear.z, z.x, z.y, z.z)
+        };
+        Jacobian { columns: frames.links.iter().map(column).collect() }
     }
 
     /// The configuration with every angle inside its limits, `margin_rad` away from them.

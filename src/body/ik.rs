@@ -125,9 +125,8 @@ fn weighted_step(
     pull: &[f64; MAX_JOINTS],
     damping: f64,
 ) -> Option<[f64; MAX_JOINTS]> {
-    let n = jacobian.count;
     let mut a = Matrix6::identity() * damping;
-    for column in jacobian.columns.iter().take(n) {
+    for column in &jacobian.columns {
         for i in 0..6 {
             for j in 0..=i {
                 a[(i, j)] += column[i] * column[j];
@@ -138,7 +137,7 @@ fn weighted_step(
     // dq = pull + J^+ (e - J pull): the pull acts only in directions that do not move the tool.
     let x = back_substitute(&l, &(e - jacobian.twist(pull)));
     let mut dq = *pull;
-    for (value, column) in dq.iter_mut().zip(&jacobian.columns).take(n) {
+    for (value, column) in dq.iter_mut().zip(&jacobian.columns) {
         *value += column.dot(&x);
     }
     Some(dq)

@@ -63,12 +63,14 @@ impl Stream {
     }
 
     /// The next 64 bits.
+    #[inline]
     pub fn bits(&mut self) -> u64 {
         self.state = self.state.wrapping_add(GOLDEN);
         mix(self.state)
     }
 
     /// Uniform in `[0, 1)`, 53 bits.
+    #[inline]
     pub fn unit(&mut self) -> f64 {
         (self.bits() >> 11) as f64 * (1.0 / (1_u64 << 53) as f64)
     }
@@ -86,6 +88,7 @@ impl Stream {
 
     /// Close to standard normal, bounded at 3.46: the sum of four uniforms from one draw. Cheap
     /// enough for every sensor in every tick.
+    #[inline]
     pub fn normal_bounded(&mut self) -> f64 {
         let bits = self.bits();
         let sum: u64 = (0..4).map(|i| (bits >> (16 * i)) & 0xFFFF).sum();

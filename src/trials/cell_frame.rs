@@ -57,9 +57,9 @@ pub fn drawn(robot: &RobotSpec, seen: &Telemetry, object: &Isometry3<f64>, objec
     let origin = |frame: &Transform| point(&frame.point(&Vector3::zeros()));
     let tool = frames.tool.point(&Vector3::zeros());
     let mut links = vec![[0.0; 3]];
-    links.extend(frames.links.iter().take(frames.count).map(origin));
+    links.extend(frames.links.iter().map(origin));
     links.push(point(&tool));
-    let hand = frames.count.checked_sub(1).and_then(|last| frames.links.get(last));
+    let hand = frames.links.last();
     let half_width_m = seen.gripper_width_m / 2.0;
     // Fingers slide along their own z axis, each its half of the width, from where the pads meet: the tool.
     let pad = |index: usize| {

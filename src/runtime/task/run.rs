@@ -285,14 +285,10 @@ impl TaskRun {
     ) -> Result<Option<Command>, BodyError> {
         Ok(match self.progress.stage {
             StageState::Working => {
-                let decision = match self.progress.decision.take() {
-                    Some(decision) => Some(decision),
-                    None => self.decide(handle)?,
-                };
-                let Some(decision) = decision else { return Ok(None) };
-                let command = decision.checked.command.clone();
-                self.progress.decision = Some(decision);
-                Some(command)
+                if self.progress.decision.is_none() {
+                    self.progress.decision = self.decide(handle)?;
+                }
+                self.progress.decision.as_ref().map(|decision| decision.checked.command.clone())
             }
             StageState::Settling(_) => {
                 let verdict = self.progress.verdict;
@@ -504,5 +500,20 @@ impl TaskRun {
 /// Whether two commands are the same to the bit; the zeros of either sign are equal and not the same.
 #[must_use]
 pub fn is_same(one: &Command, other: &Command) -> bool {
-    one == other && (*one == Command::Hold || format!("{one:?}") == format!("{other:?}"))
+    one == other && sign_bits(one) == sign_bits(other)
+}
+
+/// The signs of a command's numbers. Equal numbers are the same to the bit if their signs are.
+fn sign_bits(command: &Command) -> u32 {
+    let bits = |start: u32, numbers: &[f64]| {
+        numbers.iter().fold(start, |bits, number| bits << 1 | u32::from(number.is_sign_negative()))
+    };
+    match command {
+        Command::ToolPose { pose, max_speed_m_s } => {
+            bits(bits(bits(0, &pose.position), &pose.rotation), &[*max_speed_m_s])
+        }
+        Command::Joints { q, max_speed_rad_s } => bits(bits(0, q), &[*max_speed_rad_s]),
+        Command::Gripper { width_m, speed_m_s, force_n } => bits(0, &[*width_m, *speed_m_s, *force_n]),
+        Command::Hold | Command::Stop | Command::Done | Command::Fail { .. } => 0,
+    }
 }
