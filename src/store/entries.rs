@@ -103,13 +103,13 @@ pub struct VersionDetail {
     pub signature: Option<String>,
     /// Virtual time of registration, ms.
     pub registered_ms: u64,
-    /// Compatibility, sandbox, shadow, gate, activation, monitor, rollback and drill evidence, oldest first.
+    /// Compatibility, sandbox, shadow, gate, activation, monitor, rollback and drill evidence, as `RecordViews::evidence`.
     pub evidence: Vec<EvidenceEntry>,
     /// When it became active or the rollback target, oldest first.
     pub activations: Vec<ActivationEntry>,
-    /// Decisions about it, oldest first.
+    /// Decisions about it, as `RecordViews::approvals`.
     pub approvals: Vec<ApprovalEntry>,
-    /// Audit records about it, oldest first.
+    /// Numbers of all audit records about it, oldest first.
     pub audit_links: Vec<u64>,
 }
 

@@ -234,12 +234,13 @@ impl Views {
             read_activation,
         )?;
         detail.approvals = self.approvals(id)?;
-        let links = "SELECT seq FROM audit WHERE subject = ?1 ORDER BY seq LIMIT 10000";
+        // Numbers alone, so all of them: their count goes on record.
+        let links = "SELECT seq FROM audit WHERE subject = ?1 ORDER BY seq";
         detail.audit_links = many(&self.connection, links, [&name], |row| row.get(0))?;
         Ok(Some(detail))
     }
 
-    /// Evidence on a version, oldest first; of one kind if one is given.
+    /// Evidence on a version, the newest [`PAGE_ROWS_MAX`] pieces, oldest first; of one kind if one is given.
     ///
     /// # Errors
     /// If the store cannot be read.
@@ -248,13 +249,15 @@ impl Views {
         id: &CapabilityId,
         kind: Option<EvidenceKind>,
     ) -> Result<Vec<EvidenceEntry>, StoreError> {
-        let sql =
+        let sql = format!(
             "SELECT e.seq, e.kind, e.row_version, e.profile, e.policy_digest, e.digest, e.json, e.at_ms,
                e.seq > (SELECT void_seq FROM family WHERE name = ?2)
                  AND e.seq > coalesce((SELECT seq FROM context WHERE id = 1), 0)
-             FROM evidence e WHERE e.version = ?1 AND (?3 IS NULL OR e.kind = ?3) ORDER BY e.seq LIMIT 10000";
+             FROM evidence e WHERE e.version = ?1 AND (?3 IS NULL OR e.kind = ?3)
+             ORDER BY e.seq DESC LIMIT {PAGE_ROWS_MAX}"
+        );
         let parameters = params![id.to_string(), id.family.as_str(), kind.map(EvidenceKind::name)];
-        many(&self.connection, sql, parameters, |row| {
+        many(&self.connection, &sql, parameters, |row| {
             Ok(EvidenceEntry {
                 seq: row.get(0)?,
                 kind: parsed(row, 1)?,
@@ -267,17 +270,19 @@ impl Views {
                 current: row.get(8)?,
             })
         })
+        .map(|found| found.into_iter().rev().collect())
     }
 
-    /// Decisions about a version, oldest first.
+    /// Decisions about a version, the newest [`PAGE_ROWS_MAX`], oldest first.
     ///
     /// # Errors
     /// If the store cannot be read.
     pub fn approvals(&self, id: &CapabilityId) -> Result<Vec<ApprovalEntry>, StoreError> {
-        let sql =
+        let sql = format!(
             "SELECT signed, consumed_seq, approval.at_ms, NULLIF(wall_ms, 0) FROM approval LEFT JOIN audit USING (seq)
-             WHERE version = ?1 ORDER BY seq LIMIT 10000";
-        let found = many(&self.connection, sql, [id.to_string()], |row| {
+             WHERE version = ?1 ORDER BY seq DESC LIMIT {PAGE_ROWS_MAX}"
+        );
+        let found = many(&self.connection, &sql, [id.to_string()], |row| {
             // The mark of a lost text is not an approval.
             let text = Some(row.get::<_, String>(0)?).filter(|text| !is_lost(text));
             let signed = text.map(|text| serde_json::from_str(&text)).transpose();
@@ -285,7 +290,7 @@ impl Views {
             let (consumed_seq, at_ms, wall_ms) = (row.get(1)?, row.get(2)?, row.get(3)?);
             Ok(signed.map(|signed| ApprovalEntry { signed, consumed_seq, at_ms, wall_ms }))
         })?;
-        Ok(found.into_iter().flatten().collect())
+        Ok(found.into_iter().rev().flatten().collect())
     }
 
     /// All persons, revoked ones included: each act is checked again.
