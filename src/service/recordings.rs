@@ -5,7 +5,7 @@ use holdpoint_governance::record::{AuditRecord, RecordKind, UpgradeEnd};
 use holdpoint_protocol::sink::ClosedRecording;
 use holdpoint_recordings::audit_record::{FileRecord, KIND, REMOVED_KIND, RecordError, RecordedFiles};
 use holdpoint_recordings::recording_folder::RecordingName;
-use holdpoint_store::{AuditFilter, PAGE_ROWS_MAX, RecordViews, StoreError};
+use holdpoint_store::{AuditFilter, RecordViews, StoreError};
 use holdpoint_text::{ErrorDetails, Hint};
 use holdpoint_wording::program::engine::{RecordingContradiction, recording_contradiction};
 use serde::Deserialize;
@@ -43,34 +43,15 @@ impl Hint for RecordListError {
 /// # Errors
 /// [`RecordListError`].
 pub fn on_record(views: &dyn RecordViews) -> Result<RecordedFiles, RecordListError> {
-    let mut records = of_kind(views, KIND)?;
-    records.extend(of_kind(views, REMOVED_KIND)?);
+    let of = |kind| views.whole_audit(&AuditFilter { kind: Some(kind), ..AuditFilter::default() });
+    let mut records = of(KIND)?;
+    records.extend(of(REMOVED_KIND)?);
     records.sort_by_key(|record| record.seq);
     let mut found = RecordedFiles::default();
     for record in records {
         found.take(&record)?;
     }
     Ok(found)
-}
-
-/// Every record of a kind, oldest first.
-fn of_kind(views: &dyn RecordViews, kind: RecordKind) -> Result<Vec<AuditRecord>, StoreError> {
-    let mut all = Vec::new();
-    let mut from_seq = 0;
-    loop {
-        let page = views.audit(&AuditFilter {
-            from_seq,
-            kind: Some(kind),
-            limit: PAGE_ROWS_MAX,
-            ..AuditFilter::default()
-        })?;
-        let full = page.len() >= PAGE_ROWS_MAX;
-        from_seq = page.last().map_or(from_seq, |record| record.seq + 1);
-        all.extend(page);
-        if !full {
-            return Ok(all);
-        }
-    }
 }
 
 /// Why a recording contradicts the store's record, if it does. Other programs can write to the folder, so a file counts only
@@ -93,7 +74,7 @@ pub fn contradiction(
     if !registered.candidate_digest.to_string().starts_with(&name.digest_start) {
         return Ok(found(RecordingContradiction::OtherDigest));
     }
-    let closings = views.audit(&AuditFilter {
+    let closings = views.whole_audit(&AuditFilter {
         kind: Some(RecordKind::AuditClosed),
         subject: Some(version.to_string()),
         ..AuditFilter::default()

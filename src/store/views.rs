@@ -6,8 +6,8 @@ use std::path::PathBuf;
 
 use crate::change::ApprovalRequest;
 use crate::entries::{
-    AlarmEntry, ApprovalEntry, AuditFilter, EvidenceEntry, FamilyStatus, RecordTime, VersionDetail,
-    VersionFilter, VersionHistory,
+    AlarmEntry, ApprovalEntry, AuditFilter, EvidenceEntry, FamilyStatus, PAGE_ROWS_MAX, RecordTime,
+    VersionDetail, VersionFilter, VersionHistory,
 };
 use crate::error::StoreError;
 use crate::store_terms::EvidenceKind;
@@ -46,7 +46,7 @@ pub trait RecordViews: Debug + Send {
     /// If the store cannot be read.
     fn version(&self, id: &CapabilityId) -> Result<Option<VersionDetail>, StoreError>;
 
-    /// Evidence on a version, oldest first; of one kind if one is given.
+    /// Evidence on a version, the newest [`PAGE_ROWS_MAX`] pieces, oldest first; of one kind if one is given.
     ///
     /// # Errors
     /// If the store cannot be read.
@@ -56,7 +56,7 @@ pub trait RecordViews: Debug + Send {
         kind: Option<EvidenceKind>,
     ) -> Result<Vec<EvidenceEntry>, StoreError>;
 
-    /// Decisions about a version, oldest first.
+    /// Decisions about a version, the newest [`PAGE_ROWS_MAX`], oldest first.
     ///
     /// # Errors
     /// If the store cannot be read.
@@ -133,6 +133,24 @@ pub trait RecordViews: Debug + Send {
     /// # Errors
     /// If the store cannot be read.
     fn audit(&self, filter: &AuditFilter) -> Result<Vec<AuditRecord>, StoreError>;
+
+    /// Every audit record that passes the filter, oldest first, read page by page. The filter's limit and order do not count.
+    ///
+    /// # Errors
+    /// If the store cannot be read.
+    fn whole_audit(&self, filter: &AuditFilter) -> Result<Vec<AuditRecord>, StoreError> {
+        let mut all = Vec::new();
+        let mut rest = AuditFilter { limit: PAGE_ROWS_MAX, newest_first: false, ..filter.clone() };
+        loop {
+            let page = self.audit(&rest)?;
+            let is_last = page.len() < PAGE_ROWS_MAX;
+            rest.from_seq = page.last().map_or(rest.from_seq, |record| record.seq.saturating_add(1));
+            all.extend(page);
+            if is_last {
+                return Ok(all);
+            }
+        }
+    }
 
     /// Calls `visit` with each record of the chain up to `to_seq`, in order, one at a time.
     ///

@@ -74,7 +74,7 @@ impl CellHealth {
         let environment = context.cell.digest();
         let bodies = |kind| -> Result<Vec<String>, EngineFault> {
             let filter = AuditFilter { kind: Some(kind), ..AuditFilter::default() };
-            Ok(views.audit(&filter)?.into_iter().map(|record| record.body).collect())
+            Ok(views.whole_audit(&filter)?.into_iter().map(|record| record.body).collect())
         };
         let normal = bodies(RecordKind::Commissioned)?
             .iter()

@@ -5,32 +5,23 @@
 
 use std::collections::BTreeMap;
 
-use holdpoint_governance::closed_set::Lenient;
 use holdpoint_governance::ids::{CapabilityId, Family};
 use holdpoint_governance::lifecycle::State;
-use holdpoint_governance::record::{AuditRecord, RecordKind};
+use holdpoint_governance::record::RecordKind;
 use holdpoint_runtime::capability::Capability;
 use holdpoint_store::{AuditFilter, RecordViews, StoreError};
 
 use super::{FamilyEntry, VersionTable};
-
-/// The most acts that are read of a store, the newest.
-const ACTS_MAX: usize = 1_000;
-
-fn anchor_in(record: &AuditRecord) -> Option<CapabilityId> {
-    let is_act = record.kind == Lenient::Known(RecordKind::AnchorSet);
-    is_act.then(|| record.subject.parse().ok())?
-}
 
 /// The versions that people made anchors, the last of each family. The anchor of another family is its first version.
 ///
 /// # Errors
 /// If the store cannot be read.
 pub fn chosen_anchors(views: &dyn RecordViews) -> Result<BTreeMap<Family, CapabilityId>, StoreError> {
-    let kind = Some(RecordKind::AnchorSet);
-    let acts =
-        views.audit(&AuditFilter { kind, limit: ACTS_MAX, newest_first: true, ..AuditFilter::default() })?;
-    Ok(acts.iter().rev().filter_map(anchor_in).map(|id| (id.family.clone(), id)).collect())
+    let filter = AuditFilter { kind: Some(RecordKind::AnchorSet), ..AuditFilter::default() };
+    let acts = views.whole_audit(&filter)?;
+    let chosen = acts.iter().filter_map(|record| record.subject.parse::<CapabilityId>().ok());
+    Ok(chosen.map(|id| (id.family.clone(), id)).collect())
 }
 
 impl VersionTable {

@@ -4,16 +4,17 @@ use std::collections::BTreeMap;
 
 use holdpoint_governance::approval::Requester;
 use holdpoint_governance::ids::{CapabilityId, Family};
-use holdpoint_governance::record::{AuditRecord, RecordKind};
+use holdpoint_governance::record::RecordKind;
 use holdpoint_governance::tries::{CountedTry, TryAuthor, TryLedger};
-use holdpoint_store::{AuditFilter, PAGE_ROWS_MAX, RecordViews, StoreError};
+use holdpoint_store::{AuditFilter, RecordViews, StoreError};
 
 use super::{VersionEntry, VersionTable, VersionTableError};
 
 /// Reads the tries and their reviews, in the order of their records.
 pub(super) fn recorded_tries(views: &dyn RecordViews) -> Result<BTreeMap<Family, TryLedger>, StoreError> {
-    let mut records = all_of(views, RecordKind::TryCounted)?;
-    records.extend(all_of(views, RecordKind::TriesReviewed)?);
+    let of = |kind| views.whole_audit(&AuditFilter { kind: Some(kind), ..AuditFilter::default() });
+    let mut records = of(RecordKind::TryCounted)?;
+    records.extend(of(RecordKind::TriesReviewed)?);
     records.sort_by_key(|record| record.seq);
     let mut ledgers: BTreeMap<Family, TryLedger> = BTreeMap::new();
     for record in records {
@@ -26,20 +27,6 @@ pub(super) fn recorded_tries(views: &dyn RecordViews) -> Result<BTreeMap<Family,
         }
     }
     Ok(ledgers)
-}
-
-/// Every record of a kind, page by page.
-fn all_of(views: &dyn RecordViews, kind: RecordKind) -> Result<Vec<AuditRecord>, StoreError> {
-    let (mut all, mut from_seq) = (Vec::new(), 0);
-    loop {
-        let page = views.audit(&AuditFilter { from_seq, kind: Some(kind), ..AuditFilter::default() })?;
-        let is_last = page.len() < PAGE_ROWS_MAX;
-        from_seq = page.last().map_or(from_seq, |record| record.seq.saturating_add(1));
-        all.extend(page);
-        if is_last {
-            return Ok(all);
-        }
-    }
 }
 
 impl VersionTable {

@@ -42,6 +42,8 @@ fn views_through_the_trait_are_those_of_the_database() {
     assert_equal(own.version_history(&version), views.version_history(&version));
     assert_equal(own.recorded_changes(&version), views.recorded_changes(&version));
     assert_equal(own.audit(&filter), views.audit(&filter));
+    let one = AuditFilter { limit: 1, newest_first: true, ..AuditFilter::default() };
+    assert_equal(own.audit(&filter), views.whole_audit(&one));
     assert_equal(own.head(), views.head());
     assert_equal(own.stamp(2), views.stamp(2));
     let kind = RecordKind::StateSet;
