@@ -9,8 +9,8 @@ mod summary;
 
 use explained_decision::{DecisionReason, ExplainedDecision};
 use holdpoint_record::rationale::lenient_bodies::{
-    self, ConfirmationRecord, DecisionRecord, EvidenceFileRecord, MonitorRecord, MoveRecord, ReasonRecord,
-    StateSetRecord,
+    self, AnswerChangeRecord, AnswerRecord, ConfirmationRecord, DecisionRecord, EvidenceFileRecord,
+    MonitorRecord, MoveRecord, ReasonRecord, StateSetRecord,
 };
 use holdpoint_record::rationale::remedy;
 pub use summary::summarize;
@@ -47,11 +47,20 @@ pub fn decisions(
     id: &CapabilityId,
     detail: &VersionDetail,
 ) -> Result<Vec<ExplainedDecision>, StoreError> {
-    let filter = AuditFilter { subject: Some(id.to_string()), ..AuditFilter::default() };
-    let records = views.audit(&filter)?;
+    Ok(decisions_in(&records_about(views, id)?, detail))
+}
+
+/// Every record about a version that an explanation may read, oldest first.
+///
+/// A version in control gets a seal every few seconds, so seals are left out, as are counts of harm.
+fn records_about(views: &dyn RecordViews, id: &CapabilityId) -> Result<Vec<AuditRecord>, StoreError> {
+    let without = RecordKind::SEALS.into_iter().chain([RecordKind::LiveHarm]).collect();
+    views.whole_audit(&AuditFilter { subject: Some(id.to_string()), without, ..AuditFilter::default() })
+}
+
+/// The decisions in the records about a version.
+fn decisions_in(records: &[AuditRecord], detail: &VersionDetail) -> Vec<ExplainedDecision> {
     let mut reader = DecisionReader { evidence: &detail.evidence, decisions: Vec::new() };
-    let approvals: Vec<_> = detail.approvals.iter().map(|entry| entry.signed.approval()).collect();
-    let mut answers = approvals.into_iter();
     for (index, record) in records.iter().enumerate() {
         let Some(kind) = record.kind.known() else { continue };
         match kind {
@@ -62,17 +71,7 @@ pub fn decisions(
                 reader.confirmation(record);
             }
             RecordKind::KeptVoided => reader.voided(record),
-            RecordKind::ApprovalPut => {
-                if let Some(approval) = answers.next() {
-                    let remark = DecisionRemark::Answer {
-                        person: approval.who.clone(),
-                        role: approval.role,
-                        answer: approval.decision,
-                        reason: approval.reason.clone(),
-                    };
-                    reader.people(record, PeopleRuling::Answered(approval.decision), remark);
-                }
-            }
+            RecordKind::ApprovalPut => reader.answer(record),
             RecordKind::ApprovalRequested => reader.add_consequence(record, Consequence::ApproversAsked),
             // The decision already includes the change of state.
             RecordKind::StateSet if decided_with(records.get(index + 1..).unwrap_or_default(), record) => {}
@@ -90,7 +89,7 @@ pub fn decisions(
             _ => {}
         }
     }
-    Ok(reader.decisions)
+    reader.decisions
 }
 
 /// Reads the records in order.
@@ -180,6 +179,17 @@ impl DecisionReader<'_> {
         };
         let differing: u64 = differing.iter().map(|(_, seeds)| SeedRange::count(seeds)).sum();
         self.add_consequence(record, Consequence::CacheVoided { place, differing, rerun });
+    }
+
+    /// A person's answer, as its own record has it: a rebuild may have lost the signed text.
+    fn answer(&mut self, record: &AuditRecord) {
+        match serde_json::from_str::<AnswerRecord>(&record.body) {
+            Ok(AnswerRecord { change: AnswerChangeRecord { who, role, decision, reason } }) => {
+                let remark = DecisionRemark::Answer { person: who, role, answer: decision, reason };
+                self.people(record, PeopleRuling::Answered(decision), remark);
+            }
+            Err(_) => self.unreadable(record),
+        }
     }
 
     fn people(&mut self, record: &AuditRecord, ruling: PeopleRuling, remark: DecisionRemark) {
@@ -316,3 +326,6 @@ fn explained_rollback(record: &AuditRecord, rollback: &RollbackRecord) -> Explai
     explained.remedies = failures.map(Remedy::RepairRung).collect();
     explained
 }
+
+#[cfg(test)]
+mod tests;

@@ -30,7 +30,7 @@ const BODIES_BYTES_MAX: usize = 6 * 1024 * 1024;
 /// The longest part of a record's body in a version's trail, bytes; the whole body is in the audit log.
 const TRAIL_BODY_BYTES_MAX: usize = 4 * 1024;
 
-/// The most records of a version's trail.
+/// The most records of a version's trail, seals not counted.
 const TRAIL_MAX: usize = 500;
 
 /// The longest text that is looked for, bytes.
@@ -133,6 +133,7 @@ pub fn detail(
     let explained = why::explain(&*views, id)?;
     let filter = AuditFilter {
         subject: Some(id.to_string()),
+        without: RecordKind::SEALS.into(),
         limit: TRAIL_MAX,
         newest_first: true,
         ..AuditFilter::default()

@@ -28,9 +28,7 @@ use holdpoint_governance::rollback::{PostStatus, RollbackRecord, TriggerKind};
 use holdpoint_governance::version_status::{StatusFacts, VersionCondition, VersionStatus, next_stage};
 use holdpoint_governance::wall_time::WallTime;
 use holdpoint_protocol::explanation::{PeopleRuling, Ruling};
-use holdpoint_store::{
-    ApprovalEntry, AuditFilter, EvidenceKind, FamilyStatus, RecordViews, StoreError, VersionDetail,
-};
+use holdpoint_store::{ApprovalEntry, EvidenceKind, FamilyStatus, RecordViews, StoreError, VersionDetail};
 
 pub(super) use decisive_reasons::decision_remedies;
 use decisive_reasons::{decisive_reasons, reason_remedies};
@@ -52,9 +50,8 @@ pub fn summarize(
     id: &CapabilityId,
 ) -> Result<Option<ExplanationSummary>, StoreError> {
     let Some(detail) = views.version(id)? else { return Ok(None) };
-    let decisions = super::decisions(views, id, &detail)?;
-    let filter = AuditFilter { subject: Some(id.to_string()), ..AuditFilter::default() };
-    let records = views.audit(&filter)?;
+    let records = super::records_about(views, id)?;
+    let decisions = super::decisions_in(&records, &detail);
     let family = views.families()?.into_iter().find(|family| family.name == id.family.as_str());
     let recorded = views.recorded_changes(id)?;
     let status = VersionStatus::of(&StatusFacts {

@@ -6,6 +6,7 @@ use serde::de::DeserializeOwned;
 use serde::{Deserialize, Deserializer};
 use serde_json::Value;
 
+use holdpoint_governance::approval::{ApprovalDecision, Role};
 use holdpoint_governance::behavior::BehaviorAssessment;
 use holdpoint_governance::cached_result::CachedResultUse;
 use holdpoint_governance::closed_set::Lenient;
@@ -120,6 +121,21 @@ pub struct MoveRecord {
     pub to: State,
     #[serde(default)]
     pub reason: NoticeOrText,
+}
+
+/// The body of an `approval-put` record.
+#[derive(Debug, Deserialize)]
+pub struct AnswerRecord {
+    pub change: AnswerChangeRecord,
+}
+
+/// A person's answer.
+#[derive(Debug, Deserialize)]
+pub struct AnswerChangeRecord {
+    pub who: String,
+    pub role: Role,
+    pub decision: ApprovalDecision,
+    pub reason: String,
 }
 
 /// The body of an `approval-requested` record.
