@@ -14,6 +14,7 @@ pub mod ik;
 mod messages;
 pub mod number;
 pub mod shape;
+mod standstill;
 pub mod task;
 pub mod zone;
 
@@ -21,6 +22,7 @@ pub use command_check::check_command;
 pub use geometry::Geometry;
 pub use messages::*;
 pub use shape::Shape;
+pub use standstill::Standstill;
 pub use task::TaskKind;
 pub use zone::Zone;
 

@@ -5,9 +5,8 @@
 //! comes at once. Standstill is measured from joint speeds, never from the hook's result.
 
 use holdpoint_body::BodyError;
-use holdpoint_body::{Command, GuardVerdict, Interrupt, JointVec, Pose, RATE_HZ, Telemetry};
+use holdpoint_body::{Command, GuardVerdict, Interrupt, Pose, RATE_HZ, Standstill};
 use serde::{Deserialize, Serialize};
-use std::collections::VecDeque;
 
 use super::arm::ActuatorHandle;
 use super::guard::{Guard, PolicyHit};
@@ -15,11 +14,8 @@ use super::skill::{Hook, Skill, next_command};
 use super::watcher::{Watcher, WatcherSignal};
 use holdpoint_body::Body;
 
-/// Joint speed below which a joint is at standstill, rad/s.
-pub const STANDSTILL_RAD_S: f64 = 0.02;
-
-/// How long a standstill has to last, ticks.
-const STANDSTILL_TICKS: usize = 12;
+/// How long a standstill has lasted when it is told, ticks.
+const STANDSTILL_TICKS: u64 = Standstill::TICKS as u64;
 
 /// After the interrupt the servo takes a quarter of a second at most to brake.
 const BRAKING_TICKS: u64 = RATE_HZ as u64 / 4;
@@ -47,7 +43,7 @@ pub enum StoppedBy {
 pub struct RecoveryReport {
     /// How the arm was stopped.
     pub stopped_by: StoppedBy,
-    /// Ticks from the demand to the standstill.
+    /// Ticks from the demand to the standstill; to the end of the recovery if there was none.
     pub ticks_to_standstill: u64,
     /// Ticks in which the arm moved on after the demand, beyond what braking takes and without the rollback hook's motion.
     pub motion_ticks: u64,
@@ -65,37 +61,6 @@ pub struct RollbackHookReport {
     pub ticks: u64,
     /// Whether the safe-abort hook was called after it.
     pub then_safe_abort: bool,
-}
-
-/// Tells a standstill from joint speeds, through the sensors' noise: the mean speed of every joint
-/// over the last twelve ticks (50 ms) lies below [`STANDSTILL_RAD_S`].
-#[derive(Clone, Debug, Default)]
-pub struct Standstill {
-    window: VecDeque<JointVec>,
-}
-
-impl Standstill {
-    /// Ticks over which the mean is taken.
-    pub const TICKS: usize = STANDSTILL_TICKS;
-
-    /// Takes one tick; returns whether the arm is at standstill.
-    pub fn observe(&mut self, seen: &Telemetry) -> bool {
-        self.window.push_back(seen.dq.clone());
-        if self.window.len() > STANDSTILL_TICKS {
-            self.window.pop_front();
-        }
-        self.window.len() == STANDSTILL_TICKS && self.is_slow()
-    }
-
-    /// Whether the mean speed over what was seen so far is that of a standstill.
-    fn is_slow(&self) -> bool {
-        let joints = self.window.front().map_or(0, JointVec::len);
-        #[allow(clippy::cast_precision_loss, reason = "twelve ticks")]
-        let n = self.window.len() as f64;
-        // Written so that a speed that is no number is no standstill.
-        (0..joints)
-            .all(|i| self.window.iter().filter_map(|dq| dq.get(i)).sum::<f64>().abs() / n < STANDSTILL_RAD_S)
-    }
 }
 
 /// After the hook's time the interrupt gets one second.
@@ -159,7 +124,7 @@ impl AbortRun {
     fn new(by_hook: bool, hook_ticks: u64) -> Self {
         let report = RecoveryReport {
             stopped_by: StoppedBy::Nothing,
-            ticks_to_standstill: hook_ticks + INTERRUPT_TICKS,
+            ticks_to_standstill: 0,
             motion_ticks: 0,
             violation: None,
             rollback_hook: None,
@@ -240,7 +205,7 @@ impl AbortRun {
                 self.end_code();
             } else if stands && rollback.is_done {
                 report.stopped_by = StoppedBy::RollbackHook;
-                report.ticks_to_standstill = self.tick.saturating_sub(STANDSTILL_TICKS as u64);
+                report.ticks_to_standstill = self.tick.saturating_sub(STANDSTILL_TICKS);
                 let ticks = report.ticks_to_standstill;
                 report.rollback_hook = Some(RollbackHookReport { ticks, then_safe_abort: false });
                 return Ok(Some(*report));
@@ -259,9 +224,11 @@ impl AbortRun {
         self.tick += 1;
         if stands && tick > self.abort_from + 24 {
             report.stopped_by = if tick < self.hook_ticks { StoppedBy::Hook } else { StoppedBy::Interrupt };
-            report.ticks_to_standstill = (tick + 1).saturating_sub(STANDSTILL_TICKS as u64);
+            report.ticks_to_standstill = (tick + 1).saturating_sub(STANDSTILL_TICKS);
             return Ok(Some(*report));
         }
+        // A fault of the code ends the hook's time early, and with it the recovery.
+        report.ticks_to_standstill = self.tick;
         Ok((self.tick >= give_up).then_some(*report))
     }
 
@@ -307,7 +274,6 @@ impl AbortRun {
         self.abort_from = self.tick;
         self.standstill = Standstill::default();
         self.hook_ticks = self.tick + abort_ticks;
-        self.report.ticks_to_standstill = self.hook_ticks + INTERRUPT_TICKS;
         self.report.rollback_hook = Some(RollbackHookReport { ticks: self.tick, then_safe_abort });
     }
 }
@@ -333,41 +299,4 @@ pub fn abort<B: Body>(
     hook_secs: f64,
 ) -> Result<RecoveryReport, BodyError> {
     AbortRun::begin(skill, hook_secs).finish(handle, skill, guard, watcher)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use holdpoint_body::Contacts;
-
-    fn seen(dq: f64) -> Telemetry {
-        Telemetry {
-            tick: 0,
-            q: JointVec::from_iter([0.0; 3]),
-            dq: JointVec::from_iter([0.0, dq, 0.0]),
-            tracking_error_rad: 0.0,
-            tool: Pose::IDENTITY,
-            tool_speed_m_s: 0.0,
-            gripper_width_m: 0.0,
-            gripper_force_n: 0.0,
-            contact_force_n: 0.0,
-            contacts: Contacts::default(),
-            slip_m: None,
-            picture_age_ticks: None,
-            tool_available: true,
-        }
-    }
-
-    #[test]
-    fn noise_around_zero_counts_as_a_standstill() {
-        let run = |speed: &dyn Fn(usize) -> f64| {
-            let mut standstill = Standstill::default();
-            (0..60).fold(false, |_, tick| standstill.observe(&seen(speed(tick))))
-        };
-        assert!(run(&|_| 0.0));
-        // Alternating noise of three times the limit has no mean.
-        assert!(run(&|tick| if tick % 2 == 0 { 0.06 } else { -0.06 }));
-        assert!(!run(&|_| 0.05));
-        assert!(!run(&|_| f64::NAN));
-    }
 }

@@ -9,7 +9,7 @@ pub mod fate;
 mod faults;
 pub mod phases;
 
-use holdpoint_body::{Body, Command, GuardVerdict, Interrupt, RATE_HZ};
+use holdpoint_body::{Body, Command, GuardVerdict, Interrupt, RATE_HZ, Standstill};
 use holdpoint_cell::CellError;
 use holdpoint_cell::rng::{Stream, StreamPurpose as StreamOf};
 use serde::{Deserialize, Serialize};
@@ -25,7 +25,7 @@ use holdpoint_runtime::agent::dispatcher::admit;
 use holdpoint_runtime::capability::Capability;
 use holdpoint_runtime::guard::Guard;
 use holdpoint_runtime::handover;
-use holdpoint_runtime::recovery::{AbortRun, ROLLBACK_HOOK_TICKS, Standstill, StoppedBy};
+use holdpoint_runtime::recovery::{AbortRun, ROLLBACK_HOOK_TICKS, StoppedBy};
 use holdpoint_runtime::skill::{Hook, Skill, next_command};
 use holdpoint_runtime::task::{Supervision, TaskRun, TaskStage};
 use holdpoint_runtime::terms::SkillTerms;

@@ -79,7 +79,6 @@ const CONSTANTS: &[(&str, &str, ConstantKind)] = &[
     ("src/runtime/limits.rs", "SHARE_MIN", Format),
     ("src/runtime/recovery.rs", "CREEP_MAX_M", Measured),
     ("src/runtime/recovery.rs", "HOOK_SECS_MAX", Format),
-    ("src/runtime/recovery.rs", "STANDSTILL_RAD_S", Measured),
     ("src/runtime/senses.rs", "NONE", Format),
     ("src/runtime/task.rs", "CORRECTION_M", Measured),
     ("src/runtime/watcher.rs", "CLOSED_WIDTH_M", Measured),

@@ -6,9 +6,8 @@
 
 use std::sync::Arc;
 
-use holdpoint_body::{Command, GuardVerdict, Interrupt, Observation, Telemetry};
+use holdpoint_body::{Command, GuardVerdict, Interrupt, Observation, Standstill, Telemetry};
 use holdpoint_cell::{LiveCell, Referee, RefereeLimits, RefereeReport};
-use holdpoint_runtime::recovery::Standstill;
 
 use crate::live::painter::LadderPainter;
 use crate::live::stop_switch::StopSwitch;

@@ -5,7 +5,7 @@
 //! Joints, contacts and pose show whether a rung passed; the result of a hook does not count. Decides nothing about the
 //! versions; the first rung that fails ends the ladder, and the arm stays stopped.
 
-use holdpoint_body::{Body, BodyError, Command, GuardVerdict, Interrupt, RATE_HZ};
+use holdpoint_body::{Body, BodyError, Command, GuardVerdict, Interrupt, RATE_HZ, Standstill};
 use holdpoint_cell::CellError;
 
 use super::instrumented::InstrumentedWorld;
@@ -18,7 +18,7 @@ use holdpoint_runtime::arm::ActuatorHandle;
 use holdpoint_runtime::capability::Capability;
 use holdpoint_runtime::guard::Guard;
 use holdpoint_runtime::handover;
-use holdpoint_runtime::recovery::{AbortRun, RecoveryReport, Standstill, StoppedBy};
+use holdpoint_runtime::recovery::{AbortRun, RecoveryReport, StoppedBy};
 use holdpoint_runtime::terms::SkillTerms;
 use holdpoint_runtime::watcher::Watcher;
 

@@ -6,7 +6,9 @@
 
 use std::sync::Arc;
 
-use holdpoint_body::{Body, BodyError, Command, GuardVerdict, Interrupt, Observation, TaskKind, Telemetry};
+use holdpoint_body::{
+    Body, BodyError, Command, GuardVerdict, Interrupt, Observation, Standstill, TaskKind, Telemetry,
+};
 use holdpoint_cell::rng::{Stream, StreamPurpose};
 use holdpoint_cell::{CellCopy, TrialCell};
 use holdpoint_engine::live::ladder_motion::{hold, retract};
@@ -15,7 +17,7 @@ use holdpoint_governance::profile::{Profile, ProfileName};
 use holdpoint_governance::rollback::ticks_to_ms;
 use holdpoint_runtime::arm::{ActuatorHandle, Arm};
 use holdpoint_runtime::guard::Guard;
-use holdpoint_runtime::recovery::{self, ROLLBACK_HOOK_TICKS, Standstill, StoppedBy};
+use holdpoint_runtime::recovery::{self, ROLLBACK_HOOK_TICKS, StoppedBy};
 use holdpoint_runtime::skill::{Hook, Skill, next_command};
 use holdpoint_runtime::task::{TaskRun, TaskStage, Tick};
 use holdpoint_runtime::terms::SkillTerms;

@@ -4,7 +4,7 @@ use std::path::Path;
 use std::sync::{Arc, Mutex};
 
 use holdpoint_body::{Body, GuardVerdict, Interrupt, RATE_HZ};
-use holdpoint_cell::EpisodeSetup;
+use holdpoint_cell::{EpisodeSetup, InjectedFault};
 use holdpoint_governance::policy::PolicyTable;
 use holdpoint_governance::profile::{Profile, ProfileName};
 use holdpoint_sim::RobotModel;
@@ -310,6 +310,26 @@ fn code_that_fails_in_its_hook_is_stopped_by_an_interrupt() {
     assert_eq!(record.recovered.unwrap().stopped_by, StoppedBy::Interrupt);
     let sound = failing(CodeFault::Trap, u64::MAX, false, 333).unwrap();
     assert_eq!((sound.fault, sound.recovered.unwrap().stopped_by), (None, StoppedBy::Hook));
+}
+
+#[test]
+fn a_recovery_without_a_standstill_is_reported_as_long_as_it_was() {
+    let (mut arm, mut run) = shipped("grasp", 1_200_003);
+    run.replace_skill(|inner| {
+        Box::new(Failing { inner, fault: CodeFault::Trap, left: 200, in_hook: false, failed: false })
+    });
+    while run.stage() == TaskStage::Working {
+        run.tick(&mut arm.handle(), &mut stopping_at(0)).unwrap();
+    }
+    assert_eq!(run.stage(), TaskStage::Recovering, "its code failed");
+    arm.body_mut().inject(InjectedFault::JointRunaway { joint: 0 });
+    let mut ticks = 0;
+    while run.stage() != TaskStage::Over {
+        run.tick(&mut arm.handle(), &mut stopping_at(0)).unwrap();
+        ticks += 1;
+    }
+    let report = run.record().recovered.unwrap();
+    assert_eq!((report.stopped_by, report.ticks_to_standstill), (StoppedBy::Nothing, ticks));
 }
 
 #[test]

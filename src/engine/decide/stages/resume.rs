@@ -8,6 +8,7 @@ use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::monitor::SafetyEvent;
 use holdpoint_governance::notice::Notice;
 use holdpoint_governance::rollback::{RollbackRecord, Rung, RungFailure, RungRecord};
+use holdpoint_protocol::clock::tick_of;
 use holdpoint_runtime::task::TaskRecord;
 
 use super::ladder::{conclude, push_rung};
@@ -78,9 +79,10 @@ pub(crate) fn end(
     resumptions: &mut Vec<Resumption>,
 ) -> Result<(), EngineFault> {
     for resumption in std::mem::take(resumptions) {
-        let Resumption { record: mut rollback, alarmed, .. } = resumption;
-        let failure = Some(RungFailure::NotRecovered);
-        push_rung(record, &mut rollback, RungRecord::new(Rung::Resume, failure, 0, Notice::RecoveryUnknown));
+        let Resumption { record: mut rollback, from_ms, alarmed, .. } = resumption;
+        let (failure, ticks) = (Some(RungFailure::NotRecovered), ticks_since(record, from_ms));
+        let rung = RungRecord::new(Rung::Resume, failure, ticks, Notice::RecoveryUnknown);
+        push_rung(record, &mut rollback, rung);
         conclude(context, record, rollback, alarmed)?;
     }
     Ok(())
@@ -115,19 +117,23 @@ pub(crate) fn close(
     record: &mut EngineRecorder,
     resumption: Resumption,
 ) -> Result<(), EngineFault> {
-    let Resumption { record: mut rollback, events, from_ms, alarmed, .. } = resumption;
+    let Resumption { record: mut rollback, events, sequences, from_ms, alarmed, .. } = resumption;
     let recovered = rollback.resumed_tasks > 0 && events.is_empty();
     rollback.recovered = Some(recovered);
     let notice = match (events.first(), rollback.resumed_tasks) {
         (Some(event), tasks) => Notice::UnsafeAfterRollback { event: *event, task: tasks.into() },
-        (None, 0) => Notice::TargetTaskNotReached { sequences: RESUME_SEQUENCES_MAX.into() },
+        (None, 0) => Notice::TargetTaskNotReached { sequences: sequences.into() },
         (None, tasks) => Notice::SafeAfterRollback { tasks: tasks.into() },
     };
-    let rate = u64::from(holdpoint_body::RATE_HZ);
-    let ticks = (record.now_ms() - from_ms) * rate / 1000;
+    let ticks = ticks_since(record, from_ms);
     let failure = (!recovered).then_some(RungFailure::NotRecovered);
     push_rung(record, &mut rollback, RungRecord::new(Rung::Resume, failure, ticks, notice));
     conclude(context, record, rollback, alarmed)
+}
+
+/// How long the predecessor was watched, ticks.
+fn ticks_since(record: &EngineRecorder, from_ms: u64) -> u64 {
+    tick_of(record.now_ms().saturating_sub(from_ms))
 }
 
 /// Motion after a stop, as the monitor counts it.
