@@ -59,13 +59,13 @@ pub(super) fn attached(
     if let Some(last) = model.engine_data.events.back().filter(|_| !is_same).cloned() {
         let text = wording::ANOTHER_ENGINE_FOLLOWS.to_owned();
         model.engine_data.events.push_back(EventLogLine {
-            seq: last.seq + 1,
+            seq: last.seq.saturating_add(1),
             text,
             sequences: 0,
             done: 0,
             ..last
         });
-        model.engine_data.event_base = last.seq + 2;
+        model.engine_data.event_base = last.seq.saturating_add(2);
     }
     model.engine_data.process = process;
     model.engine_data.unverified = unverified;
@@ -116,7 +116,8 @@ pub(super) fn past(model: &mut ConsoleModel, events: &[Event], earlier: u64) -> 
             done: 0,
         });
     }
-    for event in events.iter().filter(|event| known.is_none_or(|known| event.seq + base > known)) {
+    let is_new = |event: &&Event| known.is_none_or(|known| event.seq.saturating_add(base) > known);
+    for event in events.iter().filter(is_new) {
         append_event_line(model, event);
     }
     Vec::new()

@@ -89,13 +89,14 @@ pub(super) fn gaps(views: &dyn RecordViews, span: &RecordSpan) -> Result<Vec<(Re
     let mut looks = LOOKS_MAX;
     let mut open = vec![(first, last)];
     while let Some((one, other)) = open.pop() {
-        let ahead = |stamp: RecordTime| Some(stamp.wall_ms? - i64::try_from(stamp.at_ms).ok()?);
+        let ahead = |stamp: RecordTime| Some(stamp.wall_ms?.saturating_sub(i64::try_from(stamp.at_ms).ok()?));
         let (Some(before), Some(after)) = (ahead(one), ahead(other)) else { continue };
-        if after - before < ALONE_MS || other.seq <= one.seq || found.len() >= GAPS_MAX || looks == 0 {
+        let alone_ms = after.saturating_sub(before);
+        if alone_ms < ALONE_MS || other.seq <= one.seq || found.len() >= GAPS_MAX || looks == 0 {
             continue;
         }
         if other.seq == one.seq + 1 {
-            found.push((other, after - before));
+            found.push((other, alone_ms));
             continue;
         }
         looks -= 1;

@@ -115,7 +115,7 @@ fn removed(
     let gone = blocks.get(..low).unwrap_or_default();
     if let (Some(first), Some(last)) = (gone.first(), gone.last()) {
         let ([first, _], [_, last]) = (ends(first)?, ends(last)?);
-        coverage.removed += (last + 1).saturating_sub(first);
+        coverage.removed = coverage.removed.saturating_add(last.saturating_add(1).saturating_sub(first));
     }
     Ok(low)
 }

@@ -87,12 +87,12 @@ impl TelemetryAccount {
     /// the end of the gap. `oldest` as above.
     pub(crate) fn gaps(&self, there: &[u64], oldest: Option<u64>, most: usize) -> Vec<[u64; 2]> {
         let mut gaps: Vec<[u64; 2]> = Vec::new();
-        let mut next = self.pruned.unwrap_or(0) + 1;
+        let mut next = self.pruned.unwrap_or(0).saturating_add(1);
         let ends = there.iter().copied().filter(|batch| (next..=self.sealed).contains(batch));
         for batch in ends.chain([self.sealed.saturating_add(1)]).collect::<Vec<_>>() {
-            if batch - next > EACH_MAX {
+            if batch.saturating_sub(next) > EACH_MAX {
                 // A gap this long means an edited number in the file.
-                gaps.push([next, batch - 1]);
+                add_run(&mut gaps, [next, batch - 1], most);
                 next = batch.saturating_add(1);
                 continue;
             }
@@ -100,15 +100,20 @@ impl TelemetryAccount {
                 if self.is_missed(missing) || self.is_pruned(missing, oldest) {
                     continue;
                 }
-                let is_full = gaps.len() >= most;
-                match gaps.last_mut() {
-                    Some([_, last]) if is_full || *last + 1 == missing => *last = missing,
-                    Some(_) | None => gaps.push([missing, missing]),
-                }
+                add_run(&mut gaps, [missing, missing], most);
             }
             next = batch.saturating_add(1);
         }
         gaps
+    }
+}
+
+/// Adds a run of missing batches. If it follows the last run, or there are `most` already, the last one extends to its end.
+fn add_run(gaps: &mut Vec<[u64; 2]>, [from, to]: [u64; 2], most: usize) {
+    let is_full = gaps.len() >= most;
+    match gaps.last_mut() {
+        Some([_, last]) if is_full || last.saturating_add(1) == from => *last = to,
+        Some(_) | None => gaps.push([from, to]),
     }
 }
 
@@ -212,8 +217,16 @@ mod tests {
         let forged = i64::MAX.unsigned_abs();
         account.sealed = forged;
         assert_eq!(account.gaps(&[1, 2, forged], Some(1), 64), [[3, forged - 1]]);
+        assert_eq!(
+            account.gaps(&[1, 3, forged], Some(1), 1),
+            [[2, forged - 1]],
+            "no more runs than asked for"
+        );
         account.sealed = 10;
         assert_eq!(account.gaps(&[], None, 64), [[1, 10]]);
+        let mut further = account.clone();
+        further.prune(12);
+        assert!(further.gaps(&[], None, 64).is_empty(), "it is removed further than sealed");
         account.prune(4);
         assert_eq!(account.gaps(&[3, 8, 10], Some(3), 64), [[5, 7], [9, 9]]);
         account.miss(&[[9, 9], [5, 6]]);

@@ -248,7 +248,9 @@ impl TelemetryFile {
         {
             changes.push(Change::PruneTelemetry { through: oldest.saturating_sub(1).min(account.sealed()) });
         }
-        let missing = gaps.iter().map(|[first, last]| last - first + 1).sum();
+        let missing = gaps.iter().fold(0_u64, |sum, [first, last]| {
+            sum.saturating_add(last.saturating_sub(*first).saturating_add(1))
+        });
         if !gaps.is_empty() || !aside.is_empty() {
             changes.push(Change::MissTelemetry { gaps, aside: aside.clone() });
         }

@@ -238,7 +238,11 @@ fn requests_to_a_lost_engine_are_not_waited_for() {
 }
 
 fn event(seq: u64) -> Event {
-    Event { seq, at_ms: seq * 1_000, kind: EventKind::Fault { text: format!("fault number {seq}") } }
+    Event {
+        seq,
+        at_ms: seq.saturating_mul(1_000),
+        kind: EventKind::Fault { text: format!("fault number {seq}") },
+    }
 }
 
 fn event_texts(console: &TestConsole) -> Vec<&str> {
@@ -275,6 +279,17 @@ fn earlier_events_are_shown_with_their_beginning() {
     assert!(lines[10].contains("fault number 2"), "{lines:?}");
     let numbers: Vec<u64> = console.model.engine_data.events.iter().map(|line| line.seq).collect();
     assert!(numbers.is_sorted(), "{numbers:?}");
+}
+
+/// Another process numbers the events.
+#[test]
+fn the_largest_number_of_an_event_does_not_end_the_console() {
+    let mut console = attached();
+    console.tell(MsgKind::Events(vec![event(u64::MAX)]));
+    console.tell(MsgKind::EngineEnded(Err(EngineEndError::of("it has ended"))));
+    console.tell(MsgKind::Attached(Some(902), None));
+    console.tell(MsgKind::Past { events: vec![event(u64::MAX)], earlier: 0 });
+    assert_eq!(event_texts(&console).last(), Some(&wording::engine_updates::ANOTHER_ENGINE_FOLLOWS));
 }
 
 /// Old events open, close and report nothing.
