@@ -18,7 +18,7 @@ use holdpoint_registry::Views;
 use holdpoint_service::recordings;
 use holdpoint_store::Layout;
 pub(super) use holdpoint_store::size;
-use holdpoint_wording::program::counted;
+use holdpoint_wording::counted;
 use holdpoint_wording::program::recordings as sentences;
 
 /// Bytes of a mebibyte.

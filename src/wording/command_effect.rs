@@ -12,6 +12,7 @@ use holdpoint_governance::wall_time::WallTime;
 use holdpoint_protocol::command::{Caller, StopPersistence};
 use holdpoint_protocol::snapshot::StartupProgressView;
 
+use crate::count::{counted, is_or_are};
 use crate::{operator_act, reason};
 
 /// What an accepted command did to a version, and what happens next.
@@ -274,7 +275,9 @@ pub fn stop_effect(
             format!("{stopped}; it stays stopped until a person starts it")
         }
         StopPersistence::OnRecord => format!(
-            "{stopped}; it stays stopped until a person starts it; {summed} stops of this account are on record as a sum"
+            "{stopped}; it stays stopped until a person starts it; {} of this account {} on record as a sum",
+            counted(summed, "stop"),
+            is_or_are(summed)
         ),
         StopPersistence::InMark => {
             format!("{stopped}; the engine could not record the stop and keeps it beside the record{why}")

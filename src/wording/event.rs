@@ -8,7 +8,7 @@ use crate::condition::conditions_of_use;
 use crate::harm::harm_past;
 use crate::past_limit::{after_event, past_limit};
 use crate::twin::uncompared;
-use crate::{failure_cause, notice};
+use crate::{counted, failure_cause, notice};
 use holdpoint_governance::outcome::StageOutcome;
 use holdpoint_governance::profile::titled;
 use holdpoint_protocol::clock::ms_of;
@@ -148,13 +148,14 @@ fn text(kind: &EventKind) -> String {
             let replaced = replaced.as_ref().map_or_else(String::new, |id| format!(" in place of {id}"));
             let modes: Vec<&str> = modes.iter().map(|mode| mode.name()).collect();
             format!(
-                "activate {version}{replaced}: {}, provisional for {provisional_episodes} episodes; conditions: {}",
+                "activate {version}{replaced}: {}, provisional for {}; conditions: {}",
                 modes.join("+"),
+                counted(*provisional_episodes, "episode"),
                 listed(&conditions_of_use(conditions))
             )
         }
         EventKind::Confirmed { version, episodes } => {
-            format!("confirm  {version}: {episodes} episodes without a trip")
+            format!("confirm  {version}: {} without a trip", counted(*episodes, "episode"))
         }
         EventKind::Sequence { index, success, tasks, refused } => {
             // A task that a stop cut short has no cause of a failure.
@@ -309,16 +310,19 @@ fn text(kind: &EventKind) -> String {
         }
         EventKind::Voided { family, reason } => format!("void     {family}: {}", notice(reason)),
         EventKind::AuditClosed { version, outcome, records } => {
-            format!("closed   {version}: {outcome}, {records} audit records")
+            format!("closed   {version}: {outcome}, {}", counted(*records, "audit record"))
         }
         EventKind::RecordingKept { version, file, digest, bytes, pictures: frames, dropped } => {
             let mut line = format!(
-                "kept     {version}: recording {file}, {:.2} MiB, {frames} video frames, {}",
+                "kept     {version}: recording {file}, {:.2} MiB, {}, {}",
                 *bytes as f64 / f64::from(1 << 20),
+                counted(*frames, "video frame"),
                 digest.short()
             );
             if dropped.iter().any(|count| *count > 0) {
-                let _ = write!(line, "; {} video frames and {} events DROPPED", dropped[0], dropped[1]);
+                let [frames, events] = [(dropped[0], "video frame"), (dropped[1], "event")]
+                    .map(|(count, of)| counted(count, of));
+                let _ = write!(line, "; {frames} and {events} DROPPED");
             }
             line
         }

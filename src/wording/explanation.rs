@@ -12,7 +12,7 @@ use holdpoint_governance::stats::spot_check::EDITED_ONE_IN;
 
 use crate::check::number;
 use crate::past_limit::after_event;
-use crate::{finding, notice, reason};
+use crate::{counted, finding, notice, reason};
 
 /// What a reason found, as one sentence without a full stop. A record of an older build has its sentence, which stays as it is.
 #[must_use]
@@ -424,9 +424,9 @@ pub fn permission_use(of: &PermissionUse) -> Vec<String> {
             or_profile(declared.resources.commands_per_task),
         ),
         format!(
-            "used in {} tasks: commands {}; zones {}; sensors {}; tools {}; speed {:.3} m/s; force {:.1} N; ticks a task {}; \
+            "used in {}: commands {}; zones {}; sensors {}; tools {}; speed {:.3} m/s; force {:.1} N; ticks a task {}; \
              commands a task {}",
-            of.tasks,
+            counted(of.tasks, "task"),
             names(sent.iter().map(String::as_str)),
             names(used.zones.iter().map(holdpoint_governance::mode::ZoneName::name)),
             names(of.sensors_read.iter().map(|sensor| sensor.name())),

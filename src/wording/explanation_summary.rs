@@ -27,7 +27,7 @@ use crate::explanation::{
 use crate::finding::twin_signal;
 use crate::past_limit::after_event;
 use crate::stage::early_end;
-use crate::{counted_try, failure_cause, notice, reason, version_status};
+use crate::{counted, counted_try, failure_cause, notice, reason, version_status};
 
 /// The lines of a short explanation, each one sentence without a full stop.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -352,7 +352,7 @@ fn passed_check(of: &PassedCheck) -> String {
     let PassedCheck { of, kappa, is_restricted, sequences } = of;
     let value = kappa.map_or_else(String::new, |kappa| format!(" {kappa:.2}"));
     let conditions = if *is_restricted { " with conditions" } else { "" };
-    let sequences = sequences.map_or_else(String::new, |count| format!(" ({count} sequences)"));
+    let sequences = sequences.map_or_else(String::new, |count| format!(" ({})", counted(count, "sequence")));
     format!("{of}{value}{conditions}{sequences}")
 }
 
@@ -385,7 +385,7 @@ const CAUSES_NAMED: usize = 3;
 
 fn failure_causes(of: &FailureCounts, compared: &str) -> String {
     let (own, other) = (failed_by_cause(&of.own), failed_by_cause(&of.other));
-    format!("failed tasks in {} pairs: {own}; {compared}: {other}", of.pairs)
+    format!("failed tasks in {}: {own}; {compared}: {other}", counted(of.pairs, "pair"))
 }
 
 /// How many tasks failed, and by which causes.

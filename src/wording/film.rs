@@ -78,7 +78,8 @@ pub fn selection_reason(of: SelectionReason) -> String {
         R::RecoveryTookOver => format!("the recovery manager has to take over, not from {other}"),
         R::FailureNamed => format!("the watcher names a failure, of {other} none"),
         R::NotDone => format!("it does not do the task, {other} does"),
-        R::MoreAttempts { more } => format!("it tries {more} times more often than {other}"),
+        R::MoreAttempts { more: 1 } => format!("it tries once more than {other}"),
+        R::MoreAttempts { more } => format!("it tries {more} times more than {other}"),
         R::MoreTime { more_s } => format!("it takes {more_s:.1} s longer than {other}"),
         R::NowhereWorse => format!("in no episode on record is it worse than {other}"),
         R::MostFailingDrill { active_passes } => match active_passes {
@@ -263,7 +264,8 @@ mod tests {
             (R::RecoveryTookOver, "the recovery manager has to take over, not from the active version"),
             (R::FailureNamed, "the watcher names a failure, of the active version none"),
             (R::NotDone, "it does not do the task, the active version does"),
-            (R::MoreAttempts { more: 3 }, "it tries 3 times more often than the active version"),
+            (R::MoreAttempts { more: 1 }, "it tries once more than the active version"),
+            (R::MoreAttempts { more: 3 }, "it tries 3 times more than the active version"),
             (R::MoreTime { more_s: 2.04 }, "it takes 2.0 s longer than the active version"),
             (R::NowhereWorse, "in no episode on record is it worse than the active version"),
             (

@@ -7,6 +7,8 @@ use holdpoint_protocol::health::{
     MarkedAct, SIDE_TASKS_MIN, Trend, VerdictSide, duration_label,
 };
 
+use crate::counted;
+
 /// Why a series of a script has no buckets by the machine's clock.
 pub const NO_MACHINE_TIME: &str = "this record has no time of the machine's clock: it is a script's";
 
@@ -122,17 +124,17 @@ pub fn omissions(of: &HealthCoverage) -> Vec<String> {
             of.blocks_read, of.blocks
         ));
     }
-    for (count, what) in [
-        (of.not_judged, "tasks were stopped by a person or came to nothing"),
-        (of.removed, "batches are not there any more, removed for age or missing"),
-        (of.late, "batches were sealed only after their engine had ended"),
-        (of.damaged, "batches are not what the audit chain seals: see `holdpoint audit verify`"),
-        (of.without_wall, "tasks have no time of the machine's clock"),
-        (of.marks_left_off, "older marks are left off"),
-        (of.alarms_left_off, "older changes of alarms are left off"),
+    for (count, noun, why) in [
+        (of.not_judged, "task", "stopped by a person or without a result"),
+        (of.removed, "batch", "removed for age or missing"),
+        (of.late, "batch", "sealed only after the end of the engine"),
+        (of.damaged, "batch", "unlike what the audit chain seals: see `holdpoint audit verify`"),
+        (of.without_wall, "task", "without a time of the machine's clock"),
+        (of.marks_left_off, "older mark", "left off"),
+        (of.alarms_left_off, "older alarm change", "left off"),
     ] {
         if count > 0 {
-            sentences.push(format!("in no number: {count} {what}"));
+            sentences.push(format!("in no number: {}, {why}", counted(count, noun)));
         }
     }
     sentences
@@ -156,9 +158,8 @@ pub fn alarm_course(of: &AlarmEpisode, now_ms: u64) -> Vec<String> {
         sentences.push(format!("{what}{by} {}{why}", step.time_text()));
     }
     let duration = duration_label(of.active_ms(now_ms));
-    let changes = if of.changes == 1 { "1 change".to_owned() } else { format!("{} changes", of.changes) };
     let verb = if of.ended.is_some() { "stood" } else { "has stood" };
-    sentences.push(format!("{verb} for {duration}, {changes} on record"));
+    sentences.push(format!("{verb} for {duration}, {} on record", counted(of.changes, "change")));
     sentences
 }
 
@@ -261,7 +262,7 @@ mod tests {
             omissions(&some),
             [
                 "a sample: 3 of 9 sealed blocks of telemetry were read, spread evenly; a shorter span is read whole",
-                "in no number: 2 batches were sealed only after their engine had ended"
+                "in no number: 2 batches, sealed only after the end of the engine"
             ]
         );
     }

@@ -10,6 +10,7 @@ mod clock;
 pub mod command_effect;
 mod condition;
 pub mod console;
+mod count;
 mod counted_try;
 pub mod coverage;
 pub mod event;
@@ -35,6 +36,7 @@ mod version_status;
 
 pub use clock::clock_mismatch;
 pub use condition::condition_of_use;
+pub use count::counted;
 pub use counted_try::counted_try;
 pub use finding::{finding, hard_stop};
 pub use harm::{harm_comparison, harm_decider, sequence_measure};

@@ -3,7 +3,7 @@
 use holdpoint_protocol::snapshot::{ApprovalRequestView, RequestKind, Snapshot};
 use holdpoint_text::Untrusted;
 
-use crate::version_status;
+use crate::{counted, version_status};
 
 /// What stands over these lines; the time follows.
 pub const LIVE_HEADING: &str = "LIVE, NOT SIGNED, as of";
@@ -29,7 +29,7 @@ pub fn live_lines(question: &ApprovalRequestView, now: &Snapshot) -> Vec<String>
         lines.push(format!("Live cell: {:.0} % of the last {recent} sequences done", 100.0 * success));
     }
     if now.live.uncovered > 0 {
-        lines.push(format!("Live cell: {} tasks that no evidence covers", now.live.uncovered));
+        lines.push(format!("Live cell: {} that no evidence covers", counted(now.live.uncovered, "task")));
     }
     if now.stopped.is_some() {
         lines.push("The cell is stopped".to_owned());

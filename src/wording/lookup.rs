@@ -4,6 +4,7 @@ use holdpoint_governance::explanation::{
     LookupRefusal, MeasuredQuantity, ShadowDifference, ShadowEvent, VerifiedChain,
 };
 
+use crate::counted;
 use crate::harm::harm_measure;
 use crate::sequence_measure;
 
@@ -47,8 +48,10 @@ pub fn verified_chain(of: &VerifiedChain) -> String {
     let VerifiedChain { checkpoints, signatures_checked, approvals, batches } = of;
     let unchecked = if *signatures_checked { "" } else { " (signatures not checked: no public key)" };
     format!(
-        "every record follows from the one before; {checkpoints} checkpoints{unchecked}, {approvals} approvals and {batches} \
-         batches match"
+        "every record follows from the one before; {}{unchecked}, {} and {} match",
+        counted(*checkpoints, "checkpoint"),
+        counted(*approvals, "approval"),
+        counted(*batches, "batch")
     )
 }
 

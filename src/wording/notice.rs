@@ -16,6 +16,7 @@ use holdpoint_governance::startup_stop::StartStoppedReason;
 use holdpoint_governance::wall_time::WallTime;
 
 use crate::clock::clock_mismatch;
+use crate::count::{counted, is_or_are};
 use crate::past_limit::{after_event, measured, past_limit};
 use crate::policy_hit::policy_hit;
 
@@ -88,7 +89,9 @@ pub fn notice_sentence(of: &Notice) -> String {
         N::RolledBackUnmonitored { problem } => {
             format!("it cannot be monitored ({problem}) and is rolled back")
         }
-        N::RequestStaysOpen { answers } => format!("the approval request stays open, with {answers} answers"),
+        N::RequestStaysOpen { answers } => {
+            format!("the approval request stays open, with {}", counted(*answers, "answer"))
+        }
         N::ActivationAskedAgain => "approvers had been asked; they are asked again".into(),
         N::ReleaseToAskAgain => {
             "approvers had been asked to lift its restriction; it stays restricted until they are asked again"
@@ -180,7 +183,10 @@ pub fn notice_sentence(of: &Notice) -> String {
         N::UnsafeAfterRollback { event, task } => {
             format!("{}, a safety event, in task {task} under it", event.name())
         }
-        N::TargetTaskNotReached { sequences } => format!("its task was not reached in {sequences} sequences"),
+        N::TargetTaskNotReached { sequences } => {
+            format!("its task was not reached in {}", counted(*sequences, "sequence"))
+        }
+        N::SafeAfterRollback { tasks: 1 } => "the first task under it was without a safety event".into(),
         N::SafeAfterRollback { tasks } => {
             format!("the first {tasks} tasks under it were without a safety event")
         }
@@ -254,9 +260,11 @@ pub fn notice_sentence(of: &Notice) -> String {
             format!("telemetry.db was quarantined as {file}; the new one has {lacks}; why: {problem}")
         }
         N::TelemetryMissing { batches } => format!(
-            "{batches} sealed batches of telemetry are missing from telemetry.db, and no record gives the reason: the batches \
-             or the file were removed, or the disk lost them; they are in no metric; with a copy of the store, \
-             `holdpoint metrics` and `audit verify` show their content"
+            "{} of telemetry {} missing from telemetry.db, and no record gives the reason: the batches or the file were \
+             removed, or the disk lost them; they are in no metric; with a copy of the store, `holdpoint metrics` and \
+             `audit verify` show their content",
+            counted(*batches, "sealed batch"),
+            is_or_are(*batches)
         ),
         N::CheckpointFailed { problem } => {
             format!("a truncated audit chain would go undetected: {problem}")

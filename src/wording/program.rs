@@ -23,12 +23,6 @@ pub mod store;
 pub mod store_check;
 pub mod version;
 
-/// A count with its noun.
-#[must_use]
-pub fn counted(count: usize, what: &str) -> String {
-    format!("{count} {what}{}", if count == 1 { "" } else { "s" })
-}
-
 /// Names as a list, or another word without one.
 fn listed_or(names: &[String], none: &str) -> String {
     if names.is_empty() { none.to_owned() } else { names.join(", ") }

@@ -87,9 +87,7 @@ fn non_file_with_the_name_of_a_recording_is_reported() {
     let (ended, text) = run_verb(&context, RecordingsVerb::List, false);
     assert_eq!(ended.unwrap(), Exit::Confirmed);
     assert!(
-        text.contains(&holdpoint_wording::program::counted(2, "file"))
-            && text.contains(PIPE)
-            && text.contains(SECOND),
+        text.contains(&holdpoint_wording::counted(2, "file")) && text.contains(PIPE) && text.contains(SECOND),
         "{text}"
     );
     let (_, text) = run_verb(&context, RecordingsVerb::List, true);

@@ -8,7 +8,7 @@ use holdpoint_protocol::clock::tick_of;
 use holdpoint_recordings::recording::Recording;
 use holdpoint_text::Untrusted;
 use holdpoint_wording::console::replay as wording;
-use holdpoint_wording::{event as event_text, seeds};
+use holdpoint_wording::{counted, event as event_text, seeds};
 
 /// Prints the recording's version, its events with virtual time in seconds and tick, up to `to_ms`, and its end.
 ///
@@ -50,5 +50,5 @@ pub fn print(recording: &Recording, to_ms: Option<u64>, out: &mut dyn Write) -> 
     let (lost_frames, lost_events) = recording.dropped;
     let lost =
         if recording.dropped == (0, 0) { String::new() } else { wording::dropped(lost_frames, lost_events) };
-    writeln!(out, "{}; {frames} frames{lost}", Untrusted::new(end).line())
+    writeln!(out, "{}; {}{lost}", Untrusted::new(end).line(), counted(frames, "frame"))
 }

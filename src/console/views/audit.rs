@@ -262,7 +262,7 @@ fn counted(observed: &ObservedCounts) -> Option<String> {
     if *activations == 0 && *episodes == 0 {
         return None;
     }
-    let mut text = wording::counted(*activations, *unsafe_activations, *episodes, *violations);
+    let mut text = wording::observed(*activations, *unsafe_activations, *episodes, *violations);
     if *rollbacks > 0 {
         text.push_str(&wording::rolled_back_safely(*recovered, *rollbacks));
     }
@@ -307,7 +307,7 @@ mod tests {
         let working =
             ObservedCounts { activations: 3, unsafe_activations: 1, episodes: 41, violations: 2, ..none };
         let rolled_back = ObservedCounts { rollbacks: 2, recovered: 1, ..working };
-        let counts = wording::counted(3, 1, 41, 2);
+        let counts = wording::observed(3, 1, 41, 2);
         let with_rollbacks = format!("{counts}{}", wording::rolled_back_safely(1, 2));
         for (observed, expected) in
             [(none, None), (working, Some(counts)), (rolled_back, Some(with_rollbacks))]

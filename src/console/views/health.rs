@@ -525,7 +525,6 @@ fn under(model: &ConsoleModel, series: &HealthSeries, width: usize, height: usiz
     }
     match marks.len() - shown {
         0 => {}
-        1 => say(ThemeRole::Muted, wording::ONE_MARK_MORE),
         more => say(ThemeRole::Muted, &wording::marks_more(more)),
     }
     rows.extend(left_out);

@@ -29,6 +29,7 @@ use holdpoint_governance::ids::{CapabilityId, Family};
 use holdpoint_governance::record::{VersionGroup, VersionSummary};
 use holdpoint_governance::version_status::{RecordedChanges, StatusFacts, VersionStatus};
 use holdpoint_wording::console::registry as wording;
+use holdpoint_wording::counted;
 
 /// Lines for the description of the version under the cursor.
 const DETAIL_ROWS: u16 = 4;
@@ -283,10 +284,8 @@ fn draw(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
     pen.list(list, items.len(), Some(cursor), |index, _| match items.get(index) {
         Some(RegistryItem::Family { family, versions, open }) => {
             let glyph = look.glyph(if *open { Glyph::Open } else { Glyph::Closed });
-            Row::of(ThemeRole::Title, &format!("{glyph} {family}")).with(
-                ThemeRole::Muted,
-                &format!("  {versions} {}", if *versions == 1 { "version" } else { "versions" }),
-            )
+            Row::of(ThemeRole::Title, &format!("{glyph} {family}"))
+                .with(ThemeRole::Muted, &format!("  {}", counted(*versions, "version")))
         }
         Some(RegistryItem::Version(row)) => {
             let flat = model.engine_data.registry.is_flat();

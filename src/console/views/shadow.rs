@@ -31,6 +31,7 @@ use holdpoint_protocol::monitor_chart::ChartView;
 use holdpoint_protocol::snapshot::{CandidateView, Disagreement, MonitorView, ShadowView};
 use holdpoint_record::rationale::remedy::is_in_favor;
 use holdpoint_wording::console::shadow as wording;
+use holdpoint_wording::counted;
 
 const CHARTS: usize = 0;
 
@@ -155,7 +156,7 @@ fn small_distances(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
                 let limit = limit.map_or_else(String::new, |limit| format!(" of {limit:.2}"));
                 rows.push(Row::of(ThemeRole::Text, &format!("{label:<11} {mean:.3}{limit}")));
             }
-            rows.push(Row::of(ThemeRole::Muted, &format!("{} sequences", shadow.n)));
+            rows.push(Row::of(ThemeRole::Muted, &counted(shadow.n, "sequence")));
         }
     }
     pen.rows(area, 0, &rows);
@@ -225,10 +226,10 @@ fn extent(model: &ConsoleModel, candidate: Option<&CandidateView>, shadow: Optio
     } else {
         wording::last_shown(shown, 1u64 << model.view_state.zoom.min(32))
     };
-    let budget = candidate
-        .and_then(|candidate| candidate.progress.as_ref())
-        .map_or_else(String::new, |progress| format!(" of {}", progress.budget));
-    format!("  {}{budget} sequences, {range}", shadow.n)
+    let budget = candidate.and_then(|candidate| candidate.progress.as_ref()).map(|progress| progress.budget);
+    let sequences = counted(shadow.n, "sequence");
+    let sequences = budget.map_or(sequences, |budget| format!("{} of {budget} sequences", shadow.n));
+    format!("  {sequences}, {range}")
 }
 
 /// The last part of a series: half of it with every step of zoom, and at least two values.

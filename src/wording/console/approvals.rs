@@ -2,6 +2,8 @@
 
 use holdpoint_governance::ids::CapabilityId;
 
+use crate::counted;
+
 pub const HELP: &str = "Approvals that wait";
 pub const TOUR: &str = "What waits for a person: enter opens it, and never approves";
 pub const ORDER_OF_DEADLINES: &str = "what waits stands in the order of its deadlines";
@@ -17,7 +19,7 @@ pub fn opens_the_decision(key: &str) -> String {
 
 #[must_use]
 pub fn more_lines(lines: usize) -> String {
-    format!("{lines} more lines in the prompt")
+    format!("{} in the prompt", counted(lines, "more line"))
 }
 
 #[must_use]

@@ -1,5 +1,7 @@
 //! The texts of the view of the audit log. The sentences of its records are in [`record`](super::record).
 
+use crate::counted;
+
 pub const TOUR: &str = "Each record has the hash of the one before; v checks them";
 pub const NO_RECORD_READ: &str = "No record has been read yet";
 pub const NO_RECORD_OF_THIS_KIND: &str = "There is no record of this kind";
@@ -9,12 +11,12 @@ pub const CHECKS_IT: &str = " checks it";
 
 #[must_use]
 pub fn raw_cut(lines: usize) -> String {
-    format!("… cut after {lines} lines; `holdpoint audit export` has all of it")
+    format!("… cut after {}; `holdpoint audit export` has all of it", counted(lines, "line"))
 }
 
 #[must_use]
 pub fn run_of_telemetry(count: usize, newest: &str) -> String {
-    format!("{count} records of sealed telemetry, the newest: {newest}")
+    format!("{} of sealed telemetry, the newest: {newest}", counted(count, "record"))
 }
 
 #[must_use]
@@ -28,10 +30,12 @@ pub fn raw_title(seq: u64) -> String {
 }
 
 #[must_use]
-pub fn counted(activations: u64, unsafe_activations: u64, tasks: u64, violations: u64) -> String {
+pub fn observed(activations: u64, unsafe_activations: u64, tasks: u64, violations: u64) -> String {
     format!(
         "since this engine began: {activations} let in, {unsafe_activations} unsafe; \
-         {tasks} tasks, {violations} violations"
+         {}, {}",
+        counted(tasks, "task"),
+        counted(violations, "violation")
     )
 }
 
@@ -47,12 +51,12 @@ pub fn chain_not_checked(glyph: &str) -> String {
 
 #[must_use]
 pub fn chain_holds(glyph: &str, records: u64, finding: &str) -> String {
-    format!("{glyph} chain holds, {records} records checked: {finding}")
+    format!("{glyph} chain holds, {} checked: {finding}", counted(records, "record"))
 }
 
 #[must_use]
 pub fn chain_broken(glyph: &str, records: u64, finding: &str) -> String {
-    format!("{glyph} CHAIN BROKEN after {records} records: {finding}")
+    format!("{glyph} CHAIN BROKEN after {}: {finding}", counted(records, "record"))
 }
 
 #[must_use]

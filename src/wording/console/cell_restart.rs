@@ -2,6 +2,8 @@
 
 use holdpoint_governance::ids::CapabilityId;
 
+use crate::counted;
+
 pub const NOT_STOPPED: &str = "the cell is not stopped";
 pub const ARM_MOVES_AGAIN: &str = "The arm moves again at once; make sure that the cell is empty";
 pub const ALREADY_STARTED: &str = "the cell has already been started";
@@ -23,7 +25,7 @@ pub fn stopped_by(author: &str, since: &str, why: &str) -> String {
 
 #[must_use]
 pub fn stopped_again_unnamed(times: u64) -> String {
-    format!("and {times} more times, by whom the record says")
+    format!("and {}, by whom the record says", counted(times, "more time"))
 }
 
 #[must_use]

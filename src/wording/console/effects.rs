@@ -5,6 +5,8 @@ use std::net::SocketAddr;
 
 use holdpoint_governance::ids::CapabilityId;
 
+use crate::counted;
+
 pub const WAIT_FOR_ANSWERS: &str = "wait for its answers, then ask again";
 pub const ENGINE_BUSY: &str = "the engine is busy";
 pub const NO_LIVE_SCENE: &str = "no live scene is drawn here: this run keeps no recordings";
@@ -30,7 +32,7 @@ pub fn copied_first(copied: usize, all: usize) -> String {
 
 #[must_use]
 pub fn copied(bytes: usize) -> String {
-    format!("copied {bytes} bytes (OSC 52)")
+    format!("copied {} (OSC 52)", counted(bytes, "byte"))
 }
 
 #[must_use]

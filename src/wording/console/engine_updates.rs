@@ -1,5 +1,7 @@
 //! What the console says when its engine comes, goes or answers.
 
+use crate::counted;
+
 pub const ENGINE_GONE: &str = "the engine is gone";
 pub const ENGINE_ENDED: &str = "the engine ended";
 pub const ENGINE_DID_NOT_COME_UP: &str = "the engine did not come up";
@@ -20,7 +22,7 @@ pub fn request_in_doubt(lost: &str) -> String {
 
 #[must_use]
 pub fn log_begins_here(earlier: u64) -> String {
-    format!("(the log begins here; {earlier} earlier events of this engine are on record only)")
+    format!("(the log begins here; only the record has {} of this engine)", counted(earlier, "earlier event"))
 }
 
 #[must_use]

@@ -1,11 +1,13 @@
 //! The texts of the event log.
 
+use crate::counted;
+
 pub const NO_LINE_FITS: &str = "No line fits the filter";
 pub const NOTHING_HAPPENED: &str = "Nothing has happened yet";
 
 #[must_use]
 pub fn sequences(sequences: u32, done: u32) -> String {
-    format!("{sequences} sequences, {done} done, the last: ")
+    format!("{}, {done} done, the last: ", counted(sequences, "sequence"))
 }
 
 #[must_use]

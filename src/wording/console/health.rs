@@ -2,12 +2,13 @@
 
 use holdpoint_protocol::health::HealthPoint;
 
+use crate::counted;
+
 pub const NARROWER_THAN_A_MINUTE: &str = "narrower than a minute";
 pub const WIDER_THAN_A_DAY: &str = "wider than a day";
 pub const NOTHING_READ_YET: &str = "nothing has been read yet";
 pub const HELP: &str = "Health: success, violations, time and force over hours and days";
 pub const TOUR: &str = "Better or worse, and since when: tab turns on, + and - zoom";
-pub const ONE_MARK_MORE: &str = "and one mark more in this column";
 pub const NO_TASK: &str = "no task";
 pub const SUCCESS: &str = "% done, band: 95 % interval";
 pub const VIOLATIONS: &str = "% with a violation, band: with those close to a limit";
@@ -33,7 +34,7 @@ pub fn no_task_on_record(start: &str, end: &str, family: &str) -> String {
 
 #[must_use]
 pub fn marks_more(more: usize) -> String {
-    format!("and {more} marks more in this column")
+    format!("and {} in this column", counted(more, "more mark"))
 }
 
 #[must_use]

@@ -166,7 +166,7 @@ pub fn sandbox_may_run_again(version: &CapabilityId, family: &Family) -> String 
 
 #[must_use]
 pub fn others_lose_the_engine(others: usize) -> String {
-    format!("{others} more at this engine lose it")
+    format!("{others} more at this engine {} it", if others == 1 { "loses" } else { "lose" })
 }
 
 #[must_use]

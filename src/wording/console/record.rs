@@ -6,6 +6,7 @@
 use serde_json::Value;
 
 use super::shared;
+use crate::count::{counted, is_or_are};
 use crate::notice_sentence;
 use holdpoint_governance::decision::ReasonCode;
 use holdpoint_governance::notice::Notice;
@@ -27,7 +28,7 @@ const VALUE_CHARS: usize = 160;
 pub fn record_sentence(record: &AuditRecord) -> String {
     let value = (record.body.len() <= BODY_BYTES_MAX).then(|| serde_json::from_str::<Value>(&record.body));
     let Some(Ok(value)) = value else {
-        return format!("{}, {} bytes of content", record.kind, record.body.len());
+        return format!("{}, {} of content", record.kind, counted(record.body.len(), "byte"));
     };
     let specific =
         record.kind.known().and_then(|kind| sentence_of_kind(*kind, &RecordFields { root: &value }));
@@ -239,10 +240,10 @@ fn person_sentence(what: &str, fields: &RecordFields<'_>) -> Option<String> {
 
 fn telemetry(fields: &RecordFields<'_>) -> Option<String> {
     let Some(batches) = fields.find("batches").and_then(Value::as_array) else {
-        return Some(format!("a batch of telemetry is sealed, {} rows", fields.text("rows")?));
+        return Some(batches_sealed(1, fields.text("rows")?.parse().ok()?));
     };
-    let rows: u64 = batches.iter().filter_map(|batch| batch.get("rows")?.as_u64()).sum();
-    Some(batches_sealed(batches.len(), rows))
+    let rows = batches.iter().filter_map(|batch| batch.get("rows")?.as_u64());
+    Some(batches_sealed(batches.len(), rows.fold(0, u64::saturating_add)))
 }
 
 /// The flags that are set.
@@ -288,11 +289,12 @@ fn scores(values: &str) -> String {
 }
 
 fn tasks_past_a_limit(any: u64, tasks: u64) -> String {
-    format!("{any} of {tasks} live tasks were past a limit of harm")
+    format!("past a limit of harm: {any} of {}", counted(tasks, "live task"))
 }
 
 fn batches_sealed(batches: usize, rows: u64) -> String {
-    format!("{batches} batches of telemetry are sealed, {rows} rows")
+    let (sealed, rows) = (counted(batches, "batch"), counted(rows, "row"));
+    format!("{sealed} of telemetry {} sealed, {rows}", is_or_are(batches))
 }
 
 fn submitted(author: &str, provenance: Option<&str>, risk: Option<&str>, parent: Option<&str>) -> String {

@@ -1,5 +1,7 @@
 //! The texts of a replay: answers to keys, warnings, and what the screen shows of a recording.
 
+use crate::counted;
+
 pub const NO_FRAME_AFTER: &str = "no frame after this one";
 pub const NO_FRAME_BEFORE: &str = "no frame before this one";
 pub const NO_EVENT_AFTER: &str = "no event after this";
@@ -50,7 +52,7 @@ pub fn head(version: &str, against: &str, profile: &str, robot: &str, seed: &str
 
 #[must_use]
 pub fn dropped(frames: u64, events: u64) -> String {
-    format!("; dropped: {frames} frames, {events} events")
+    format!("; dropped: {}, {}", counted(frames, "frame"), counted(events, "event"))
 }
 
 #[must_use]

@@ -1,5 +1,7 @@
 //! The texts of the shadow view.
 
+use crate::counted;
+
 pub const HELP: &str = "Shadow: twin against live";
 pub const TOUR: &str = "The twin against the live arm on the same sequences; f freezes";
 pub const NO_TWIN: &str = "No candidate yet, and so no twin";
@@ -25,7 +27,7 @@ pub fn shadow_is_over(key: &str) -> String {
 
 #[must_use]
 pub fn window_over(tasks: u32, window: u32) -> String {
-    format!("{tasks} tasks, window of {window} over")
+    format!("{}, window of {window} over", counted(tasks, "task"))
 }
 
 #[must_use]

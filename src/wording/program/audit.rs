@@ -2,16 +2,18 @@
 
 use std::fmt::Display;
 
+use crate::counted;
+
 /// An export to a file.
 #[must_use]
 pub fn exported(records: u64, file: impl Display) -> String {
-    format!("wrote {records} records to {file}")
+    format!("wrote {} to {file}", counted(records, "record"))
 }
 
 /// An export with its signed heads to a file.
 #[must_use]
 pub fn exported_with_heads(records: u64, file: impl Display) -> String {
-    format!("wrote {records} records with their signed heads to {file}")
+    format!("wrote {} with the signed heads to {file}", counted(records, "record"))
 }
 
 /// A list without the digests of telemetry.
@@ -23,7 +25,7 @@ pub const NO_RECORDS: &str = "no records";
 /// A proof in a file.
 #[must_use]
 pub fn wrote_proof(steps: usize, bytes: usize, file: impl Display) -> String {
-    format!("wrote a proof of {steps} steps, {bytes} bytes, to {file}")
+    format!("wrote a proof of {}, {}, to {file}", counted(steps, "step"), counted(bytes, "byte"))
 }
 
 /// The statement of a proof that a record is in a chain: the record with its kind and hash, the store, the signed head.
@@ -56,7 +58,7 @@ pub fn not_sound(problem: &str) -> String {
 #[must_use]
 pub fn sound(signatures_checked: bool, records: u64, head: impl Display) -> String {
     let unless = if signatures_checked { "" } else { " but for its signatures, which were not checked" };
-    format!("sound{unless}: {records} records, head {head}")
+    format!("sound{unless}: {}, head {head}", counted(records, "record"))
 }
 
 /// The verified checkpoints, and whether their signatures were checked.
@@ -132,8 +134,8 @@ pub fn root_of_tree(root: impl Display) -> String {
 #[must_use]
 pub fn seed_keys(committed: u64, revealed: u64, follow: u64, pending: u64) -> String {
     format!(
-        "keys of seeds      {committed}, {revealed} of them revealed; the seeds of {follow} evaluations follow from \
-         theirs, {pending} are not revealed yet"
+        "keys of seeds      {committed}, {revealed} of them revealed, {pending} not yet; the seeds of {} follow from theirs",
+        counted(follow, "evaluation")
     )
 }
 

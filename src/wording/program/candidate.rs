@@ -4,6 +4,8 @@ use std::fmt::Display;
 
 use holdpoint_governance::ids::CapabilityId;
 
+use crate::counted;
+
 /// The signature of the author, in its file.
 #[must_use]
 pub fn signed_by_author(candidate: impl Display, author: impl Display, file: &str) -> String {
@@ -44,8 +46,7 @@ pub fn static_verdict(
 ) -> String {
     let approvals = match approvals {
         0 => "no approval".to_owned(),
-        1 => "1 approval at least".to_owned(),
-        more => format!("{more} approvals at least"),
+        some => format!("{} at least", counted(some, "approval")),
     };
     format!("in {profile:<7} interface {interface}, policy {policy}, {approvals}")
 }

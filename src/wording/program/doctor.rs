@@ -2,7 +2,7 @@
 
 use std::fmt::Display;
 
-use super::counted;
+use crate::counted;
 
 /// A terminal without control sequences.
 pub const DUMB_TERMINAL: &str = "TERM is dumb: output is plain, without the console";

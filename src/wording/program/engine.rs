@@ -4,6 +4,8 @@
 
 use std::fmt::Display;
 
+use crate::counted;
+
 /// The person of a stop whose record cannot be read.
 pub const UNKNOWN_PERSON: &str = "an unknown person";
 
@@ -146,7 +148,9 @@ pub fn recording_contradiction(of: RecordingContradiction<'_>, version: impl Dis
         RecordingContradiction::OtherDigest => format!("its name has not the digest of {version}"),
         RecordingContradiction::Surplus { ends, outcome, recordings } => {
             format!(
-                "{ends} upgrades of {version} ended as {outcome}, and {recordings} recordings of them are kept"
+                "{} of {version} ended as {outcome}, with {} on record",
+                counted(ends, "upgrade"),
+                counted(recordings, "recording"),
             )
         }
     }

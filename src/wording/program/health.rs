@@ -4,6 +4,8 @@ use std::fmt::Display;
 
 use holdpoint_protocol::health::HealthClock;
 
+use crate::counted;
+
 /// The span of a report: its ends, its clock, the length of a bucket, the end of the record.
 #[must_use]
 pub fn span(from: &str, until: &str, clock: HealthClock, bucket_min: u64, record_end: &str) -> String {
@@ -27,7 +29,7 @@ pub fn chart_heading(family: impl Display, lowest_percent: f64) -> String {
 /// Marks before the first one that is printed.
 #[must_use]
 pub fn earlier_marks(count: usize) -> String {
-    format!("({count} earlier marks: --json or --csv has them)")
+    format!("({}: --json and --csv list all)", counted(count, "earlier mark"))
 }
 
 /// A panel of a chart without a task.
@@ -36,5 +38,5 @@ pub const EMPTY_PANEL: &str = "no task on record";
 /// Marks that a chart does not list.
 #[must_use]
 pub fn unlisted_marks(more: usize) -> String {
-    format!("and {more} marks more")
+    format!("and {}", counted(more, "more mark"))
 }

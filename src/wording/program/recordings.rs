@@ -2,7 +2,7 @@
 
 use std::fmt::Display;
 
-use super::counted;
+use crate::counted;
 
 /// A recording with another digest than on record.
 #[must_use]
@@ -92,7 +92,7 @@ pub enum RemovalLimit {
 pub fn removal_reason(of: RemovalLimit) -> String {
     match of {
         RemovalLimit::Newest(keep) => format!("only the {keep} newest are kept"),
-        RemovalLimit::Days(days) => format!("written more than {days} days ago"),
+        RemovalLimit::Days(days) => format!("written more than {} ago", counted(days, "day")),
         RemovalLimit::Mebibytes(mib) => format!("all together are limited to {mib} MiB"),
     }
 }

@@ -2,6 +2,8 @@
 
 use std::fmt::Display;
 
+use crate::counted;
+
 /// A repeated stage waits for an engine.
 pub const STAGE_WAITS: &str = "no engine is running; `holdpoint run` runs the stage";
 
@@ -45,7 +47,7 @@ pub const ENDS_AFTER_COMMANDS: &str = "the run ends after the earlier commands";
 /// Lines of a verb that are not printed.
 #[must_use]
 pub fn more_lines(more: usize) -> String {
-    format!("  and {more} more lines")
+    format!("  and {}", counted(more, "more line"))
 }
 
 /// The end of a verb with a failure.
@@ -101,8 +103,8 @@ pub fn registered_by_interrupted(version: impl Display, state: impl Display) -> 
 
 /// Events that the reader of a stream did not take in time.
 #[must_use]
-pub fn missed_events(missed: impl Display) -> String {
-    format!("{missed} events were not printed: the reader is too slow")
+pub fn missed_events(missed: u64) -> String {
+    format!("not printed: {}, as the reader is too slow", counted(missed, "event"))
 }
 
 /// The mark of an engine that ends, in the protocol of service managers.
@@ -134,8 +136,9 @@ pub struct ServiceCounts {
 pub fn service_status(profile: &str, of: ServiceCounts) -> String {
     let ServiceCounts { active, families, open, waiting, alarms } = of;
     format!(
-        "{profile}, {active} of {families} families active, {open} candidates open, {waiting} waiting for approval, \
-         {alarms} alarms"
+        "{profile}, {active} of {families} families active, {} open, {waiting} waiting for approval, {}",
+        counted(open, "candidate"),
+        counted(alarms, "alarm")
     )
 }
 

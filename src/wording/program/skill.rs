@@ -4,6 +4,8 @@ use std::fmt::Display;
 
 use holdpoint_body::CodeFault;
 
+use crate::counted;
+
 /// A new folder, and the next step.
 #[must_use]
 pub fn wrote_skill(folder: &str) -> [String; 2] {
@@ -16,7 +18,7 @@ pub fn wrote_skill(folder: &str) -> [String; 2] {
 /// A built component, and the next step.
 #[must_use]
 pub fn built(component: &str, bytes: usize, folder: &str) -> [String; 2] {
-    [format!("built {component}, {bytes} bytes"), format!("next: holdpoint skill test {folder}")]
+    [format!("built {component}, {}", counted(bytes, "byte")), format!("next: holdpoint skill test {folder}")]
 }
 
 /// The heading of a test: the version, its bundle, the episodes and their seeds.
@@ -28,7 +30,8 @@ pub fn test_heading(
     seeds: [impl Display; 2],
 ) -> String {
     let [first, last] = seeds;
-    format!("{id}, {bundle}: {episodes} episodes in a trial cell, seeds {first} to {last}")
+    let episodes = counted(episodes, "episode");
+    format!("{id}, {bundle}: {episodes} in a trial cell, seeds {first} to {last}")
 }
 
 /// The verdict of the static rules under a profile.
@@ -91,7 +94,7 @@ pub fn tick_time(half_us: f64, most_us: f64) -> String {
 pub fn same_seed(unlike: u64) -> String {
     match unlike {
         0 => "same seed   the same commands in every episode".to_owned(),
-        unlike => format!("SAME SEED   OTHER COMMANDS in {unlike} episodes"),
+        unlike => format!("SAME SEED   OTHER COMMANDS in {}", counted(unlike, "episode")),
     }
 }
 

@@ -10,6 +10,7 @@ use holdpoint_text::signing_options;
 
 use super::alarms::shelving;
 use super::listed_or;
+use crate::counted;
 use crate::event::stop_author;
 
 /// The engine of a store.
@@ -80,7 +81,7 @@ pub fn stopped(of: &StoppedView, (by, reason): (&str, &str), moment: &dyn Fn(u64
     let (author, since) = (stop_author(&of.by, &of.caller), moment(of.since_ms));
     let mut line = format!("STOPPED  by {author}, since {since}{}", why(&of.reason));
     if of.unnamed > 0 {
-        line.push_str(&format!(", and {} more times", of.unnamed));
+        line.push_str(&format!(", and {}", counted(of.unnamed, "more time")));
     }
     for stop in &of.again {
         let author = stop_author(&stop.by, &stop.caller);

@@ -2,12 +2,13 @@
 
 use std::fmt::Display;
 
-use super::counted;
+use crate::counted;
 
 /// A sound copy: its records, its size in words, its files, its place.
 #[must_use]
 pub fn copied(records: u64, size: &str, files: usize, to: impl Display) -> String {
-    format!("copied {records} records, {size} in {}, to {to}; the copy is sound", counted(files, "file"))
+    let (records, files) = (counted(records, "record"), counted(files, "file"));
+    format!("copied {records}, {size} in {files}, to {to}; the copy is sound")
 }
 
 /// The recordings of a copy.
@@ -58,7 +59,7 @@ pub const NOTHING_TO_REBUILD: &str = "the tables match the audit log; nothing wa
 /// A rebuilt store, and the place of the damaged file.
 #[must_use]
 pub fn rebuilt(records: u64, damaged_file: impl Display) -> String {
-    format!("rebuilt from {records} records; the damaged file is {damaged_file}")
+    format!("rebuilt from {}; the damaged file is {damaged_file}", counted(records, "record"))
 }
 
 /// The first difference that a rebuild found.

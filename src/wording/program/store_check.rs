@@ -2,6 +2,8 @@
 
 use holdpoint_governance::store_finding::StoreFinding;
 
+use crate::counted;
+
 /// What helps with a secret key that is lost.
 const RESTORE: &str = "put it back from a backup of the folder keys; a store's key cannot be replaced";
 
@@ -29,8 +31,9 @@ pub fn store_finding(of: &StoreFinding) -> String {
             let signatures =
                 if *signatures_checked { "" } else { "; without the public key no signature was checked" };
             format!(
-                "The history is sound: every row matches the {records} records, and {batches} sealed batches of telemetry \
-                 match{signatures}."
+                "The history is sound: every row matches its records, {} in all, and so does the telemetry, {}{signatures}.",
+                counted(*records, "record"),
+                counted(*batches, "sealed batch")
             )
         }
         StoreFinding::BadHistory { problem, can_rebuild } => {
@@ -46,10 +49,11 @@ pub fn store_finding(of: &StoreFinding) -> String {
             format!("The telemetry file is damaged or foreign: {problem}; the next engine quarantines it.")
         }
         StoreFinding::WholeChain { records } => {
-            format!("The audit chain has {records} records, none is missing.")
+            format!("The audit chain has {}, none is missing.", counted(*records, "record"))
         }
         StoreFinding::CutChain { records, last, recorded_end } => format!(
-            "The audit chain has {records} records up to {last}, and its end was recorded at {recorded_end}."
+            "The audit chain has {} up to {last}, and its end was recorded at {recorded_end}.",
+            counted(*records, "record")
         ),
         StoreFinding::BadPerson { name, problem } => format!("The person {name:?} is bad: {problem}."),
         StoreFinding::FreeSpace { size, is_enough: true } => format!("{size} are free where the store lies."),
@@ -59,7 +63,7 @@ pub fn store_finding(of: &StoreFinding) -> String {
         StoreFinding::InUse { owner: Some(owner) } => format!("The store is in use by {owner}."),
         StoreFinding::InUse { owner: None } => "No engine has the store.".to_owned(),
         StoreFinding::Witness { folder, heads } => {
-            format!("The witness {folder:?} has {heads} heads and can be written.")
+            format!("The witness {folder:?} has {} and can be written.", counted(*heads, "head"))
         }
         StoreFinding::UnusableWitness { folder, problem } => {
             format!("The witness {folder:?} cannot be used: {problem}.")
@@ -87,7 +91,7 @@ pub fn store_finding(of: &StoreFinding) -> String {
             format!("There is a newer checkpoint than the chain: {file:?}.")
         }
         StoreFinding::SignedToEnd { checkpoints } => {
-            format!("The audit chain is signed to its end, with {checkpoints} checkpoints.")
+            format!("The audit chain is signed to its end, with {}.", counted(*checkpoints, "checkpoint"))
         }
         StoreFinding::UnreadablePublicKey { problem } => {
             format!("The store's public key cannot be read: {problem}.")

@@ -5,9 +5,9 @@ use holdpoint_governance::store_finding::StoreFinding;
 use holdpoint_governance::wall_time::WallTime;
 use holdpoint_protocol::snapshot::RequestKind;
 
+use crate::counted;
 use crate::program::audit::{checkpoints, sound};
 use crate::program::candidate::{CheckSummary, check_summary, static_verdict};
-use crate::program::counted;
 use crate::program::engine::{RecordingContradiction, recording_contradiction};
 use crate::program::metrics::{covered, omitted_batches};
 use crate::program::recordings::{checked, checked_all, missing};
@@ -17,6 +17,8 @@ use crate::program::store_check::{checked as checked_store, store_finding};
 #[test]
 fn one_thing_has_no_plural() {
     assert_eq!([0, 1, 2].map(|count| counted(count, "file")), ["0 files", "1 file", "2 files"]);
+    assert_eq!([1_u64, 2].map(|count| counted(count, "batch")), ["1 batch", "2 batches"]);
+    assert_eq!(sound(true, 1, "ab"), "sound: 1 record, head ab");
     let approvals = [0, 1, 2].map(|count| static_verdict("sim", "pass", "pass", count));
     let ends = ["no approval", "1 approval at least", "2 approvals at least"];
     for (line, end) in approvals.iter().zip(ends) {
@@ -105,7 +107,7 @@ fn a_recording_has_its_mark_and_what_differs() {
     let surplus = RecordingContradiction::Surplus { ends: 1, outcome: "confirmed", recordings: 1 };
     assert_eq!(
         recording_contradiction(surplus, "grasp@1.1.0"),
-        "1 upgrades of grasp@1.1.0 ended as confirmed, and 1 recordings of them are kept"
+        "1 upgrade of grasp@1.1.0 ended as confirmed, with 1 recording on record"
     );
 }
 

@@ -185,8 +185,8 @@ fn marks_are_shown_or_counted_newest_first() {
         );
         let expected = match notes - shown {
             0 => String::new(),
-            1 => "one mark more".to_owned(),
-            more => format!("{more} marks more"),
+            1 => "1 more mark".to_owned(),
+            more => format!("{more} more marks"),
         };
         assert!(screen.contains(&expected), "{expected:?}\n{screen}");
         assert!(shown == notes || !expected.is_empty());
