@@ -88,11 +88,23 @@ pub fn run_ordered<W, R: Send>(
                 changed.notify_all();
             });
         }
-        let end = collect(n, cancel, &shared, &changed, &mut commit);
-        lock(&shared).is_closed = true;
-        changed.notify_all();
-        end
+        // Also if `commit` panics: the scope waits for the workers, and these wait for the commit.
+        let _closing = Closing { shared: &shared, changed: &changed };
+        collect(n, cancel, &shared, &changed, &mut commit)
     })
+}
+
+/// Ends the workers when dropped.
+struct Closing<'a, R> {
+    shared: &'a Mutex<PoolShared<R>>,
+    changed: &'a Condvar,
+}
+
+impl<R> Drop for Closing<'_, R> {
+    fn drop(&mut self) {
+        lock(self.shared).is_closed = true;
+        self.changed.notify_all();
+    }
 }
 
 fn run_items<W, R>(
@@ -240,6 +252,25 @@ mod tests {
             assert_eq!(committed, 7);
             assert_eq!(end, Err(CellError::Worker { item: 7, message: "seven is broken".to_owned() }));
         }
+    }
+
+    #[test]
+    fn a_panic_of_the_caller_ends_the_workers() {
+        let cancel = AtomicBool::new(false);
+        let ended = catch_unwind(AssertUnwindSafe(|| {
+            run_ordered(
+                2,
+                1000,
+                &cancel,
+                no_worker,
+                |(), item| item,
+                |item, _| {
+                    assert!(item != 7, "the caller is broken");
+                    ControlFlow::Continue(())
+                },
+            )
+        }));
+        assert_eq!(message(&*ended.unwrap_err()), "the caller is broken");
     }
 
     #[test]

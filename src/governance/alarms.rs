@@ -286,7 +286,7 @@ pub enum AlarmError {
     #[error("the alarm {0:?} is critical and cannot be shelved")]
     ShelveCritical(Untrusted),
     /// A shelf that ends in the past or too late.
-    #[error("a shelf must end within {max_ms} ms from now, not in {requested_ms} ms")]
+    #[error("a shelf ends in the future, within {} h from now", max_ms / 3_600_000)]
     ShelfTime {
         /// The requested span, ms from now; negative for an end in the past.
         requested_ms: i64,
@@ -297,14 +297,14 @@ pub enum AlarmError {
     #[error("the alarm {0:?} is not shelved")]
     NotShelved(Untrusted),
     /// No alarm of the book makes room: all that could are as urgent or need an operator.
-    #[error("{ALARMS_MAX} alarms are open and {0:?} does not fit")]
+    #[error("too many alarms are open, and none makes room for {0:?}")]
     Full(Untrusted),
 }
 
 impl Hint for AlarmError {
     fn hint(&self) -> Option<Cow<'static, str>> {
         match self {
-            Self::StillPresent(_) => Some("acknowledge it".into()),
+            Self::StillPresent(_) => Some("acknowledge it, and reset it when its condition is over".into()),
             Self::Full(_) => Some("acknowledge alarms whose conditions are gone".into()),
             Self::Unknown(_)
             | Self::Key(_)
@@ -379,7 +379,7 @@ impl AlarmBook {
         self.alarms.values()
     }
 
-    /// All that are not normal, the most urgent and then the newest first.
+    /// All that are not normal: unacknowledged before acknowledged, shelved last; then the most urgent, then the newest first.
     #[must_use]
     pub fn open(&self) -> Vec<&Alarm> {
         let mut open: Vec<&Alarm> = self.iter().filter(|alarm| alarm.state() != AlarmState::Normal).collect();

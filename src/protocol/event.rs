@@ -525,7 +525,7 @@ pub enum EventKind {
 }
 
 impl EventKind {
-    /// The version of an event; absent if the event concerns the whole cell.
+    /// The version of an event; absent if the event concerns the whole cell, or a file.
     #[must_use]
     pub const fn version(&self) -> Option<&CapabilityId> {
         match self {
@@ -552,8 +552,24 @@ impl EventKind {
             | Self::BreakGlass { version, .. }
             | Self::Reviewed { version, .. }
             | Self::AuditClosed { version, .. } => Some(version),
-            // About the whole cell, or about a file.
-            _ => None,
+            Self::EngineStarted { .. }
+            | Self::Sequence { .. }
+            | Self::Drift { .. }
+            | Self::LiveFault { .. }
+            | Self::GoalSet { .. }
+            | Self::ShiftNote { .. }
+            | Self::Commissioned { .. }
+            | Self::SensesCommissioned { .. }
+            | Self::CellStopped { .. }
+            | Self::ArmStands { .. }
+            | Self::CellReleased { .. }
+            | Self::Pace { .. }
+            | Self::Alarm { .. }
+            | Self::Voided { .. }
+            | Self::RecordingKept { .. }
+            | Self::Scene { .. }
+            | Self::CommandRefused { .. }
+            | Self::Fault { .. } => None,
         }
     }
 }

@@ -95,7 +95,7 @@ pub fn stopped(model: &ConsoleModel) -> Option<String> {
     Some(match stopped.again.last() {
         None => wording::stopped_by(&by(&stopped.by, &stopped.caller), &first),
         Some(last) => {
-            let between = stopped.unnamed + stopped.again.len() as u64 - 1;
+            let between = stopped.unnamed.saturating_add(stopped.again.len() as u64).saturating_sub(1);
             let more = if between > 0 { format!(" and {between} more") } else { String::new() };
             let again = model.moment(last.at_ms);
             let (stopped, last) = (by(&stopped.by, &stopped.caller), by(&last.by, &last.caller));

@@ -182,7 +182,7 @@ fn shelve(
     if shelf.reason.is_blank() {
         return Err(AlarmError::NoReason(key()));
     }
-    let requested_ms = shelf.until.ms() - wall.ms();
+    let requested_ms = shelf.until.ms().saturating_sub(wall.ms());
     if requested_ms <= 0 || requested_ms.unsigned_abs() > SHELF_MS_MAX {
         return Err(AlarmError::ShelfTime { requested_ms, max_ms: SHELF_MS_MAX });
     }

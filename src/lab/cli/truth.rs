@@ -102,9 +102,11 @@ pub fn run(args: &TruthArgs, out: &mut CommandOutput<'_>) -> Result<Exit, CliErr
     Ok(exit_of(aims))
 }
 
-/// The exit code by the aims: an aim that too few candidates show is not met.
-fn exit_of(mut aims: impl Iterator<Item = ClaimVerdict>) -> Exit {
-    if aims.all(|verdict| verdict == ClaimVerdict::Shown) { Exit::Confirmed } else { Exit::Rejected }
+/// The exit code by the aims: an aim that too few candidates show is not met, and without an aim nothing is shown.
+fn exit_of(aims: impl Iterator<Item = ClaimVerdict>) -> Exit {
+    let mut aims = aims.peekable();
+    let is_shown = aims.peek().is_some() && aims.all(|verdict| verdict == ClaimVerdict::Shown);
+    if is_shown { Exit::Confirmed } else { Exit::Rejected }
 }
 
 fn show(report: &TruthReport, out: &mut CommandOutput<'_>) -> Result<(), CliError> {
@@ -164,6 +166,7 @@ mod tests {
         use ClaimVerdict::{NotShown, Refuted, Shown};
         for (aims, expected) in [
             (&[Shown, Shown][..], Exit::Confirmed),
+            (&[], Exit::Rejected),
             (&[Shown, NotShown], Exit::Rejected),
             (&[Refuted, Shown], Exit::Rejected),
             (&[NotShown, Refuted], Exit::Rejected),

@@ -89,18 +89,20 @@ impl ThresholdScale {
     pub fn of(self, profile: ProfileName) -> Result<ChosenProfile, ExperimentError> {
         let scale = match self {
             Self::AsTheyAre => return Ok(profile.into()),
-            Self::Lower | Self::B88Lower => "scale = 0.9",
-            Self::Higher | Self::B88Higher => "scale = 1.1",
-            Self::Halved => "scale = 0.5",
-            Self::B88 => "scale = 1.0",
+            Self::Lower | Self::B88Lower => 0.9,
+            Self::Higher | Self::B88Higher => 1.1,
+            Self::Halved => 0.5,
+            Self::B88 => 1.0,
         };
-        let is_other = matches!(self, Self::B88 | Self::B88Lower | Self::B88Higher);
-        let preset = if is_other { "paper-b88" } else { "paper" };
+        let (preset, wanted) = match self {
+            Self::B88 | Self::B88Lower | Self::B88Higher => ("paper-b88", ThresholdPreset::PaperB88),
+            Self::AsTheyAre | Self::Lower | Self::Higher | Self::Halved => ("paper", ThresholdPreset::Paper),
+        };
         let ((file, text), (policy_file, policy)) =
             (Profile::builtin_text(profile), Profile::builtin_policy(profile));
         let named = format!("name = \"{profile}\"");
         let own = text
-            .replacen("scale = 1.0", scale, 1)
+            .replacen("scale = 1.0", &format!("scale = {scale:.1}"), 1)
             .replacen("preset = \"paper\"", &format!("preset = \"{preset}\""), 1)
             .replacen(&named, &format!("{named}\nsite = \"scaled\""), 1);
         let texts = ProfileTexts {
@@ -111,12 +113,13 @@ impl ThresholdScale {
         };
         let chosen =
             ChosenProfile::of(texts).map_err(|error| ExperimentError::Unexpected(error.sentence()))?;
-        let found = chosen.rules().map(|(profile, _)| (profile.thresholds.preset, profile.thresholds.scale));
-        let is_as_it_was = |(found, scale): (ThresholdPreset, f64)| {
-            found == ThresholdPreset::Paper && (scale - 1.0).abs() < 1e-9
-        };
-        if found.is_ok_and(is_as_it_was) {
-            return Err(ExperimentError::Unexpected(format!("{file} has no thresholds to change")));
+        let is_wanted = chosen.rules().is_ok_and(|(profile, _)| {
+            profile.thresholds.preset == wanted && (profile.thresholds.scale - scale).abs() < 1e-9
+        });
+        if !is_wanted {
+            return Err(ExperimentError::Unexpected(format!(
+                "the thresholds in {file} could not be changed"
+            )));
         }
         Ok(chosen)
     }
@@ -308,6 +311,9 @@ mod tests {
             (ThresholdScale::Lower, 0.9 * 0.85),
             (ThresholdScale::Higher, 1.1 * 0.85),
             (ThresholdScale::Halved, 0.5 * 0.85),
+            (ThresholdScale::B88, 0.88),
+            (ThresholdScale::B88Lower, 0.9 * 0.88),
+            (ThresholdScale::B88Higher, 1.1 * 0.88),
         ] {
             let mut scaled = rules(thresholds);
             assert!((scaled.thresholds.behavior() - behavior).abs() < 1e-9, "{thresholds:?}");
