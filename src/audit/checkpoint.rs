@@ -179,7 +179,7 @@ impl Checkpoint {
         Digest::of_parts(DOMAIN_DIGEST, &[self.bytes().bytes(), self.signature.as_bytes()])
     }
 
-    fn goes_on(&self, before: Option<&Self>) -> Result<(), String> {
+    fn check_follows(&self, before: Option<&Self>) -> Result<(), String> {
         if self.root.is_none() && self.wall_ms.is_some() {
             return Err("it has a wall time, and no tree head with which it is signed".to_owned());
         }
@@ -292,7 +292,7 @@ pub fn check_links(checkpoints: &[StoredCheckpoint]) -> Result<(), BadCheckpoint
         }
         let before = index.checked_sub(1).and_then(|before| checkpoints.get(before));
         checkpoint
-            .goes_on(before.map(|before| &before.checkpoint))
+            .check_follows(before.map(|before| &before.checkpoint))
             .map_err(|problem| BadCheckpointFile { file: file.clone(), problem })?;
     }
     let counted = checkpoints.iter().rev().find_map(|it| it.checkpoint.link.as_ref().map(|link| (it, link)));
@@ -326,7 +326,7 @@ pub fn check_newest(end: &Checkpoint, checkpoints: &[StoredCheckpoint]) -> Resul
     let newest = checkpoints.last().map(|stored| &stored.checkpoint);
     match newest {
         Some(newest) if newest.link == end.link && (newest.seq, newest.head) == (end.seq, end.head) => Ok(()),
-        Some(_) | None => end.goes_on(newest),
+        Some(_) | None => end.check_follows(newest),
     }?;
     end.link.as_ref().map_or(Ok(()), |link| check_earlier(link, checkpoints))
 }

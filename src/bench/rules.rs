@@ -54,7 +54,7 @@ pub(super) fn measure(subjects: &Subjects, effort: &FigureEffort) -> Result<Vec<
         registration(effort)?,
         static_warm(subjects, effort)?,
         static_cold(subjects, effort)?,
-        behaviour(subjects, effort)?,
+        behavior_assessment(subjects, effort)?,
         gate_pass(subjects, effort)?,
         monitor_update(subjects, effort)?,
     ])
@@ -182,7 +182,7 @@ fn static_kappas(subjects: &Subjects, table: &PolicyTable) -> Result<Kappas, Ben
 }
 
 /// `kappa_B` over pairs that were run, taken in turn until there are as many as a sandbox has.
-fn behaviour(subjects: &Subjects, effort: &FigureEffort) -> Result<MeasuredFigure, BenchError> {
+fn behavior_assessment(subjects: &Subjects, effort: &FigureEffort) -> Result<MeasuredFigure, BenchError> {
     let mut worker = Worker::new();
     let mut values = |version: &Capability, index: u64| {
         let seed = seed(SeedPurpose::Perturbation, index);

@@ -50,7 +50,7 @@ fn show(report: &BenchReport, out: &mut CommandOutput<'_>) -> Result<(), CliErro
     out.table(&table)
 }
 
-/// Three significant digits, or more if the whole part has them.
+/// Three significant digits, or the whole part if it has more; below 1, three decimals.
 #[must_use]
 pub fn number(value: f64) -> String {
     let decimals = match value.abs() {

@@ -24,5 +24,5 @@ pub mod version_origin;
 pub mod version_table;
 pub mod wall_clock;
 
-/// The longest reason and name of a person, bytes.
+/// The longest reason that a person gives, and the longest name of a person, bytes.
 pub const REASON_BYTES_MAX: usize = 4096;

@@ -162,8 +162,8 @@ impl WallClock {
         matches!(&self.0, ClockSource::Machine { doubt: Some(_), .. })
     }
 
-    /// Sets the mismatch.
-    pub const fn keep_doubt(&mut self, why: ClockMismatch) {
+    /// Sets the mismatch, until a person confirms the time.
+    pub const fn set_mismatch(&mut self, why: ClockMismatch) {
         if let ClockSource::Machine { doubt, .. } = &mut self.0 {
             *doubt = Some(why);
         }

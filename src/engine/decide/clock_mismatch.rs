@@ -46,7 +46,7 @@ pub(crate) fn recall(record: &mut EngineRecorder) -> Result<(), StoreError> {
         record.wall_mut().compare_with_stored(&reading);
     }
     if let Some(mismatch) = mismatch {
-        record.wall_mut().keep_doubt(mismatch);
+        record.wall_mut().set_mismatch(mismatch);
     }
     Ok(())
 }
@@ -89,7 +89,7 @@ pub(crate) fn check(record: &mut EngineRecorder) -> Result<(), StoreError> {
     }
     let Some(doubt) = record.version_table().wall().clock_mismatch() else { return Ok(()) };
     let said = record.version_table().wall().machine_time();
-    record.wall_mut().keep_doubt(doubt);
+    record.wall_mut().set_mismatch(doubt);
     let body = serde_json::json!(ClockMismatchRecord { doubt, said });
     let written = record.note(RecordKind::ClockDoubted, String::new(), body.to_string());
     record.raise(AlarmKey::ClockDoubted, Priority::High, false, Notice::ClockMismatched { mismatch: doubt });
@@ -149,7 +149,7 @@ pub(crate) fn confirm(
         "by": by, "caller": caller, "clock": clock, "reason": reason, "time": machine_time, "doubt": mismatch
     });
     if let Err(error) = record.note(RecordKind::ClockConfirmed, String::new(), body.to_string()) {
-        record.wall_mut().keep_doubt(mismatch);
+        record.wall_mut().set_mismatch(mismatch);
         return Err(error);
     }
     record.alarm_event(&AlarmEvent::Clear { key: AlarmKey::ClockDoubted });

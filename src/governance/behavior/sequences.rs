@@ -252,7 +252,8 @@ impl SequenceEvidence {
         all.into_iter().flatten().collect()
     }
 
-    /// The task at which sequences end more often than with the active version, and how often; `None` where it is no later skill.
+    /// The task at which sequences end that much more often than with the active version, and how often. `None` if it is not a
+    /// task after the candidate's.
     fn ends(&self) -> Option<SequenceEnds> {
         let ends_at = |side: &[SequenceStep], task| {
             !self.is_done(side) && side.last().is_some_and(|step| step.task == task)

@@ -1,7 +1,7 @@
 //! The metrics that need no ground truth, from telemetry and record alone.
 //!
-//! Every name ends in `_observed`, and none of these numbers is the metric of that name without the ending: what no
-//! guard, watcher, monitor or rule has seen is not in them. What asks which candidates were faulty is not here at all
+//! Every name ends in `_observed`, and none of these numbers is the metric of that name without the ending: they count
+//! only what a guard, watcher, monitor or rule has seen. Metrics that need to know which candidates were faulty are not here
 //! (`BADR`, false accept and false reject rate, trigger recall). Source: design rule 3.12; paper equations 16 to 19;
 //! readings X7 to X11.
 

@@ -112,7 +112,7 @@ fn error(error: RefineError) -> CliError {
         | RefineError::Policy(_)
         | RefineError::Sim(_)
         | RefineError::Work(_)
-        | RefineError::Optimiser(_) => CliError::fault(error),
+        | RefineError::Optimizer(_) => CliError::fault(error),
     }
 }
 

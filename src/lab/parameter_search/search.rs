@@ -126,7 +126,7 @@ impl<'a> Evaluator<'a> {
         match run {
             Ok(_) => {}
             Err(ConstraintSolveError::Evaluation(error)) => return Err(error),
-            Err(other) => return Err(RefineError::Optimiser(other.to_string())),
+            Err(other) => return Err(RefineError::Optimizer(other.to_string())),
         }
         let count = self.count.borrow();
         match &count.best {

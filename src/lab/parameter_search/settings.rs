@@ -98,7 +98,7 @@ pub enum RefineError {
     Work(#[from] TrialFault),
     /// The optimizer rejected its box.
     #[error("the optimizer rejected the search: {0}")]
-    Optimiser(String),
+    Optimizer(String),
 }
 
 impl Hint for RefineError {
@@ -117,7 +117,7 @@ impl Hint for RefineError {
             Self::Policy(error) => return error.details(),
             Self::Work(error) => return error.details(),
             Self::Edit { file, .. } => ErrorDetails::of_file(ErrorReason::BadFile, *file),
-            Self::Sim(_) | Self::Optimiser(_) => ErrorReason::Internal.into(),
+            Self::Sim(_) | Self::Optimizer(_) => ErrorReason::Internal.into(),
         })
     }
 
@@ -137,7 +137,7 @@ impl Hint for RefineError {
             | Self::Edit { .. }
             | Self::Sim(_)
             | Self::Work(_)
-            | Self::Optimiser(_) => None,
+            | Self::Optimizer(_) => None,
         }
     }
 }

@@ -1,8 +1,8 @@
 //! What the console says about an engine that is missing or does not answer.
 
 pub const HELD_ELSEWHERE: &str =
-    "another one holds the store: `holdpoint status` shows it, stop stops its arm, quit ends this console";
-pub const START_ONE: &str = "`holdpoint` in a shell starts one; `holdpoint status` shows what the store holds, quit ends this console";
+    "another engine has the store: `holdpoint status` shows it, stop stops its arm, quit ends this console";
+pub const START_ONE: &str = "`holdpoint` in a shell starts one; `holdpoint status` shows what is in the store, quit ends this console";
 
 #[must_use]
 pub fn starts_in_a_shell(shell: &str) -> String {
@@ -46,7 +46,7 @@ pub fn looks_again(tries: u32, most: u32, result: &str) -> String {
 
 #[must_use]
 pub fn none_found(looks: u32, result: &str) -> String {
-    format!("no engine was found in {looks} looks: start `holdpoint` again ({result})")
+    format!("the console found no engine in {looks} tries: start `holdpoint` again ({result})")
 }
 
 #[must_use]
