@@ -14,7 +14,7 @@ use super::skill::{Hook, Skill, next_command};
 use super::watcher::{Watcher, WatcherSignal};
 use holdpoint_body::Body;
 
-/// How long a standstill has lasted when it is told, ticks.
+/// Ticks that a standstill has lasted when [`Standstill`] reports it.
 const STANDSTILL_TICKS: u64 = Standstill::TICKS as u64;
 
 /// After the interrupt the servo takes a quarter of a second at most to brake.
