@@ -25,7 +25,9 @@ use holdpoint_governance::version_status::RecordedChanges;
 use holdpoint_protocol::explanation::{Explanation, PeopleRuling, Ruling};
 use holdpoint_record::recorded_decision;
 use holdpoint_record::version_concern::VersionConcern;
-use holdpoint_store::{AuditFilter, EvidenceEntry, EvidenceKind, RecordViews, StoreError, VersionDetail};
+use holdpoint_store::{
+    AuditFilter, EvidenceEntry, EvidenceKind, PAGE_ROWS_MAX, RecordViews, StoreError, VersionDetail,
+};
 
 /// Explains every decision about a version; `None` if it is not in the store.
 ///
@@ -47,14 +49,21 @@ pub fn decisions(
     id: &CapabilityId,
     detail: &VersionDetail,
 ) -> Result<Vec<ExplainedDecision>, StoreError> {
-    Ok(decisions_in(&records_about(views, id)?, detail))
+    Ok(decisions_in(&records_about(views, id, detail)?, detail))
 }
 
 /// Every record about a version that an explanation may read, oldest first.
 ///
-/// A version in control gets a seal every few seconds, so seals are left out, as are counts of harm.
-fn records_about(views: &dyn RecordViews, id: &CapabilityId) -> Result<Vec<AuditRecord>, StoreError> {
-    let without = RecordKind::SEALS.into_iter().chain([RecordKind::LiveHarm]).collect();
+/// Most records of a long history are seals and counts of harm, which no explanation reads. A search without them reads the
+/// other records of the whole store, so that it costs more for a short history.
+fn records_about(
+    views: &dyn RecordViews,
+    id: &CapabilityId,
+    detail: &VersionDetail,
+) -> Result<Vec<AuditRecord>, StoreError> {
+    let is_long = detail.audit_links.len() > PAGE_ROWS_MAX;
+    let unread = RecordKind::SEALS.into_iter().chain([RecordKind::LiveHarm]);
+    let without = unread.filter(|_| is_long).collect();
     views.whole_audit(&AuditFilter { subject: Some(id.to_string()), without, ..AuditFilter::default() })
 }
 

@@ -30,7 +30,7 @@ const BODIES_BYTES_MAX: usize = 6 * 1024 * 1024;
 /// The longest part of a record's body in a version's trail, bytes; the whole body is in the audit log.
 const TRAIL_BODY_BYTES_MAX: usize = 4 * 1024;
 
-/// The most records of a version's trail, seals not counted.
+/// The most records of a version's trail; a longer one is without seals.
 const TRAIL_MAX: usize = 500;
 
 /// The longest text that is looked for, bytes.
@@ -131,9 +131,10 @@ pub fn detail(
     let capability = &member.capability;
     let against = against(version_table, id);
     let explained = why::explain(&*views, id)?;
+    let is_long = stored.audit_links.len() > TRAIL_MAX;
     let filter = AuditFilter {
         subject: Some(id.to_string()),
-        without: RecordKind::SEALS.into(),
+        without: RecordKind::SEALS.into_iter().filter(|_| is_long).collect(),
         limit: TRAIL_MAX,
         newest_first: true,
         ..AuditFilter::default()

@@ -50,7 +50,7 @@ pub fn summarize(
     id: &CapabilityId,
 ) -> Result<Option<ExplanationSummary>, StoreError> {
     let Some(detail) = views.version(id)? else { return Ok(None) };
-    let records = super::records_about(views, id)?;
+    let records = super::records_about(views, id, &detail)?;
     let decisions = super::decisions_in(&records, &detail);
     let family = views.families()?.into_iter().find(|family| family.name == id.family.as_str());
     let recorded = views.recorded_changes(id)?;
