@@ -6,6 +6,8 @@
 
 pub mod key_check;
 
+use std::collections::BTreeSet;
+
 use holdpoint_approvals::Nonce;
 use holdpoint_governance::evaluation_key::{EvaluationKey, KeyCommitment, KeyReveal, KeyUse};
 use holdpoint_governance::evidence::EvidenceBinding;
@@ -20,9 +22,6 @@ use crate::fault::EngineFault;
 
 /// Sequences of the live cell under one key. Its key stays secret until the key after it is in use.
 pub const LIVE_KEY_SEQUENCES: u64 = 100;
-
-/// The most records of commitments that a start reads, the newest.
-const RECORDS_MAX: usize = 10_000;
 
 /// The subject of records about live work.
 const LIVE_SUBJECT: &str = "live";
@@ -59,11 +58,7 @@ fn read<T: DeserializeOwned>(record: &AuditRecord) -> Option<T> {
 }
 
 fn records(views: &dyn RecordViews, kind: RecordKind) -> Result<Vec<AuditRecord>, StoreError> {
-    let filter =
-        AuditFilter { kind: Some(kind), limit: RECORDS_MAX, newest_first: true, ..AuditFilter::default() };
-    let mut found = views.audit(&filter)?;
-    found.reverse();
-    Ok(found)
+    views.whole_audit(&AuditFilter { kind: Some(kind), ..AuditFilter::default() })
 }
 
 impl EngineRecorder {
@@ -80,7 +75,7 @@ impl EngineRecorder {
     pub(crate) fn begin_keys(&mut self, seeds: EpisodeSeeds) -> Result<(), StoreError> {
         self.keys = KeyLedger::new(seeds);
         let views = self.version_table().store().views()?;
-        let revealed: Vec<Digest> = records(&*views, RecordKind::KeyRevealed)?
+        let revealed: BTreeSet<Digest> = records(&*views, RecordKind::KeyRevealed)?
             .iter()
             .filter_map(|record| Some(read::<KeyReveal>(record)?.commitment))
             .collect();
