@@ -72,7 +72,8 @@ fn answers_stand_at_their_records_after_a_rebuild_lost_one() {
     let database = rusqlite::Connection::open(folder.path().join("holdpoint.db")).unwrap();
     database.execute("UPDATE approval SET signed = '{}' WHERE who = 'ada'", []).unwrap();
     drop(database);
-    let rebuilt = support::unless_in_use(|| rebuild(folder.path(), UnsignedRecords::Take, "{}", 7));
+    let by = r#"{"user":"ada"}"#;
+    let rebuilt = support::unless_in_use(|| rebuild(folder.path(), UnsignedRecords::Take, by, 7));
     assert_eq!(rebuilt.unwrap().unwrap().lost.len(), 1);
     assert_eq!(answers(&support::open(folder.path())), before);
 }
