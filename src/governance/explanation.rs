@@ -289,7 +289,7 @@ pub enum DecisionRemark {
         safe_ms: Option<u64>,
         /// Until the rollback target took over, ms; absent if that never happened.
         restored_ms: Option<u64>,
-        /// Motion beyond braking, ms.
+        /// Motion after the trigger, ms.
         unsafe_continuation_ms: u64,
     },
     /// How a rung of the ladder ended.

@@ -218,7 +218,8 @@ pub struct RollbackRecord {
     pub time_to_restored_ticks: Option<u64>,
     /// [`RollbackRecord::time_to_restored_ticks`] in simulated ms, rounded down.
     pub time_to_restored_ms: Option<u64>,
-    /// Motion that went on after the trigger, without what braking takes and without the rollback hook's, ms.
+    /// Motion that went on after the trigger, braking included, without the rollback hook's, ms. The interrupt of an arm without
+    /// a task or a hook counts as none.
     pub unsafe_continuation_ms: u64,
     /// The rungs that were tried, in order.
     pub rungs: Vec<RungRecord>,

@@ -45,7 +45,7 @@ pub struct RecoveryReport {
     pub stopped_by: StoppedBy,
     /// Ticks from the demand to the standstill; to the end of the recovery if there was none.
     pub ticks_to_standstill: u64,
-    /// Ticks in which the arm moved on after the demand, beyond what braking takes and without the rollback hook's motion.
+    /// Ticks in which the arm moved after the demand, braking included, without the rollback hook's motion.
     pub motion_ticks: u64,
     /// A limit that was passed meanwhile.
     pub violation: Option<PolicyHit>,

@@ -42,7 +42,7 @@ pub(crate) struct LadderMotion {
     pub(crate) ticks_since_trigger: u64,
     /// Ticks of the live world that these rungs took; the other ticks since the trigger passed in the task.
     pub(crate) rung_ticks: u64,
-    /// Motion after the trigger, beyond what braking takes, ticks.
+    /// Motion after the trigger while a task or a hook was stopped, braking included, ticks.
     pub(crate) motion_ticks: u64,
 }
 

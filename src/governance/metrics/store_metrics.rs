@@ -67,7 +67,7 @@ pub struct ObservedRollback {
     pub safe_ms: Option<u64>,
     /// From the trigger until the rollback target acted, ms.
     pub restored_ms: Option<u64>,
-    /// Motion beyond braking, ms.
+    /// Motion after the trigger, ms.
     pub continuation_ms: u64,
     /// Its limit, ms; absent if the profile is not known.
     pub continuation_max_ms: Option<f64>,
