@@ -286,7 +286,7 @@ pub enum AlarmError {
     #[error("the alarm {0:?} is critical and cannot be shelved")]
     ShelveCritical(Untrusted),
     /// A shelf that ends in the past or too late.
-    #[error("a shelf ends in the future, within {} h from now", max_ms / 3_600_000)]
+    #[error("a shelf ends in the future, within {} h from now", .max_ms / 3_600_000)]
     ShelfTime {
         /// The requested span, ms from now; negative for an end in the past.
         requested_ms: i64,

@@ -300,8 +300,8 @@ pub fn decision_remark(of: &DecisionRemark) -> String {
         DecisionRemark::RollbackTimes { safe_ms, restored_ms, unsafe_continuation_ms } => {
             let time = |ms: Option<u64>| ms.map_or_else(|| "never".to_owned(), |ms| format!("after {ms} ms"));
             format!(
-                "every joint was at standstill {}; the rollback target took over {}; it moved {unsafe_continuation_ms} ms \
-                 beyond braking",
+                "every joint was at standstill {}; the rollback target took over {}; the arm moved for \
+                 {unsafe_continuation_ms} ms",
                 time(*safe_ms),
                 time(*restored_ms)
             )
