@@ -93,6 +93,8 @@ pub struct AbortRun {
     hook_ticks: u64,
     tick: u64,
     standstill: Standstill,
+    /// The tick at which the present standstill began, which is earlier than the one in which it was found.
+    stands_from: Option<u64>,
     braked_at: Option<Pose>,
     verdict: GuardVerdict,
     report: RecoveryReport,
@@ -136,6 +138,7 @@ impl AbortRun {
             hook_ticks,
             tick: 0,
             standstill: Standstill::default(),
+            stands_from: None,
             braked_at: None,
             verdict: GuardVerdict::Allowed,
             report,
@@ -198,15 +201,15 @@ impl AbortRun {
         if let Some(hit) = guard.measure(&after) {
             report.violation.get_or_insert(hit);
         }
-        let stands = self.standstill.observe(&after);
+        let began = self.stands_from.unwrap_or_else(|| (tick + 1).saturating_sub(STANDSTILL_TICKS));
+        self.stands_from = self.standstill.observe(&after).then_some(began);
         if let Some(rollback) = self.rollback {
             self.tick += 1;
             if touches || report.violation.is_some() {
                 self.end_code();
-            } else if stands && rollback.is_done {
+            } else if let Some(ticks) = self.stands_from.filter(|_| rollback.is_done) {
                 report.stopped_by = StoppedBy::RollbackHook;
-                report.ticks_to_standstill = self.tick.saturating_sub(STANDSTILL_TICKS);
-                let ticks = report.ticks_to_standstill;
+                report.ticks_to_standstill = ticks;
                 report.rollback_hook = Some(RollbackHookReport { ticks, then_safe_abort: false });
                 return Ok(Some(*report));
             }
@@ -222,9 +225,9 @@ impl AbortRun {
             report.stopped_by = StoppedBy::Interrupt;
         }
         self.tick += 1;
-        if stands && tick > self.abort_from + 24 {
+        if let Some(ticks) = self.stands_from.filter(|_| tick > self.abort_from + 24) {
             report.stopped_by = if tick < self.hook_ticks { StoppedBy::Hook } else { StoppedBy::Interrupt };
-            report.ticks_to_standstill = (tick + 1).saturating_sub(STANDSTILL_TICKS);
+            report.ticks_to_standstill = ticks;
             return Ok(Some(*report));
         }
         // A fault of the code ends the hook's time early, and with it the recovery.
@@ -273,6 +276,7 @@ impl AbortRun {
         self.rollback = None;
         self.abort_from = self.tick;
         self.standstill = Standstill::default();
+        self.stands_from = None;
         self.hook_ticks = self.tick + abort_ticks;
         self.report.rollback_hook = Some(RollbackHookReport { ticks: self.tick, then_safe_abort });
     }

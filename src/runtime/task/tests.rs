@@ -420,6 +420,15 @@ fn a_planned_rollback_calls_the_rollback_hook_first() {
 }
 
 #[test]
+fn the_standstill_of_an_arm_at_rest_begins_with_the_demand() {
+    let ticks = |called| stopped(true, u64::MAX, called).0.recovered.unwrap().ticks_to_standstill;
+    for called in [Supervision::Abort, Supervision::RollBack, Supervision::Interrupt] {
+        // The recovery itself takes longer.
+        assert!(ticks(called) < 12, "{called:?}");
+    }
+}
+
+#[test]
 fn a_rollback_hook_that_never_ends_falls_to_the_safe_abort_hook() {
     let (record, hooks) = stopped(false, u64::MAX, Supervision::RollBack);
     let report = record.recovered.unwrap();
