@@ -271,7 +271,6 @@ pub fn dispatch(
     engine: &mut dyn EngineVerbs,
     out: &mut CommandOutput<'_>,
 ) -> Result<Exit, CliError> {
-    use decide::RequestedDecision;
     let context = || {
         let data = data::folder(cli.data.as_deref())?;
         Ok::<CliContext, CliError>(CliContext { data, data_given: cli.data.is_some(), json: cli.json })
@@ -286,20 +285,16 @@ pub fn dispatch(
         None => engine.without_verb(&context()?, out),
         Some(Verb::Run(args)) if args.script.is_some() => engine.run(&without_home(), args, out),
         Some(Verb::Run(args)) => engine.run(&context()?, args, out),
-        Some(Verb::Stop(args)) => engine.decide(&context()?, &RequestedDecision::Stop(args.clone()), out),
-        Some(Verb::Start(args)) => engine.decide(&context()?, &RequestedDecision::Go(args.clone()), out),
+        Some(Verb::Stop(args)) => stop::stop(&context()?, args, out),
+        Some(Verb::Start(args)) => stop::start(&context()?, args, out),
         Some(Verb::Status(args)) => engine.status(&context()?, args, out),
-        Some(Verb::Approve(args)) => {
-            engine.decide(&context()?, &RequestedDecision::Approve(args.clone()), out)
-        }
-        Some(Verb::Reject(args)) => engine.decide(&context()?, &RequestedDecision::Reject(args.clone()), out),
-        Some(Verb::Pause(args)) => engine.decide(&context()?, &RequestedDecision::Pause(args.clone()), out),
-        Some(Verb::Resume(args)) => engine.decide(&context()?, &RequestedDecision::Resume(args.clone()), out),
-        Some(Verb::Rollback(args)) => {
-            engine.decide(&context()?, &RequestedDecision::Rollback(args.clone()), out)
-        }
-        Some(Verb::Version(args)) => version::run(&context()?, args, engine, out),
-        Some(Verb::Cell(args)) => cell::run(&context()?, args, engine, out),
+        Some(Verb::Approve(args)) => decide::approve(&context()?, args, out),
+        Some(Verb::Reject(args)) => decide::reject(&context()?, args, out),
+        Some(Verb::Pause(args)) => decide::pause(&context()?, args, out),
+        Some(Verb::Resume(args)) => decide::resume(&context()?, args, out),
+        Some(Verb::Rollback(args)) => decide::rollback(&context()?, args, out),
+        Some(Verb::Version(args)) => version::run(&context()?, args, out),
+        Some(Verb::Cell(args)) => cell::run(&context()?, args, out),
         Some(Verb::Explain(args)) => explain::run(&context()?, args, out),
         Some(Verb::Health(args)) => health::run(&context()?, args, out),
         Some(Verb::Alarms(args)) => alarms::run(&context()?, args, out),

@@ -3,11 +3,9 @@
 use clap::{Args, Subcommand};
 
 use super::cell_process::{self, CellCheckArgs, CellServeArgs};
-use super::confirm_time::ConfirmTimeArgs;
-use super::decide::RequestedDecision;
-use super::engine_verbs::EngineVerbs;
+use super::confirm_time::{self, ConfirmTimeArgs};
 use super::output::CommandOutput;
-use super::stop::{GoalArgs, NoteArgs};
+use super::stop::{self, GoalArgs, NoteArgs};
 use crate::cli::context::CliContext;
 use crate::error::{CliError, Exit};
 
@@ -42,18 +40,12 @@ pub enum CellVerb {
 ///
 /// # Errors
 /// As the verb.
-pub fn run(
-    context: &CliContext,
-    args: &CellArgs,
-    engine: &mut dyn EngineVerbs,
-    out: &mut CommandOutput<'_>,
-) -> Result<Exit, CliError> {
-    let decision = match &args.verb {
-        CellVerb::Goal(args) => RequestedDecision::Goal(args.clone()),
-        CellVerb::Note(args) => RequestedDecision::Note(args.clone()),
-        CellVerb::ConfirmTime(args) => RequestedDecision::ConfirmTime(args.clone()),
-        CellVerb::Serve(args) => return cell_process::serve(args, out),
-        CellVerb::Check(args) => return cell_process::check(args, out),
-    };
-    engine.decide(context, &decision, out)
+pub fn run(context: &CliContext, args: &CellArgs, out: &mut CommandOutput<'_>) -> Result<Exit, CliError> {
+    match &args.verb {
+        CellVerb::Goal(args) => stop::goal(context, args, out),
+        CellVerb::Note(args) => stop::note(context, args, out),
+        CellVerb::ConfirmTime(args) => confirm_time::run(context, args, out),
+        CellVerb::Serve(args) => cell_process::serve(args, out),
+        CellVerb::Check(args) => cell_process::check(args, out),
+    }
 }

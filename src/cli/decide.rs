@@ -1,5 +1,5 @@
-//! `holdpoint approve | reject | rollback | demote | pause | resume`; `lifecycle.rs` has the
-//! other verbs about versions, and `stop.rs` has `stop | go`.
+//! `holdpoint approve | reject | rollback | pause | resume`; `lifecycle.rs` has the verbs about one version, and `stop.rs`
+//! has `stop | start`.
 //!
 //! Approvals and refusals are signed with the identity's key. Verbs that stop something name the requester and need
 //! no key: stopping must never be harder than continuing. The engine checks each request again and may refuse it.
@@ -12,12 +12,11 @@ use std::path::PathBuf;
 use clap::Args;
 
 pub use lifecycle::{BreakGlassArgs, DemoteArgs, ProfileBlockArgs, ReleaseArgs, RepeatArgs, ResumeArgs};
+pub(super) use lifecycle::{break_glass, demote, go_on, release, repeat, restrict, signed_act};
 
-use super::confirm_time::{self, ConfirmTimeArgs};
 use super::data;
 use super::passphrase;
 use super::status::{StatusSubject, parse_subject};
-use super::stop::{self, GoalArgs, NoteArgs, StartArgs, StopArgs};
 use super::verb_executor::{VerbExecutor, print_action_reply, require_verified_engine, running};
 use crate::cli::context::CliContext;
 use crate::cli::output::CommandOutput;
@@ -37,49 +36,6 @@ pub const REASON_BYTES_MAX: usize = 1_000;
 
 /// Help for verbs that take authority away: an operator needs no enrolled identity to stop something.
 pub(super) const ANY_NAME: &str = "Your name; the verb takes authority away, so any name is accepted";
-
-/// A requested decision.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub enum RequestedDecision {
-    /// To approve a candidate that waits for approval.
-    Approve(ApproveArgs),
-    /// To reject a candidate finally.
-    Reject(VersionArgs),
-    /// To roll a family back, or to deactivate its last version.
-    Rollback(FamilyArgs),
-    /// To return a version to evaluation, or to block it under profiles.
-    Demote(DemoteArgs),
-    /// To pause: no further stage begins.
-    Pause(PauseArgs),
-    /// To resume stages.
-    Resume(ResumeArgs),
-    /// To stop the cell.
-    Stop(StopArgs),
-    /// To start the stopped cell.
-    Go(StartArgs),
-    /// To give the agent a goal.
-    Goal(GoalArgs),
-    /// To confirm the time.
-    ConfirmTime(ConfirmTimeArgs),
-    /// To leave a note.
-    Note(NoteArgs),
-    /// To evaluate a version again.
-    Repeat(RepeatArgs),
-    /// To lift a restriction, or to unblock a version under profiles.
-    Release(ReleaseArgs),
-    /// To tighten the envelope of an active version.
-    Restrict(VersionArgs),
-    /// To answer an escalation: the version continues.
-    Continue(VersionArgs),
-    /// To activate a version by break-glass.
-    BreakGlass(BreakGlassArgs),
-    /// To reactivate a superseded version of a safe-stopped family.
-    Rearm(VersionArgs),
-    /// To make a confirmed version its family's anchor.
-    Anchor(VersionArgs),
-    /// To review the tries of a version's family.
-    ReviewTries(VersionArgs),
-}
 
 /// The identity and the reason of a decision.
 #[derive(Clone, Debug, PartialEq, Eq, Args)]
@@ -191,68 +147,13 @@ fn parse_short_digest(text: &str) -> Result<String, String> {
     }
 }
 
-/// Runs the verb.
-///
-/// # Errors
-/// [`CliError`]; then nothing has changed.
-pub(super) fn run(
+pub(super) fn approve(
     context: &CliContext,
-    decision: &RequestedDecision,
-    out: &mut CommandOutput<'_>,
-) -> Result<Exit, CliError> {
-    // An unknown name is reported before an engine opens, so the store stays unchanged.
-    let views = || data::open(&context.data);
-    match decision {
-        RequestedDecision::Approve(args) => approve(context, &views()?, args, out),
-        RequestedDecision::Reject(args) => reject(context, &views()?, args, out),
-        RequestedDecision::Rollback(args) => rollback(context, &views()?, args, out),
-        RequestedDecision::Demote(args) => {
-            let views = views()?;
-            let version = lifecycle::version_to_demote(&views, args)?;
-            known_version(&views, version)?;
-            let operation = operation(version, &args.signature);
-            let profiles = args.profile.clone();
-            VerbExecutor::open(context)?.execute(Command::Demote { operation, profiles }, out)
-        }
-        RequestedDecision::Repeat(args) => lifecycle::repeat(context, &views()?, args, out),
-        RequestedDecision::Release(args) => lifecycle::release(context, &views()?, args, out),
-        RequestedDecision::Restrict(args) => lifecycle::restrict(context, &views()?, args, out),
-        RequestedDecision::Continue(args) => lifecycle::go_on(context, &views()?, args, out),
-        RequestedDecision::BreakGlass(args) => lifecycle::break_glass(context, &views()?, args, out),
-        RequestedDecision::Rearm(args) => {
-            lifecycle::signed_act(context, &views()?, args, Command::Rearm, out)
-        }
-        RequestedDecision::Anchor(args) => {
-            lifecycle::signed_act(context, &views()?, args, Command::Anchor, out)
-        }
-        RequestedDecision::Pause(args) => {
-            let subject = (args.family.as_ref(), &args.signature);
-            pause(context, &views()?, subject, PauseChange::Pause, out)
-        }
-        RequestedDecision::ReviewTries(args) => {
-            lifecycle::signed_act(context, &views()?, args, Command::ReviewTries, out)
-        }
-        RequestedDecision::Resume(args) => {
-            let subject = (lifecycle::family_to_resume(args)?, &args.signature);
-            // Only an identity of the store may let a version continue.
-            let who = identity(context, &args.signature)?;
-            pause(context, &views()?, subject, PauseChange::Resume(&who), out)
-        }
-        RequestedDecision::Stop(args) => stop::stop(context, args, out),
-        RequestedDecision::Go(args) => stop::start(context, args, out),
-        RequestedDecision::Goal(args) => stop::goal(context, args, out),
-        RequestedDecision::ConfirmTime(args) => confirm_time::run(context, args, out),
-        RequestedDecision::Note(args) => stop::note(context, args, out),
-    }
-}
-
-fn approve(
-    context: &CliContext,
-    views: &Views,
     args: &ApproveArgs,
     out: &mut CommandOutput<'_>,
 ) -> Result<Exit, CliError> {
-    known_version(views, &args.version)?;
+    let views = data::open(&context.data)?;
+    known_version(&views, &args.version)?;
     let who = passphrase::stored_identity(context, &args.signature.identity)?;
     let Some(client) = running(context)? else {
         let text = "held: no engine is running on this store, so nothing waits for an approval";
@@ -309,13 +210,13 @@ fn check_digest(digest: Option<&str>, facts: &SignedFacts) -> Result<(), CliErro
     }
 }
 
-fn reject(
+pub(super) fn reject(
     context: &CliContext,
-    views: &Views,
     args: &VersionArgs,
     out: &mut CommandOutput<'_>,
 ) -> Result<Exit, CliError> {
-    known_version(views, &args.version)?;
+    let views = data::open(&context.data)?;
+    known_version(&views, &args.version)?;
     let mut executor = VerbExecutor::open(context)?;
     let snapshot = executor.snapshot()?;
     let signature = &args.signature;
@@ -361,14 +262,14 @@ fn reject_request(
     executor.execute(prompt.refuse(&who, reason).map_err(CliError::internal)?, out)
 }
 
-fn rollback(
+pub(super) fn rollback(
     context: &CliContext,
-    views: &Views,
     args: &FamilyArgs,
     out: &mut CommandOutput<'_>,
 ) -> Result<Exit, CliError> {
-    let family = family_to_roll_back(views, args)?;
-    known_family(views, family)?;
+    let views = data::open(&context.data)?;
+    let family = family_to_roll_back(&views, args)?;
+    known_family(&views, family)?;
     let mut executor = VerbExecutor::open(context)?;
     let snapshot = executor.snapshot()?;
     let view = snapshot.families.iter().find(|view| view.family == *family);
@@ -417,16 +318,35 @@ enum PauseChange<'a> {
     Resume(&'a Identity),
 }
 
-/// Pauses or resumes candidates of one family, or of all.
-fn pause(
+pub(super) fn pause(
     context: &CliContext,
-    views: &Views,
+    args: &PauseArgs,
+    out: &mut CommandOutput<'_>,
+) -> Result<Exit, CliError> {
+    set_paused(context, (args.family.as_ref(), &args.signature), PauseChange::Pause, out)
+}
+
+pub(super) fn resume(
+    context: &CliContext,
+    args: &ResumeArgs,
+    out: &mut CommandOutput<'_>,
+) -> Result<Exit, CliError> {
+    let subject = (lifecycle::family_to_resume(args)?, &args.signature);
+    // Only an identity of the store may let a version continue.
+    let who = identity(context, &args.signature)?;
+    set_paused(context, subject, PauseChange::Resume(&who), out)
+}
+
+/// Pauses or resumes candidates of one family, or of all.
+fn set_paused(
+    context: &CliContext,
     (family, signature): (Option<&Family>, &SigningArgs),
     pausing: PauseChange<'_>,
     out: &mut CommandOutput<'_>,
 ) -> Result<Exit, CliError> {
+    let views = data::open(&context.data)?;
     if let Some(family) = family {
-        known_family(views, family)?;
+        known_family(&views, family)?;
     }
     let mut executor = VerbExecutor::open(context)?;
     let fits = |view: &&holdpoint_protocol::snapshot::CandidateView| {
@@ -475,6 +395,7 @@ fn open_request<'a>(snapshot: &'a Snapshot, version: &CapabilityId) -> Option<&'
     snapshot.prompts.iter().find(|prompt| prompt.version == *version)
 }
 
+/// Asked before an engine opens, so that an unknown name leaves the store unchanged.
 pub(super) fn known_version(views: &Views, version: &CapabilityId) -> Result<(), CliError> {
     if views.version(version).map_err(CliError::usage)?.is_some() {
         return Ok(());

@@ -98,17 +98,6 @@ pub trait EngineVerbs {
         out: &mut CommandOutput<'_>,
     ) -> Result<Exit, CliError>;
 
-    /// Sends an operator's decision to the engine, which may refuse it.
-    ///
-    /// # Errors
-    /// As [`EngineVerbs::run`].
-    fn decide(
-        &mut self,
-        context: &CliContext,
-        decision: &decide::RequestedDecision,
-        out: &mut CommandOutput<'_>,
-    ) -> Result<Exit, CliError>;
-
     /// Measures the engine.
     ///
     /// # Errors
@@ -306,15 +295,6 @@ impl EngineVerbs for RealEngine {
         out: &mut CommandOutput<'_>,
     ) -> Result<Exit, CliError> {
         status::run(context, args, out)
-    }
-
-    fn decide(
-        &mut self,
-        context: &CliContext,
-        decision: &decide::RequestedDecision,
-        out: &mut CommandOutput<'_>,
-    ) -> Result<Exit, CliError> {
-        decide::run(context, decision, out)
     }
 
     fn bench(

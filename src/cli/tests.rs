@@ -68,38 +68,6 @@ impl EngineVerbs for Recorder {
         self.0.push(format!("status {:?} {}", args.until, args.timeout));
         Ok(Exit::Held)
     }
-    fn decide(
-        &mut self,
-        _: &CliContext,
-        decision: &decide::RequestedDecision,
-        _: &mut CommandOutput<'_>,
-    ) -> Result<Exit, CliError> {
-        use decide::RequestedDecision;
-        self.0.push(match decision {
-            RequestedDecision::Approve(args) => format!("approve {} {:?}", args.version, args.digest),
-            RequestedDecision::Reject(args) => format!("reject {}", args.version),
-            RequestedDecision::Rollback(args) => format!("rollback {} {}", args.family, args.stop_family),
-            RequestedDecision::Demote(args) => format!("demote {} {:?}", args.version, args.profile),
-            RequestedDecision::Pause(args) => format!("pause {:?}", args.family),
-            RequestedDecision::Resume(args) => {
-                format!("resume {:?} {}", args.family, args.signature.identity)
-            }
-            RequestedDecision::Stop(args) => format!("stop {:?}", args.who),
-            RequestedDecision::Go(args) => format!("go {}", args.signature.identity),
-            RequestedDecision::Goal(args) => format!("goal {} {}", args.goal, args.signature.identity),
-            RequestedDecision::ConfirmTime(args) => format!("confirm-time {}", args.signature.identity),
-            RequestedDecision::Note(args) => format!("note {}", args.signature.identity),
-            RequestedDecision::Repeat(args) => format!("repeat {} {}", args.version, args.stage),
-            RequestedDecision::Release(args) => format!("release {} {:?}", args.version, args.profile),
-            RequestedDecision::Restrict(args) => format!("restrict {}", args.version),
-            RequestedDecision::Continue(args) => format!("continue {}", args.version),
-            RequestedDecision::BreakGlass(args) => format!("break-glass {}", args.version),
-            RequestedDecision::Rearm(args) => format!("rearm {}", args.version),
-            RequestedDecision::Anchor(args) => format!("anchor {}", args.version),
-            RequestedDecision::ReviewTries(args) => format!("review-tries {}", args.version),
-        });
-        Ok(Exit::Rejected)
-    }
     fn bench(
         &mut self,
         _: &CliContext,
@@ -160,7 +128,6 @@ fn every_verb_has_examples_that_parse() {
 
 #[test]
 fn verbs_reach_the_engine() {
-    let signed = ["--as", "mara", "--reason", "because"];
     for (line, reached, code) in [
         (vec![], "no verb", 5),
         (vec!["serve"], "serve None Some(1.0)", 0),
@@ -173,47 +140,45 @@ fn verbs_reach_the_engine() {
         (vec!["candidate", "shadow", "grasp@1.1.0"], "stage shadow grasp@1.1.0", 3),
         (vec!["status"], "status None 600", 3),
         (vec!["status", "grasp", "--until", "rolled-back", "--timeout", "5"], "status Some(RolledBack) 5", 3),
-        (
-            ["approve", "grasp@1.3.0", "--digest", "0123abcd"].into_iter().chain(signed).collect(),
-            "approve grasp@1.3.0 Some(\"0123abcd\")",
-            1,
-        ),
-        (["reject", "grasp@1.3.0"].into_iter().chain(signed).collect(), "reject grasp@1.3.0", 1),
-        (["rollback", "grasp"].into_iter().chain(signed).collect(), "rollback grasp false", 1),
-        (
-            ["rollback", "grasp", "--stop-family"].into_iter().chain(signed).collect(),
-            "rollback grasp true",
-            1,
-        ),
-        (["demote", "grasp@1.3.0"].into_iter().chain(signed).collect(), "demote grasp@1.3.0 []", 1),
-        (
-            ["demote", "grasp@1.3.0", "--profile", "human"].into_iter().chain(signed).collect(),
-            "demote grasp@1.3.0 [Human]",
-            1,
-        ),
-        (["repeat", "grasp@1.3.0"].into_iter().chain(signed).collect(), "repeat grasp@1.3.0 sandbox", 1),
-        (["release", "grasp@1.3.0"].into_iter().chain(signed).collect(), "release grasp@1.3.0 []", 1),
-        (["restrict", "grasp@1.3.0"].into_iter().chain(signed).collect(), "restrict grasp@1.3.0", 1),
-        (["continue", "grasp@1.3.0"].into_iter().chain(signed).collect(), "continue grasp@1.3.0", 1),
-        (["break-glass", "grasp@1.3.0"].into_iter().chain(signed).collect(), "break-glass grasp@1.3.0", 1),
-        (["rearm", "grasp@1.0.0"].into_iter().chain(signed).collect(), "rearm grasp@1.0.0", 1),
-        (["version", "anchor", "grasp@1.3.0"].into_iter().chain(signed).collect(), "anchor grasp@1.3.0", 1),
-        (
-            ["version", "review-tries", "grasp@1.3.0"].into_iter().chain(signed).collect(),
-            "review-tries grasp@1.3.0",
-            1,
-        ),
-        (["goal", "align"].into_iter().chain(signed).collect(), "goal align mara", 1),
-        (["note"].into_iter().chain(signed).collect(), "note mara", 1),
-        (["pause"].into_iter().chain(signed).collect(), "pause None", 1),
-        (["resume", "--all"].into_iter().chain(signed).collect(), "resume None mara", 1),
-        (["resume", "grasp"].into_iter().chain(signed).collect(), "resume Some(Family(\"grasp\")) mara", 1),
         (vec!["bench", "--quick"], "bench true", 0),
     ] {
         let line: Vec<&str> = ["--data", "/nowhere"].into_iter().chain(line).collect();
         let (ended, _, engine) = run_line(&line);
         assert_eq!(engine, [reached], "{line:?}");
         assert_eq!(ended.unwrap().code(), code, "{line:?}");
+    }
+}
+
+#[test]
+fn a_decision_about_an_unknown_name_creates_no_store() {
+    let root = tempfile::tempdir().unwrap();
+    let signed = ["--as", "mara", "--reason", "because"];
+    for (line, parsed) in [
+        (&["approve", "grasp@1.3.0", "--digest", "0123abcd"][..], "Approve(ApproveArgs"),
+        (&["reject", "grasp@1.3.0"], "Reject(VersionArgs"),
+        (&["rollback", "grasp", "--stop-family"], "stop_family: true"),
+        (&["demote", "grasp@1.3.0", "--profile", "human"], "profile: [Human]"),
+        (&["repeat", "grasp@1.3.0"], "stage: Sandbox"),
+        (&["release", "grasp@1.3.0"], "Unrestrict(ReleaseArgs"),
+        (&["restrict", "grasp@1.3.0"], "Restrict(VersionArgs"),
+        (&["continue", "grasp@1.3.0"], "Answer(VersionArgs"),
+        (&["break-glass", "grasp@1.3.0"], "BreakGlass(BreakGlassArgs"),
+        (&["rearm", "grasp@1.0.0"], "Reactivate(VersionArgs"),
+        (&["version", "anchor", "grasp@1.3.0"], "Anchor(VersionArgs"),
+        (&["version", "review-tries", "grasp@1.3.0"], "ReviewTries(VersionArgs"),
+        (&["pause", "grasp"], "Pause(PauseArgs"),
+        (&["resume", "--all"], "all: true"),
+        (&["goal", "align"], "Goal(GoalArgs"),
+        (&["note"], "Note(NoteArgs"),
+        (&["go"], "Start(StartArgs"),
+    ] {
+        let data = ["--data", root.path().to_str().unwrap()];
+        let line: Vec<&str> = data.into_iter().chain(line.iter().copied()).chain(signed).collect();
+        let cli = Cli::parse_line(["holdpoint"].iter().chain(&line).map(OsString::from)).unwrap();
+        assert!(format!("{:?}", cli.verb).contains(parsed), "{line:?}: {:?}", cli.verb);
+        let (ended, _, engine) = run_line(&line);
+        assert!(ended.is_err() && engine.is_empty(), "{line:?}");
+        assert!(!root.path().join("holdpoint.db").exists(), "{line:?}");
     }
 }
 

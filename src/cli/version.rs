@@ -6,16 +6,15 @@ use clap::{Args, Subcommand, ValueEnum};
 use serde_json::{Value, json};
 
 use super::decide::{
-    ANY_NAME, BreakGlassArgs, DemoteArgs, ProfileBlockArgs, ReleaseArgs, RepeatArgs, RequestedDecision,
-    VersionArgs,
+    self, ANY_NAME, BreakGlassArgs, DemoteArgs, ProfileBlockArgs, ReleaseArgs, RepeatArgs, VersionArgs,
 };
-use super::engine_verbs::EngineVerbs;
 use super::output::TextTable;
 use crate::cli::context::CliContext;
 use crate::cli::output::CommandOutput;
 use crate::error::{CliError, Exit};
 use holdpoint_governance::ids::{CapabilityId, Family};
 use holdpoint_governance::record::{VersionGroup, VersionSummary};
+use holdpoint_protocol::command::Command;
 use holdpoint_record::version_table::chosen_anchors;
 use holdpoint_registry::Views;
 use holdpoint_store::{VersionDetail, VersionFilter};
@@ -164,11 +163,10 @@ impl From<ViewArg> for VersionGroup {
 pub fn run(
     context: &CliContext,
     args: &VersionVerbArgs,
-    engine: &mut dyn EngineVerbs,
     out: &mut CommandOutput<'_>,
 ) -> Result<Exit, CliError> {
     let views = || super::data::open_checked(&context.data);
-    let decision = match &args.verb {
+    match &args.verb {
         VersionVerb::List(args) => {
             let filter = VersionFilter {
                 group: args.view.into(),
@@ -177,7 +175,7 @@ pub fn run(
                 ..VersionFilter::default()
             };
             list(&views()?, &filter, out)?;
-            return Ok(Exit::Confirmed);
+            Ok(Exit::Confirmed)
         }
         VersionVerb::Show { version } => {
             let detail = views()?.version(version).map_err(CliError::usage)?.ok_or_else(|| {
@@ -186,25 +184,24 @@ pub fn run(
                     .with_details(ErrorReason::NotFound)
             })?;
             out.answer(&detail_json(&detail), |out| show(&detail, out))?;
-            return Ok(Exit::Confirmed);
+            Ok(Exit::Confirmed)
         }
         VersionVerb::History { family } => {
             history(&views()?, family, out)?;
-            return Ok(Exit::Confirmed);
+            Ok(Exit::Confirmed)
         }
-        VersionVerb::Retry(args) => RequestedDecision::Repeat(args.clone()),
-        VersionVerb::Demote(args) => RequestedDecision::Demote(args.clone()),
-        VersionVerb::Block(args) => RequestedDecision::Demote(args.clone().into()),
-        VersionVerb::Unblock(args) => RequestedDecision::Release(args.clone().into()),
-        VersionVerb::Restrict(args) => RequestedDecision::Restrict(args.clone()),
-        VersionVerb::Unrestrict(args) => RequestedDecision::Release(args.clone()),
-        VersionVerb::Answer(args) => RequestedDecision::Continue(args.clone()),
-        VersionVerb::Reactivate(args) => RequestedDecision::Rearm(args.clone()),
-        VersionVerb::Anchor(args) => RequestedDecision::Anchor(args.clone()),
-        VersionVerb::ReviewTries(args) => RequestedDecision::ReviewTries(args.clone()),
-        VersionVerb::BreakGlass(args) => RequestedDecision::BreakGlass(args.clone()),
-    };
-    engine.decide(context, &decision, out)
+        VersionVerb::Retry(args) => decide::repeat(context, args, out),
+        VersionVerb::Demote(args) => decide::demote(context, args, out),
+        VersionVerb::Block(args) => decide::demote(context, &args.clone().into(), out),
+        VersionVerb::Unblock(args) => decide::release(context, &args.clone().into(), out),
+        VersionVerb::Restrict(args) => decide::restrict(context, args, out),
+        VersionVerb::Unrestrict(args) => decide::release(context, args, out),
+        VersionVerb::Answer(args) => decide::go_on(context, args, out),
+        VersionVerb::Reactivate(args) => decide::signed_act(context, args, Command::Rearm, out),
+        VersionVerb::Anchor(args) => decide::signed_act(context, args, Command::Anchor, out),
+        VersionVerb::ReviewTries(args) => decide::signed_act(context, args, Command::ReviewTries, out),
+        VersionVerb::BreakGlass(args) => decide::break_glass(context, args, out),
+    }
 }
 
 fn list(views: &Views, filter: &VersionFilter, out: &mut CommandOutput<'_>) -> Result<(), CliError> {

@@ -4,8 +4,8 @@ use std::ffi::OsString;
 use std::path::Path;
 
 use holdpoint::cli::{
-    Cli, CliContext, CliError, CommandOutput, EngineVerbs, Exit, bench, candidate, decide, demo, dispatch,
-    run, serve, status,
+    Cli, CliContext, CliError, CommandOutput, EngineVerbs, Exit, bench, candidate, demo, dispatch, run,
+    serve, status,
 };
 use holdpoint::registry::Store;
 use holdpoint::store::Batch;
@@ -63,14 +63,6 @@ impl EngineVerbs for NoEngine {
         _: &mut CommandOutput<'_>,
     ) -> Result<Exit, CliError> {
         Err(CliError::internal("requested the status"))
-    }
-    fn decide(
-        &mut self,
-        _: &CliContext,
-        _: &decide::RequestedDecision,
-        _: &mut CommandOutput<'_>,
-    ) -> Result<Exit, CliError> {
-        Err(CliError::internal("asked to decide"))
     }
     fn bench(
         &mut self,

@@ -1,12 +1,13 @@
-//! `holdpoint version retry | block | unblock | restrict | unrestrict | answer | break-glass | reactivate`.
+//! `holdpoint version retry | demote | block | unblock | restrict | unrestrict | answer | break-glass | reactivate | anchor
+//! | review-tries`.
 //!
 //! Verbs that grant authority need an identity of the store; verbs that take it away accept any name.
 
 use clap::Args;
 
 use super::{
-    SigningArgs, StatusSubject, VersionArgs, check_digest, identity, known_family, known_version, operation,
-    parse_family, parse_short_digest, parse_subject, passphrase, request_text,
+    SigningArgs, StatusSubject, VersionArgs, check_digest, data, identity, known_family, known_version,
+    operation, parse_family, parse_short_digest, parse_subject, passphrase, request_text,
 };
 use crate::cli::context::CliContext;
 use crate::cli::output::CommandOutput;
@@ -167,10 +168,7 @@ pub(super) fn family_to_resume(args: &ResumeArgs) -> Result<Option<&Family>, Cli
 }
 
 /// The version to demote; a family in its place is an error with the command for its active version.
-pub(super) fn version_to_demote<'a>(
-    views: &Views,
-    args: &'a DemoteArgs,
-) -> Result<&'a CapabilityId, CliError> {
+fn version_to_demote<'a>(views: &Views, args: &'a DemoteArgs) -> Result<&'a CapabilityId, CliError> {
     let family = match &args.version {
         StatusSubject::Version(version) => return Ok(version),
         StatusSubject::Family(family) => family,
@@ -192,13 +190,24 @@ pub(super) fn version_to_demote<'a>(
     Err(CliError::usage(text).with_hint(hint))
 }
 
-pub(super) fn repeat(
+pub(in crate::cli) fn demote(
     context: &CliContext,
-    views: &Views,
+    args: &DemoteArgs,
+    out: &mut CommandOutput<'_>,
+) -> Result<Exit, CliError> {
+    let views = data::open(&context.data)?;
+    let version = version_to_demote(&views, args)?;
+    known_version(&views, version)?;
+    let (operation, profiles) = (operation(version, &args.signature), args.profile.clone());
+    VerbExecutor::open(context)?.execute(Command::Demote { operation, profiles }, out)
+}
+
+pub(in crate::cli) fn repeat(
+    context: &CliContext,
     args: &RepeatArgs,
     out: &mut CommandOutput<'_>,
 ) -> Result<Exit, CliError> {
-    known_version(views, &args.version)?;
+    known_version(&data::open(&context.data)?, &args.version)?;
     let who = identity(context, &args.signature)?;
     let operation = operation(&args.version, &args.signature);
     let mut executor = VerbExecutor::open(context)?;
@@ -209,13 +218,12 @@ pub(super) fn repeat(
     Ok(exit)
 }
 
-pub(super) fn release(
+pub(in crate::cli) fn release(
     context: &CliContext,
-    views: &Views,
     args: &ReleaseArgs,
     out: &mut CommandOutput<'_>,
 ) -> Result<Exit, CliError> {
-    known_version(views, &args.version)?;
+    known_version(&data::open(&context.data)?, &args.version)?;
     let who = identity(context, &args.signature)?;
     let operation = operation(&args.version, &args.signature);
     let mut executor = VerbExecutor::open(context)?;
@@ -225,24 +233,22 @@ pub(super) fn release(
     Ok(if open { Exit::Held } else { Exit::Confirmed })
 }
 
-pub(super) fn restrict(
+pub(in crate::cli) fn restrict(
     context: &CliContext,
-    views: &Views,
     args: &VersionArgs,
     out: &mut CommandOutput<'_>,
 ) -> Result<Exit, CliError> {
-    known_version(views, &args.version)?;
+    known_version(&data::open(&context.data)?, &args.version)?;
     VerbExecutor::open(context)?.execute(Command::Restrict(operation(&args.version, &args.signature)), out)
 }
 
 /// Only a running engine has a drift monitor that escalates.
-pub(super) fn go_on(
+pub(in crate::cli) fn go_on(
     context: &CliContext,
-    views: &Views,
     args: &VersionArgs,
     out: &mut CommandOutput<'_>,
 ) -> Result<Exit, CliError> {
-    known_version(views, &args.version)?;
+    known_version(&data::open(&context.data)?, &args.version)?;
     let who = identity(context, &args.signature)?;
     let Some(client) = running(context)? else {
         let text = "held: no engine is running on this store, so there is no escalation to answer";
@@ -253,27 +259,25 @@ pub(super) fn go_on(
 }
 
 /// A signed act on one version that the store's engine carries out, running or not.
-pub(super) fn signed_act(
+pub(in crate::cli) fn signed_act(
     context: &CliContext,
-    views: &Views,
     args: &VersionArgs,
     act: fn(Operation) -> Command,
     out: &mut CommandOutput<'_>,
 ) -> Result<Exit, CliError> {
-    known_version(views, &args.version)?;
+    known_version(&data::open(&context.data)?, &args.version)?;
     let who = identity(context, &args.signature)?;
     let command = act(operation(&args.version, &args.signature));
     VerbExecutor::open(context)?.execute_as(context, &who, command, out)
 }
 
 /// One person signs alone; only a running engine knows which versions wait.
-pub(super) fn break_glass(
+pub(in crate::cli) fn break_glass(
     context: &CliContext,
-    views: &Views,
     args: &BreakGlassArgs,
     out: &mut CommandOutput<'_>,
 ) -> Result<Exit, CliError> {
-    known_version(views, &args.version)?;
+    known_version(&data::open(&context.data)?, &args.version)?;
     let who = passphrase::stored_identity(context, &args.signature.identity)?;
     let Some(client) = running(context)? else {
         let text = "held: no engine is running on this store, so no version waits for break-glass";
