@@ -6,7 +6,8 @@ use std::ffi::OsStr;
 
 use crate::error::Exit;
 
-/// The verbs by the work they are for, in the order of the help: name and purpose. A line without a purpose lists names.
+/// The verbs by the work they are for, in the order of the help: name and purpose. A line `more` lists names. Of the verbs
+/// of a group it names the most used ones: `holdpoint cell --help` has all.
 const ROLES: &[(&str, &[(&str, &str)])] = &[
     (
         "Operate",
@@ -17,7 +18,7 @@ const ROLES: &[(&str, &[(&str, &str)])] = &[
             ("approve", "Sign a waiting decision (also: reject, pause, resume)"),
             ("rollback", "Return a skill to its previous version"),
             ("version", "list, show, retry, demote, restrict, reactivate ..."),
-            ("more", "run, cell (goal, note, confirm-time, serve, check)"),
+            ("more", "run, cell (goal, note, serve, check ...)"),
         ],
     ),
     (
@@ -145,12 +146,6 @@ mod tests {
                 // A build without the console has no replay, keys and theme.
                 let is_there = program.find_subcommand(name).is_some() || cfg!(not(feature = "console"));
                 assert!(is_there, "{name} is no verb");
-            }
-        }
-        for group in ["version", "cell"] {
-            for verb in program.find_subcommand(group).unwrap().get_subcommands() {
-                let is_there = listed.contains(verb.get_name()) || help.contains("...");
-                assert!(is_there, "{group} {}", verb.get_name());
             }
         }
     }

@@ -64,7 +64,7 @@ pub enum Command {
     },
     /// Reject a candidate; an active version is rolled back instead.
     Reject(Operation),
-    /// Roll the active version back: safe pose first, then the rollback target. Without one it is refused; use
+    /// Roll the active version back: safe pose first, then the rollback target; refused without one. Then use
     /// [`Command::Vacate`].
     Rollback(Operation),
     /// Deactivate the last version of a family: none is active until an operator reactivates one.
@@ -105,7 +105,7 @@ pub enum Command {
     Restrict(Operation),
     /// Reactivate an earlier version of a safe-stopped family.
     Rearm(Operation),
-    /// Start a drift of the live cell.
+    /// Start a drift of the live cell, or end it.
     Drift {
         /// What changes; absent ends it.
         kind: Option<DriftKind>,
@@ -114,7 +114,7 @@ pub enum Command {
         #[schemars(with = "String")]
         magnitude: Option<Magnitude>,
     },
-    /// Break something in the live cell, for an exercise.
+    /// Break something in the live cell for an exercise, or repair it.
     LiveFault {
         /// What breaks; absent to repair it.
         fault: Option<LiveFault>,
@@ -135,13 +135,13 @@ pub enum Command {
         /// Why it is safe to close the alarm; a blank reason is refused.
         reason: String,
     },
-    /// Shelve an alarm for a time.
+    /// Shelve an alarm for at most eight hours; never a critical one.
     ShelveAlarm {
-        /// Name of the alarm; a critical one is refused.
+        /// Name of the alarm.
         alarm: String,
         /// Identity of the operator who shelves it.
         by: String,
-        /// For how long from now, ms; at most one shift of eight hours.
+        /// For how long from now, ms.
         for_ms: u64,
         /// Why it may be hidden meanwhile; a blank reason is refused.
         reason: String,
@@ -202,7 +202,7 @@ pub enum Command {
         /// Why, in the person's own words; a blank reason is refused.
         reason: String,
     },
-    /// Set the pace of the live cell.
+    /// Set the pace of the live cell: 0.1 to 100 simulated seconds in a second, or no limit.
     Pace {
         /// Simulated seconds in a second; absent for as fast as it computes.
         times: Option<f64>,
@@ -219,7 +219,7 @@ pub enum Command {
         /// Which piece of it.
         asked: FilmRequest,
     },
-    /// A page of the registry's versions, by family and semantic version.
+    /// A page of at most 10,000 versions, by family and semantic version, with the chosen anchors.
     Registry {
         /// The lifecycle states to list.
         group: VersionGroup,
@@ -230,7 +230,7 @@ pub enum Command {
         /// Most rows to return; [`PAGE_MAX`](super::detail::PAGE_MAX) is the limit.
         limit: u64,
     },
-    /// A page of the audit log, the newest first.
+    /// A page of at most 10,000 records of the audit log, the newest first.
     Audit {
         /// Records before this one; absent for the newest.
         before: Option<u64>,
@@ -396,15 +396,15 @@ pub enum StopPersistence {
 pub enum Refusal {
     /// A value in the command is not allowed.
     BadInput,
-    /// There is no such version, family, prompt or alarm.
+    /// There is no such version, family, approval request or alarm.
     NotFound,
     /// A version of this name is registered already, and never changes.
     Exists,
-    /// The lifecycle does not allow it now.
+    /// The state does not allow it now.
     NotNow,
-    /// The decision covers something that has changed since.
+    /// What the request covers has changed since.
     Stale,
-    /// The identity's role or its part in the candidate forbids this decision.
+    /// The person, the role or the key may not do this.
     NotAllowed,
     /// The engine could not record it.
     Store,

@@ -1,7 +1,9 @@
-//! The pages and tables of the guide that are made from the program: command line, codes of reasons, kinds of records, keys.
+//! The pages and tables of the guide that are made from the program: command line, codes of reasons, kinds of records, keys,
+//! messages of the socket.
 //!
 //! `HOLDPOINT_WRITE_GUIDE=1` writes them.
 
+use std::collections::BTreeSet;
 use std::fmt::Write as _;
 use std::fs;
 
@@ -11,6 +13,8 @@ use holdpoint::cli::keys::markdown;
 use holdpoint::governance::closed_set::schemars::schema_for;
 use holdpoint::governance::decision::ReasonCode;
 use holdpoint::governance::record::RecordKind;
+use holdpoint::protocol::command::Refusal;
+use holdpoint::protocol::schema::documents;
 use serde_json::Value;
 
 use crate::data::root;
@@ -127,11 +131,10 @@ fn the_page_of_the_command_line_is_the_program_s() {
     check("src/guide/reference/command-line.md", &page);
 }
 
-/// A page with another table in place of the first one beneath a heading.
-fn with_table(page: &str, heading: &str, table: &str) -> String {
-    let text = fs::read_to_string(root().join(page)).unwrap();
+/// A page's text with another table in place of the first one beneath a heading.
+fn with_table(text: &str, heading: &str, table: &str) -> String {
     let head = format!("\n## {heading}\n");
-    let (above, below) = text.split_once(&head).unwrap_or_else(|| panic!("{page} has no {heading:?}"));
+    let (above, below) = text.split_once(&head).unwrap_or_else(|| panic!("there is no {heading:?}"));
     let is_row = |line: &&str| line.starts_with('|');
     let lead: String = below.split_inclusive('\n').take_while(|line| !is_row(line)).collect();
     let rest: String =
@@ -142,7 +145,7 @@ fn with_table(page: &str, heading: &str, table: &str) -> String {
 #[test]
 fn the_table_of_keys_is_the_program_s() {
     let page = "src/guide/reference/keys.md";
-    check(page, &with_table(page, "Keys", &markdown()));
+    check(page, &with_table(&fs::read_to_string(root().join(page)).unwrap(), "Keys", &markdown()));
 }
 
 /// A table of the members of a closed set: names in order, each with its description in the schema.
@@ -177,4 +180,49 @@ fn the_page_of_record_kinds_is_the_program_s() {
          its other fields.\n\n",
     ) + &set_table("kind", &names, schema_for!(RecordKind).as_value());
     check("src/guide/reference/record-kinds.md", &page);
+}
+
+/// A table of the messages of a document: each with its fields, and the first sentence of its description.
+fn message_table(document: &str, tag: &str, head: &str) -> String {
+    let schema = documents().into_iter().find(|(name, _)| *name == document).unwrap().1.to_value();
+    let names = |value: &Value| -> BTreeSet<String> {
+        value["properties"].as_object().into_iter().flatten().map(|(name, _)| name.clone()).collect()
+    };
+    let mut rows = format!("| {tag} | fields | {head} |\n| --- | --- | --- |\n");
+    for variant in schema["oneOf"].as_array().unwrap() {
+        let mut fields = names(variant);
+        // Fields shared by several commands are a type of their own.
+        if let Some(shared) = variant["$ref"].as_str().and_then(|path| path.strip_prefix('#')) {
+            fields.extend(names(schema.pointer(shared).unwrap()));
+        }
+        assert!(fields.remove(tag), "{variant}");
+        let name = variant["properties"][tag]["const"].as_str().unwrap();
+        let fields: Vec<String> = fields.iter().map(|field| format!("`{field}`")).collect();
+        let fields = if fields.is_empty() { "none".to_owned() } else { fields.join(", ") };
+        let text = variant["description"].as_str().unwrap_or_default();
+        let text = text.split_whitespace().collect::<Vec<_>>().join(" ");
+        let first = text.split_once(". ").map_or(text.trim_end_matches('.'), |(first, _)| first);
+        assert!(!first.is_empty(), "{name} has no description");
+        let _ = writeln!(rows, "| `{name}` | {fields} | {first} |");
+    }
+    rows
+}
+
+#[test]
+fn the_tables_of_the_socket_are_the_protocol_s() {
+    let refusals = schema_for!(Refusal);
+    let refusals = refusals.as_value();
+    let codes: Vec<&str> =
+        refusals["oneOf"].as_array().unwrap().iter().map(|one| one["const"].as_str().unwrap()).collect();
+    let page = "src/guide/reference/socket.md";
+    let mut text = fs::read_to_string(root().join(page)).unwrap();
+    for (heading, table) in [
+        ("Commands", message_table("command", "command", "effect")),
+        ("Refusals", set_table("code", &codes, refusals)),
+        ("Events", message_table("event", "event", "what happened")),
+    ] {
+        assert!(table.lines().count() > 10, "{table}");
+        text = with_table(&text, heading, &table);
+    }
+    check(page, &text);
 }

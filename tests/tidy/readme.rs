@@ -6,9 +6,7 @@ use std::path::{Path, PathBuf};
 
 use holdpoint::cli::Exit;
 use holdpoint::governance::profile::{Profile, ProfileName};
-use holdpoint::protocol::schema::documents;
 use holdpoint::protocol::wire::PROTOCOL;
-use serde_json::Value;
 
 use crate::data::{names, root, scenarios};
 use crate::report;
@@ -276,76 +274,6 @@ fn documented_exit_codes_are_those_of_the_program() {
     }
     report(&problems);
     assert_eq!(documented.len(), Exit::ALL.len(), "{documented:?}");
-}
-
-/// The variants of an enum of the protocol, in kebab case as on the wire, read from its source.
-fn variants(file: &str, name: &str) -> BTreeSet<String> {
-    let text = fs::read_to_string(root().join("src/protocol").join(file)).unwrap();
-    let (_, body) = text.split_once(&format!("\npub enum {name} {{\n")).expect("the enum is there");
-    let (body, _) = body.split_once("\n}\n").expect("it ends");
-    let first = |line: &str| {
-        let name = line.strip_prefix("    ")?.split(|ch: char| !ch.is_alphanumeric()).next()?;
-        name.starts_with(char::is_uppercase).then(|| name.to_owned())
-    };
-    let kebab = |name: String| {
-        let dashed = name.chars().enumerate().flat_map(|(at, ch)| {
-            (at > 0 && ch.is_uppercase()).then_some('-').into_iter().chain(ch.to_lowercase())
-        });
-        dashed.collect::<String>()
-    };
-    body.lines().filter_map(first).map(kebab).collect()
-}
-
-#[test]
-fn documented_commands_refusals_and_events_are_those_of_the_protocol() {
-    for (heading, file, name) in [
-        ("Commands", "command.rs", "Command"),
-        ("Refusals", "command.rs", "Refusal"),
-        ("Events", "event.rs", "EventKind"),
-    ] {
-        let rows = table("src/guide/reference/socket.md", heading);
-        let documented: BTreeSet<String> = rows.iter().flat_map(|row| quoted(&row[0])).collect();
-        let actual = variants(file, name);
-        assert!(actual.len() > 5, "{name}: {actual:?}");
-        assert_eq!(documented, actual, "{heading}");
-    }
-}
-
-/// The fields of each variant of a document with the tag `tag`, as in its schema.
-fn fields_of(document: &str, tag: &str) -> BTreeMap<String, BTreeSet<String>> {
-    let schema = documents().into_iter().find(|(name, _)| *name == document).unwrap().1.to_value();
-    let names = |value: &Value| -> BTreeSet<String> {
-        value["properties"].as_object().into_iter().flatten().map(|(name, _)| name.clone()).collect()
-    };
-    let variants = schema["oneOf"].as_array().unwrap().iter();
-    let fields = variants.map(|variant| {
-        let mut fields = names(variant);
-        // Fields shared by several commands are a type of their own.
-        if let Some(shared) = variant["$ref"].as_str().and_then(|path| path.strip_prefix('#')) {
-            fields.extend(names(schema.pointer(shared).unwrap()));
-        }
-        assert!(fields.remove(tag), "{variant}");
-        (variant["properties"][tag]["const"].as_str().unwrap().to_owned(), fields)
-    });
-    fields.collect()
-}
-
-#[test]
-fn documented_fields_are_those_of_the_schemas() {
-    for (heading, document, tag) in
-        [("Fields of commands", "command", "command"), ("Fields of events", "event", "event")]
-    {
-        let actual = fields_of(document, tag);
-        assert!(
-            actual.len() > 20 && actual.values().any(|fields| fields.len() > 3),
-            "{document}: {actual:?}"
-        );
-        let documented: BTreeMap<String, BTreeSet<String>> = table("src/guide/reference/socket.md", heading)
-            .iter()
-            .map(|row| (quoted(&row[0]).concat(), quoted(&row[1]).into_iter().collect()))
-            .collect();
-        assert_eq!(documented, actual, "{heading}");
-    }
 }
 
 #[test]
