@@ -6,9 +6,8 @@ use serde::{Deserialize, Serialize};
 use super::account_role::AccountRole;
 use holdpoint_governance::ids::{CapabilityId, is_name};
 
-/// The views of a console. Another text in place of one could be a false statement on other consoles.
-pub const CONSOLE_VIEWS: [&str; 8] =
-    ["Overview", "Registry", "Candidate", "Shadow", "Alarms", "Approvals", "Audit", "Health"];
+/// The longest title of a view, bytes.
+const TITLE_BYTES_MAX: usize = 24;
 
 /// What an attached console says of its user. It decides nothing: a decision is signed.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
@@ -17,7 +16,8 @@ pub struct ConsolePresence {
     /// The operator's chosen name; absent until chosen.
     #[serde(default)]
     pub who: Option<String>,
-    /// The current view, one of [`CONSOLE_VIEWS`]; empty until the console shows one.
+    /// The title of the current view, one word; empty until the console shows one. A console shows only a title of its own
+    /// views: any other word could be a false statement.
     pub view: String,
     /// The open approval request; absent if none.
     #[serde(default)]
@@ -28,15 +28,17 @@ pub struct ConsolePresence {
 }
 
 impl ConsolePresence {
-    /// The invalid field, if any: a name that no identity can have, or a view that no console has. So neither can be a
+    /// The invalid field, if any: a name that no identity can have, or a view that is not one word. So neither can be a
     /// sentence on another screen.
     #[must_use]
     pub fn invalid_field(&self) -> Option<String> {
         if self.who.as_deref().is_some_and(|who| !is_name(who)) {
             return Some("who is a name: 1 to 64 characters of a-z, 0-9, '.', '_' and '-'".to_owned());
         }
-        let is_known = self.view.is_empty() || CONSOLE_VIEWS.contains(&self.view.as_str());
-        (!is_known).then(|| format!("view is one of {}", CONSOLE_VIEWS.join(", ")))
+        let is_word =
+            self.view.len() <= TITLE_BYTES_MAX && self.view.bytes().all(|byte| byte.is_ascii_alphabetic());
+        (!is_word)
+            .then(|| format!("view is the title of a view: a word of at most {TITLE_BYTES_MAX} letters"))
     }
 }
 
@@ -78,21 +80,21 @@ mod tests {
 
     /// A view of any text showed another account and role behind a console on the screens of others.
     #[test]
-    fn a_presence_states_a_name_and_a_known_view_alone() {
+    fn a_presence_states_a_name_and_a_word_alone() {
         let sitting = |who: &str, view: &str| ConsolePresence {
             who: Some(who.to_owned()),
             view: view.to_owned(),
             ..ConsolePresence::default()
         };
-        for view in CONSOLE_VIEWS {
-            assert_eq!(sitting("bert", view).invalid_field(), None);
-        }
+        assert_eq!(sitting("bert", "Overview").invalid_field(), None);
         assert_eq!(ConsolePresence::default().invalid_field(), None);
         for (who, view, field) in [
             ("a\u{1b}[2J", "Overview", "who"),
             ("ana promoted it; ben", "Overview", "who"),
             ("", "Overview", "who"),
-            ("bert", "overview", "view"),
+            ("bert", "Audit ", "view"),
+            ("bert", "Audit\u{1b}", "view"),
+            ("bert", "Abcdefghijklmnopqrstuvwxy", "view"),
             ("bert", "Audit), ana of account root, administrator (Approvals", "view"),
         ] {
             assert!(sitting(who, view).invalid_field().is_some_and(|text| text.starts_with(field)));

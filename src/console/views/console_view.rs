@@ -23,7 +23,7 @@ pub(super) const ORDER_OF_TIME: &str = shared::ORDER_OF_TIME;
 /// The facts of a view that never change.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ViewDescription {
-    /// Its name on tabs and in exports; the engine accepts it by `CONSOLE_VIEWS`.
+    /// Its name on tabs, in exports and on other consoles: one word.
     pub title: &'static str,
     /// The name on tabs with little room.
     pub brief_title: &'static str,

@@ -13,7 +13,6 @@ use crate::model::{ConsoleModel, View};
 use crate::widgets::pen::{Hit, Pen};
 use crate::widgets::row::Row;
 use holdpoint_protocol::console_presence::AttachedConsoleView;
-use holdpoint_text::Untrusted;
 use unicode_width::UnicodeWidthStr as _;
 
 /// Draws the views' line.
@@ -101,11 +100,14 @@ fn other_consoles(model: &ConsoleModel) -> Vec<String> {
     }
     let own = model.engine_data.own_account();
     let label = |one: &&AttachedConsoleView| {
-        let doing = match &one.sitting.reading {
-            Some(version) => format!("reads {version}"),
-            None => Untrusted::new(one.sitting.view.clone()).line().into_string(),
-        };
-        format!("{} ({doing})", console_label(one, own))
+        let (who, sitting) = (console_label(one, own), &one.sitting);
+        // A word that is no view's title could be a false statement.
+        let title = View::ALL.map(View::title).into_iter().find(|title| *title == sitting.view);
+        match (&sitting.reading, title) {
+            (Some(version), _) => format!("{who} (reads {version})"),
+            (None, Some(title)) => format!("{who} ({title})"),
+            (None, None) => who,
+        }
     };
     let whole: Vec<String> = others.iter().map(label).collect();
     let names: Vec<String> = others.iter().map(|one| console_label(one, own)).collect();

@@ -4,9 +4,7 @@ use super::*;
 use crate::approval_screen::ClosingAnswer;
 use crate::model::EngineLink;
 use holdpoint_protocol::account_role::AccountRole;
-use holdpoint_protocol::console_presence::{
-    AttachedConsoleView, CONSOLE_VIEWS, ConsoleAccount, ConsolePresence,
-};
+use holdpoint_protocol::console_presence::{AttachedConsoleView, ConsoleAccount, ConsolePresence};
 use holdpoint_protocol::event::{Event, EventKind};
 use holdpoint_service::control_socket::AnswerOrigin;
 
@@ -47,8 +45,11 @@ fn a_console_reports_its_view_and_its_open_request() {
 }
 
 #[test]
-fn the_engine_knows_every_view_by_its_title() {
-    assert_eq!(View::ALL.map(View::title), CONSOLE_VIEWS);
+fn the_engine_accepts_the_title_of_every_view() {
+    for view in View::ALL {
+        let sitting = ConsolePresence { view: view.title().to_owned(), ..ConsolePresence::default() };
+        assert_eq!(sitting.invalid_field(), None, "{view:?}");
+    }
 }
 
 #[test]
@@ -96,6 +97,11 @@ fn every_screen_size_shows_other_consoles() {
     looks_on.sitting.read_only = true;
     with_consoles(&mut console, vec![looks_on, console_view(2, Some("ana"), None)]);
     assert!(screen(&console, 120, 36).contains(&format!("bert, read-only ({})", View::Alarms.title())));
+    let mut other = console_view(1, Some("bert"), None);
+    other.sitting.view = "Administrator".to_owned();
+    with_consoles(&mut console, vec![other, console_view(2, Some("ana"), None)]);
+    let screen = screen(&console, 120, 36);
+    assert!(screen.contains("with bert") && !screen.contains("Administrator"), "{screen}");
 }
 
 #[test]
