@@ -6,9 +6,9 @@
 use serde::{Deserialize, Serialize};
 
 use super::identity::Identity;
-use super::keyfile::hex;
 use super::signed_approval::{ApprovalError, holds};
 use holdpoint_governance::ids::Digest;
+use holdpoint_text::hex::hex;
 
 /// Separates these bytes from all other signed bytes.
 const DOMAIN: &str = "holdpoint/authorship/v1";

@@ -23,8 +23,8 @@ use chacha20poly1305::{KeyInit, XChaCha20Poly1305};
 use ed25519_dalek::SigningKey;
 use zeroize::{Zeroize, Zeroizing};
 
-use super::keyfile::{hex, unhex};
 use super::passphrase::Passphrase;
+use holdpoint_text::hex::{hex, unhex};
 
 /// The beginning of an encrypted key; an unencrypted one has 64 hexadecimal digits there.
 pub(super) const MAGIC: &str = "holdpoint-key";

@@ -14,6 +14,7 @@ use super::signed_call::{CallClaim, SignedCall};
 use holdpoint_governance::approval::Role;
 use holdpoint_governance::closed_set::ClosedSetError;
 use holdpoint_governance::ids::{Digest, is_name};
+use holdpoint_text::hex::hex;
 use holdpoint_text::{ErrorDetails, ErrorReason, Hint};
 
 /// The longest identity or role name, bytes.
@@ -433,7 +434,7 @@ impl Identity {
 
     /// Its signature over a digest, as hexadecimal digits.
     pub(super) fn signature(&self, digest: &Digest) -> Result<String, ApprovalError> {
-        Ok(keyfile::hex(&self.raw(digest.bytes())?.to_bytes()))
+        Ok(hex(&self.raw(digest.bytes())?.to_bytes()))
     }
 
     fn raw(&self, bytes: &[u8]) -> Result<Signature, ApprovalError> {

@@ -10,6 +10,7 @@ use std::os::unix::fs::{FileTypeExt, OpenOptionsExt, PermissionsExt};
 use std::path::{Path, PathBuf};
 
 use ed25519_dalek::{SigningKey, VerifyingKey};
+use holdpoint_text::hex::{hex, push_hex, unhex};
 use holdpoint_text::{ErrorDetails, ErrorReason, Hint};
 use zeroize::Zeroizing;
 
@@ -105,10 +106,7 @@ impl KeyEncoding<'_> {
         match self {
             Self::Plain => {
                 let mut text = Zeroizing::new(String::with_capacity(65));
-                for byte in key.as_bytes() {
-                    text.push(char::from(b"0123456789abcdef"[usize::from(byte >> 4)]));
-                    text.push(char::from(b"0123456789abcdef"[usize::from(byte & 15)]));
-                }
+                push_hex(&mut text, key.as_bytes());
                 text.push('\n');
                 Ok(text)
             }
@@ -356,27 +354,6 @@ pub(super) fn public_of(bytes: &[u8; 32]) -> Option<VerifyingKey> {
     (point.compress().as_bytes() == bytes && !key.is_weak() && point.is_torsion_free()).then_some(key)
 }
 
-#[must_use]
-pub fn hex(bytes: &[u8]) -> String {
-    bytes.iter().fold(String::with_capacity(2 * bytes.len()), |mut text, byte| {
-        text.push_str(&format!("{byte:02x}"));
-        text
-    })
-}
-
-/// Exactly `N` bytes from hexadecimal digits, in lower case as [`hex`] writes them: a value has one text.
-#[must_use]
-pub fn unhex<const N: usize>(text: &str) -> Option<[u8; N]> {
-    if text.len() != 2 * N || !text.bytes().all(|b| matches!(b, b'0'..=b'9' | b'a'..=b'f')) {
-        return None;
-    }
-    let mut bytes = [0u8; N];
-    for (i, byte) in bytes.iter_mut().enumerate() {
-        *byte = u8::from_str_radix(&text[2 * i..2 * i + 2], 16).ok()?;
-    }
-    Some(bytes)
-}
-
 /// The largest key file, bytes.
 const FILE_BYTES_MAX: usize = 1024;
 
@@ -476,15 +453,6 @@ mod tests {
         }
         for error in [read_secret(&secret).unwrap_err(), read_public(&public).unwrap_err()] {
             assert!(error.to_string().contains("1024 bytes"), "{error}");
-        }
-    }
-
-    #[test]
-    fn hex_value_has_one_spelling() {
-        assert_eq!(unhex::<2>("0c4d"), Some([0x0c, 0x4d]));
-        assert_eq!(hex(&[0x0c, 0x4d]), "0c4d");
-        for bad in ["0C4d", "0c4", "0c4dd", "+c4d", ""] {
-            assert_eq!(unhex::<2>(bad), None, "{bad}");
         }
     }
 }

@@ -18,11 +18,12 @@ use ed25519_dalek::VerifyingKey;
 use serde::{Deserialize, Serialize};
 
 use super::identity::{Identity, IdentityInfo};
-use super::keyfile::{hex, parse_public};
+use super::keyfile::parse_public;
 use super::signed_approval::{ApprovalError, Nonce, REASON_ALLOWED, holds, is_reason};
 use holdpoint_governance::approval::Role;
 use holdpoint_governance::closed_set;
 use holdpoint_governance::ids::{Digest, is_name};
+use holdpoint_text::hex::hex;
 use holdpoint_text::{ErrorDetails, ErrorReason, Hint, is_visible};
 
 /// Separates these bytes from all other signed bytes.

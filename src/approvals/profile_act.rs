@@ -7,12 +7,12 @@ use serde::{Deserialize, Serialize};
 
 use super::admin_authorization::AdminAuthorization;
 use super::identity::Identity;
-use super::keyfile::hex;
 use super::person::{PersonDirectory, PersonError};
 use super::signed_approval::ApprovalError;
 use holdpoint_governance::ids::Digest;
 use holdpoint_governance::profile::ProfileName;
 use holdpoint_governance::profile_downgrade::DowngradedField;
+use holdpoint_text::hex::hex;
 
 /// Separates these bytes from all other signed bytes.
 const DOMAIN: &str = "holdpoint/profile-act/v2";

@@ -8,11 +8,12 @@ use serde::{Deserialize, Serialize};
 use super::agent::AgentError;
 use super::display_binding::DisplayBinding;
 use super::identity::IdentityInfo;
-use super::keyfile::{hex, parse_public, unhex};
+use super::keyfile::parse_public;
 use holdpoint_governance::approval::{ApprovalDecision, Role};
 use holdpoint_governance::ids::{CapabilityId, Digest};
 use holdpoint_governance::profile::ProfileName;
 use holdpoint_governance::wall_time::WallTime;
+use holdpoint_text::hex::{hex, unhex};
 use holdpoint_text::{ErrorDetails, ErrorReason, Hint};
 
 /// Separates these bytes from all other signed bytes. For a decision without a displayed request: those of earlier

@@ -8,10 +8,10 @@ use std::borrow::Cow;
 use serde::{Deserialize, Serialize};
 
 use super::identity::{Identity, IdentityInfo};
-use super::keyfile::hex;
 use super::signed_approval::{ApprovalError, Nonce, holds};
 use holdpoint_governance::approval::Role;
 use holdpoint_governance::ids::Digest;
+use holdpoint_text::hex::hex;
 use holdpoint_text::{ErrorDetails, ErrorReason, Hint};
 
 /// Separates these bytes from all other signed bytes.

@@ -6,10 +6,10 @@ use serde::{Deserialize, Serialize};
 
 use super::admin_authorization::AdminAuthorization;
 use super::identity::Identity;
-use super::keyfile::hex;
 use super::person::{PersonDirectory, PersonError};
 use super::signed_approval::ApprovalError;
 use holdpoint_governance::ids::Digest;
+use holdpoint_text::hex::hex;
 
 /// Separates these bytes from all other signed bytes.
 const DOMAIN: &str = "holdpoint/witness-act/v1";

@@ -12,9 +12,9 @@ use serde::{Deserialize, Serialize};
 
 use super::chain::Head;
 use super::files::{FileError, write_atomically};
-use holdpoint_approvals::keyfile::{hex, unhex};
 use holdpoint_governance::ids::Digest;
 use holdpoint_text::file::read_text;
+use holdpoint_text::hex::{hex, unhex};
 
 /// Domain tag of a checkpoint's signature.
 const DOMAIN: &str = "holdpoint/checkpoint/v1";

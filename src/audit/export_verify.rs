@@ -15,13 +15,13 @@ use super::history_error::HistoryError;
 use super::merkle::Frontier;
 use super::profile_history::{ProfileHistory, check_key_guarded};
 use super::recorded_approval::RecordedApproval;
-use holdpoint_approvals::keyfile::hex;
 use holdpoint_approvals::{
     PersonActKind, PersonDirectory, PersonError, PersonState, SignedApproval, SignedPersonAct,
 };
 use holdpoint_governance::approval::Role;
 use holdpoint_governance::ids::Digest;
 use holdpoint_governance::record::{AuditRecord, RecordKind};
+use holdpoint_text::hex::hex;
 
 /// An invalid authorization on record, and its claimed signer.
 fn bad_authorization(by: &str, error: &PersonError) -> HistoryError {

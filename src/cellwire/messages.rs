@@ -3,14 +3,13 @@
 //! Every value is in SI units and in the world frame, as in the ports. A message is one MessagePack value of at most
 //! [`MESSAGE_BYTES_MAX`]; larger things are announced by a [`Block`] and follow as raw bytes. Owns no stream.
 
-use std::fmt::Write as _;
-
 use holdpoint_body::disturbance::Drift;
 use holdpoint_body::{
     Command, GuardVerdict, Interrupt, JointVec, ObjectVec, Observation, TaskKind, Telemetry,
 };
 use holdpoint_cell::truth::{ContactForces, ContactPoint, JointState, TrueState};
 use holdpoint_cell::{CellSpec, Distribution, EpisodeSetup, FixtureBox, InjectedFault, StateImage};
+use holdpoint_text::hex::hex;
 use nalgebra::Isometry3;
 use serde::{Deserialize, Serialize};
 use sha2::{Digest as _, Sha256};
@@ -275,10 +274,7 @@ impl Block {
 /// SHA-256 in hexadecimal digits.
 #[must_use]
 pub fn sha256_hex(bytes: &[u8]) -> String {
-    Sha256::digest(bytes).iter().fold(String::with_capacity(64), |mut text, byte| {
-        let _ = write!(text, "{byte:02x}");
-        text
-    })
+    hex(&Sha256::digest(bytes))
 }
 
 /// True state.

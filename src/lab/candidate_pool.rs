@@ -21,6 +21,7 @@ use serde::{Deserialize, Serialize};
 use sha2::{Digest as _, Sha256};
 
 use holdpoint_governance::ids::Family;
+use holdpoint_text::hex::hex;
 use holdpoint_text::{ErrorDetails, ErrorReason, Hint, Untrusted};
 
 pub use kind::Preset;
@@ -201,10 +202,7 @@ pub fn truth_path(dir: &Path) -> PathBuf {
 
 /// SHA-256 of some bytes, hexadecimal.
 pub(crate) fn sha256(bytes: &[u8]) -> String {
-    Sha256::digest(bytes).iter().fold(String::with_capacity(64), |mut text, byte| {
-        text.push_str(&format!("{byte:02x}"));
-        text
-    })
+    hex(&Sha256::digest(bytes))
 }
 
 /// A path as it may be printed.

@@ -5,7 +5,7 @@
 use std::collections::BTreeSet;
 use std::sync::Arc;
 
-use holdpoint_approvals::{PersonDirectory, keyfile};
+use holdpoint_approvals::PersonDirectory;
 use holdpoint_body::TaskKind;
 use holdpoint_governance::composition;
 use holdpoint_governance::condition::{Condition, people_needed};
@@ -19,6 +19,7 @@ use holdpoint_governance::rules_version::RulesVersion;
 use holdpoint_governance::start_domain::StartDomain;
 use holdpoint_runtime::capability::Capability;
 use holdpoint_runtime::terms::SkillTerms;
+use holdpoint_text::hex::hex;
 use holdpoint_trials::sequences::TrialTeam;
 use holdpoint_trials::trial_lab::TrialSubject;
 
@@ -238,9 +239,7 @@ fn authority_digest(version_table: &VersionTable) -> Digest {
     let lines: Vec<String> = persons
         .iter()
         .flat_map(PersonDirectory::enrolled)
-        .map(|person| {
-            format!("{} {} {}", person.name, person.role.name(), keyfile::hex(person.public_key.as_bytes()))
-        })
+        .map(|person| format!("{} {} {}", person.name, person.role.name(), hex(person.public_key.as_bytes())))
         .collect();
     let parts: Vec<&[u8]> = lines.iter().map(String::as_bytes).collect();
     Digest::of_parts("holdpoint.authority.v1", &parts)

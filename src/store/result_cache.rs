@@ -21,10 +21,11 @@ use zeroize::Zeroizing;
 
 use crate::error::StoreError;
 use crate::telemetry_batch::BATCH_BYTES_MAX;
-use holdpoint_approvals::keyfile::{self, hex, unhex};
+use holdpoint_approvals::keyfile;
 use holdpoint_audit::files::sync_folder;
 use holdpoint_governance::cached_result::CacheLocation;
 use holdpoint_governance::ids::Digest;
+use holdpoint_text::hex::{hex, unhex};
 
 /// Key separation of the results' MACs; as long as [`SAMPLE_DOMAIN`], so that neither is a prefix of the other.
 const MAC_DOMAIN: &[u8] = b"holdpoint.kept-cell.v1";

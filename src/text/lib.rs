@@ -14,6 +14,7 @@
 
 mod error_reason;
 pub mod file;
+pub mod hex;
 mod hint;
 mod sanitize;
 pub mod users;

@@ -24,6 +24,7 @@ use holdpoint_protocol::command::{Command, Reply};
 use holdpoint_registry::{Store, Views};
 use holdpoint_service::control_socket::Client;
 use holdpoint_store::{Change, FIRST_ADMINISTRATOR, Layout, StoreError, Transaction};
+use holdpoint_text::hex::hex;
 use holdpoint_text::{ErrorDetails, ErrorReason, Untrusted};
 use holdpoint_wording::program::identity as sentences;
 
@@ -301,7 +302,7 @@ pub(super) fn enrol(
     let register = IdentityRegister::open(context)?;
     if !out.is_json() {
         // The line appears before anything is signed.
-        let key = keyfile::hex(who.public_key.as_bytes());
+        let key = hex(who.public_key.as_bytes());
         out.line(&format!(
             "{} is about to be enrolled as {}, with the public key {key}",
             who.name, who.role
@@ -336,7 +337,7 @@ pub(super) fn confirm(
     let register = IdentityRegister::open(context)?;
     let person = register.enrolled(name)?;
     if !out.is_json() {
-        let key = keyfile::hex(person.public_key.as_bytes());
+        let key = hex(person.public_key.as_bytes());
         out.line(&format!("{name} is about to be confirmed as {}, with the public key {key}", person.role))?;
         out.require_reader()?;
     }
@@ -344,7 +345,7 @@ pub(super) fn confirm(
     let signed =
         register.persons.confirmation(person, &admin, args.reason.raw()).map_err(CliError::internal)?;
     register.persons.check(&signed).map_err(CliError::from_engine_fault)?;
-    let (role, key) = (person.role, keyfile::hex(person.public_key.as_bytes()));
+    let (role, key) = (person.role, hex(person.public_key.as_bytes()));
     register.take(signed.clone())?;
     out.answer(&signed, |out| out.line(&sentences::confirmed(name, role, &key, &admin.info().name)))
 }

@@ -15,6 +15,7 @@ use holdpoint_governance::closed_set;
 use holdpoint_registry::Views;
 use holdpoint_store::Layout;
 use holdpoint_text::Hint;
+use holdpoint_text::hex::hex;
 use holdpoint_wording::program::identity as sentences;
 
 closed_set! {
@@ -69,7 +70,7 @@ impl IdentityRow {
         Self {
             name: info.name.clone(),
             role: info.role.name().to_owned(),
-            public_key: keyfile::hex(info.public_key.as_bytes()),
+            public_key: hex(info.public_key.as_bytes()),
             protection,
             state: EnrollmentStanding::NotEnrolled,
             enrolled_unprotected: None,

@@ -26,12 +26,12 @@ use rusqlite::{Connection, OptionalExtension};
 use crate::chain::fold::{ChainFault, Fold, HEAD_ROW};
 use crate::chain::row_images::{ChainedTable, RowName, all_rows};
 use holdpoint_approvals::SignedApproval;
-use holdpoint_approvals::keyfile::hex;
 use holdpoint_audit::display_records::DisplayRecords;
 use holdpoint_audit::history_error::HistoryError;
 use holdpoint_governance::ids::canonical_json;
 use holdpoint_governance::record::RecordKind;
 use holdpoint_store::Receipt;
+use holdpoint_text::hex::hex;
 
 fn row(table: &'static str, key: &str, problem: impl Into<String>) -> ChainFault {
     ChainFault::Row { table, key: key.to_owned(), problem: problem.into() }

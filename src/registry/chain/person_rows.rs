@@ -23,7 +23,7 @@ struct PersonRow {
 
 impl PersonRow {
     fn is(&self, person: &Person) -> bool {
-        let key = holdpoint_approvals::keyfile::hex(person.public_key.as_bytes());
+        let key = holdpoint_text::hex::hex(person.public_key.as_bytes());
         (self.role.as_str(), self.state.as_str()) == (person.role.name(), person.state.name())
             && (&self.public_key, &self.enrolled_by) == (&key, &person.enrolled_by)
             && (self.unprotected, &self.revoked_by) == (person.unprotected, &person.revoked_by)

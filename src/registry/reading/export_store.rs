@@ -16,10 +16,10 @@ use crate::database::migrate::STORE;
 use crate::database::open::open_reader;
 use crate::database::store_id;
 use crate::verification::check::{VerificationDepth, open_checked};
-use holdpoint_approvals::keyfile;
 use holdpoint_audit::checkpoint::{Checkpoint, StoredCheckpoint, read_all};
 use holdpoint_audit::export_line::{ExportHeader, ExportLine};
 use holdpoint_store::StoreError;
+use holdpoint_text::hex::hex;
 
 /// The checkpoints of a moment of the database with this end: an engine may have written more since.
 pub(crate) fn until(
@@ -71,7 +71,7 @@ pub fn export_store(
         line.write(&mut text)?;
         Ok(out.write_all(&text)?)
     };
-    let public_key = public_key.map(|key| keyfile::hex(key.as_bytes()));
+    let public_key = public_key.map(|key| hex(key.as_bytes()));
     put(&ExportLine::Export(ExportHeader::new(store_id, head.seq, public_key)))?;
     for stored in until(checkpoints, end.as_ref(), head.seq) {
         put(&ExportLine::Head(stored.checkpoint))?;

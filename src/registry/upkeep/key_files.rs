@@ -10,6 +10,7 @@ use holdpoint_approvals::{Identity, IdentityError, Person, PersonDirectory, Pers
 use holdpoint_governance::store_finding::StoreFinding;
 use holdpoint_store::{FIRST_ADMINISTRATOR, Layout};
 use holdpoint_text::Hint;
+use holdpoint_text::hex::hex;
 
 /// Endings of the files that an identity has.
 const ENDINGS: [&str; 3] = ["key", "pub", "agent"];
@@ -143,7 +144,7 @@ fn key_mismatch(
     other.then(|| StoreFinding::OtherEnrolledKey {
         public: public.to_owned(),
         name: person.name.clone(),
-        enrolled: keyfile::hex(person.public_key.as_bytes()),
+        enrolled: hex(person.public_key.as_bytes()),
     })
 }
 

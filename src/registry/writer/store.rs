@@ -425,7 +425,7 @@ impl StoreWriter {
                 None
             }
         };
-        let store_key = holdpoint_approvals::keyfile::hex(self.key.verifying_key().as_bytes());
+        let store_key = holdpoint_text::hex::hex(self.key.verifying_key().as_bytes());
         let place = ApprovalBasis { store_id: &self.store_id, store_key: &store_key };
         let answer = apply(&tx, transaction, place, &self.fold)?;
         if answer.1.seq > self.fold.end().seq {

@@ -8,7 +8,6 @@
 
 use std::collections::BTreeMap;
 
-use holdpoint_approvals::keyfile::hex;
 use holdpoint_approvals::{Approval, DisplayBinding, Nonce, facts_digest, lines_digest};
 use holdpoint_governance::approval::{self, ApprovalDecision, ApprovalOutcome, Role, SignatureCheck, Vote};
 use holdpoint_governance::decision::{Dimension, ReasonCode};
@@ -28,6 +27,7 @@ use holdpoint_protocol::snapshot::RequestKind;
 use holdpoint_record::untested::untested;
 use holdpoint_runtime::capability::Capability;
 use holdpoint_store::AuditBody;
+use holdpoint_text::hex::hex;
 use holdpoint_wording::approval::{RENDERER_VERSION, render};
 use holdpoint_wording::request::{refusal, refusal_hint, stricter_levels};
 

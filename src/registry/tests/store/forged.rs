@@ -6,8 +6,9 @@ use std::fs;
 use std::path::Path;
 
 use ed25519_dalek::{Signer as _, SigningKey};
-use holdpoint_approvals::keyfile::{hex, read_secret, unhex};
+use holdpoint_approvals::keyfile::read_secret;
 use holdpoint_governance::ids::Digest;
+use holdpoint_text::hex::{hex, unhex};
 use sha2::{Digest as _, Sha256};
 
 use crate::tree::{JsonNode, Letters};

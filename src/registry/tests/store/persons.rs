@@ -122,7 +122,7 @@ fn key_files_beside_the_store_enroll_no_person() {
     let public = store.layout().identities().join("ada.pub");
     std::fs::remove_file(&public).unwrap();
     let eve = Identity::create(quick_folder().path(), "ada", Role::Operator).unwrap();
-    let of = |who: &Identity| holdpoint_approvals::keyfile::hex(who.info().public_key.as_bytes());
+    let of = |who: &Identity| holdpoint_text::hex::hex(who.info().public_key.as_bytes());
     std::fs::write(&public, format!("{} operator\n", of(&eve))).unwrap();
     let forged = Change::PutApproval(Box::new(approve(&store, &eve, NEW, 2)));
     refused(&store, forged, "another key");

@@ -247,7 +247,7 @@ fn keys_of_small_or_mixed_order_are_refused_by_both_verifiers() {
         assert!(matches!(error, HistoryError::Approval { .. }), "{error}");
     }
     // The equation alone accepts the first signature.
-    let bytes = |digits: &str| holdpoint_approvals::keyfile::unhex::<32>(digits).unwrap();
+    let bytes = |digits: &str| holdpoint_text::hex::unhex::<32>(digits).unwrap();
     let mixed = ed25519_dalek::VerifyingKey::from_bytes(&bytes(MIXED_ORDER_KEY.0)).unwrap();
     assert!(!mixed.is_weak() && !mixed.to_edwards().is_torsion_free());
     // As the key of a whole store.

@@ -349,7 +349,7 @@ pub fn approval(store: &Store, name: &str, nonce: u8) -> Approval {
             renderer: 1,
             lines: digest("lines"),
             facts: digest("facts"),
-            store_key: holdpoint_approvals::keyfile::hex(store.public_key().as_bytes()),
+            store_key: holdpoint_text::hex::hex(store.public_key().as_bytes()),
             request: Nonce::from_bytes([nonce; 16]),
         }),
     }

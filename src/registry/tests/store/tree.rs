@@ -373,7 +373,7 @@ const ORDER: [u8; 32] = [
 
 /// The same signature for a verifier that does not check whether its second half is reduced.
 fn not_reduced(text: &str) -> Option<String> {
-    let second: [u8; 32] = holdpoint_approvals::keyfile::unhex(text.get(64..)?)?;
+    let second: [u8; 32] = holdpoint_text::hex::unhex(text.get(64..)?)?;
     let (mut carry, mut sum) = (0, String::new());
     for (byte, order) in second.into_iter().zip(ORDER) {
         let more = u16::from(byte) + u16::from(order) + carry;

@@ -3,7 +3,7 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use holdpoint_approvals::keyfile::{self, KeyEncoding};
+use holdpoint_approvals::keyfile::KeyEncoding;
 use holdpoint_approvals::{Approval, KdfCost, Nonce, Passphrase, SignedPersonAct};
 use holdpoint_governance::approval::Role;
 use holdpoint_governance::decision::ReasonCode;
@@ -14,6 +14,7 @@ use holdpoint_protocol::approval_document::{AnswerVoidCause, ApprovalDocument, Q
 use holdpoint_protocol::clock::Clock;
 use holdpoint_protocol::command::Command;
 use holdpoint_protocol::snapshot::ApprovalRequestView;
+use holdpoint_text::hex::hex;
 use holdpoint_wording::command_effect::{EngineEffect, engine_effect};
 
 use super::*;
@@ -482,7 +483,7 @@ fn public_key_files_decide_nothing() {
     let (mut bench, folder) = waiting(ProfileName::Human, true);
     let ann = protected(&mut bench, "ann");
     let eve = Identity::create(quick_folder().path(), "ann", Role::Safety).unwrap();
-    let public = |who: &Identity| format!("{} safety\n", keyfile::hex(who.info().public_key.as_bytes()));
+    let public = |who: &Identity| format!("{} safety\n", hex(who.info().public_key.as_bytes()));
     // Swapped: another key claims the name.
     fs::write(folder.join("ann.pub"), public(&eve)).unwrap();
     assert_refused(&approve(&mut bench, &eve), &["another key"]);
