@@ -1,7 +1,8 @@
 //! The command line: verbs and options, the printing of answers and errors, exit codes.
 //!
 //! Owns argument parsing, output and exit codes, and the verbs that need no engine. Decides nothing, and sanitizes
-//! all foreign text before it prints. An [`EngineVerbs`] runs the verbs that need the engine.
+//! all foreign text before it prints. An [`EngineVerbs`] runs the verbs that run, feed or watch an engine; a person's decision
+//! is one request, which its verb sends (`decide.rs`, `stop.rs`).
 
 pub mod alarms;
 pub mod audit;

@@ -1,4 +1,4 @@
-//! The verbs that need the engine, and the real engine that carries them out.
+//! The verbs that run, feed or watch an engine, and the real engine that carries them out.
 //!
 //! Chooses between a running engine and one opened for the verb; decides nothing itself.
 
@@ -23,7 +23,7 @@ use holdpoint_trials::embedded;
 use holdpoint_trials::seeds::EpisodeSeeds;
 use holdpoint_wording::program::run as sentences;
 
-/// The verbs that need the engine. Each prints its answer and returns the exit code.
+/// The verbs that run, feed or watch an engine. Each prints its answer and returns the exit code.
 pub trait EngineVerbs {
     /// Runs upgrades; `args.headless`, `args.plain` or the lack of a terminal choose the front end.
     ///
