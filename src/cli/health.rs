@@ -27,7 +27,7 @@ use holdpoint_protocol::health::{
 };
 use holdpoint_registry::SqliteReader;
 use holdpoint_store::{Layout, ReadableStore};
-use holdpoint_wording::health::{confounding_versions, health_verdict, omissions};
+use holdpoint_wording::health::{confounding_versions, health_verdict, mark_kind, omissions};
 use holdpoint_wording::program::health as sentences;
 
 /// The default span, ms: a day.
@@ -370,7 +370,7 @@ fn marks(series: &HealthSeries, out: &mut CommandOutput<'_>) -> Result<(), CliEr
             HealthClock::Wall => series.time_text(mark.on_clock_ms - mark.on_clock_ms.rem_euclid(1_000)),
             HealthClock::Virtual => series.time_text(mark.on_clock_ms),
         };
-        let (letter, what) = (mark.kind.letter(), mark.kind.label());
+        let (letter, what) = (mark.kind.letter(), mark_kind(mark.kind));
         out.paragraph("", &format!("{letter} {when}  {what}: {}", mark.text))?;
     }
     Ok(())

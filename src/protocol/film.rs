@@ -159,21 +159,6 @@ impl Film {
         let last = |run: &FilmedRun| run.frames.last().map_or(0, |frame| frame.tick);
         last(&self.candidate).max(last(&self.active))
     }
-
-    /// What it is, in a few words: `episode 17 of 120, seed 10016`.
-    #[must_use]
-    pub fn title(&self) -> String {
-        let Self { of, number, count, beyond, seed, .. } = self;
-        let what = match (self.drill, self.phase) {
-            (Some(drill), Some(phase)) => format!("{drill} drill in {phase},"),
-            (Some(drill), None) => format!("{drill} drill,"),
-            (None, _) => of.to_string(),
-        };
-        let which = if self.drill.is_some() { "failed one " } else { "" };
-        let all =
-            if *beyond > 0 { format!("the first {count}, {beyond} more failed") } else { count.to_string() };
-        format!("{what} {which}{number} of {all}, seed {seed}")
-    }
 }
 
 #[cfg(test)]

@@ -134,34 +134,6 @@ impl MarkKind {
             Self::FirstVersion | Self::Goal | Self::Context | Self::Commissioned => 6,
         }
     }
-
-    /// The name for people.
-    #[must_use]
-    pub const fn label(self) -> &'static str {
-        match self {
-            Self::Promotion => "promotion",
-            Self::Confirmed => "confirmed",
-            Self::Rollback => "rollback",
-            Self::Demotion => "demotion",
-            Self::Restored => "restored",
-            Self::Vacated => "no active version",
-            Self::FirstVersion => "first version",
-            Self::Restriction => "restriction",
-            Self::BreakGlass => "break-glass",
-            Self::DriftAlarm => "drift alarm",
-            Self::AlarmRaised => "alarm",
-            Self::AlarmReset => "alarm reset",
-            Self::Drift => "drift",
-            Self::LiveFault => "fault of the cell",
-            Self::Stopped => "cell stopped",
-            Self::Released => "cell started",
-            Self::Goal => "goal",
-            Self::Note => "note",
-            Self::Context => "profile",
-            Self::Commissioned => "commissioned",
-            Self::EngineOff => "no engine",
-        }
-    }
 }
 
 /// A query of the record.

@@ -6,6 +6,7 @@
 use holdpoint_protocol::clock::TICKS_PER_SECOND;
 use holdpoint_protocol::film::{Film, FilmFrame};
 use holdpoint_protocol::video_frame::{Twin, VideoFrame};
+use holdpoint_wording::film::title;
 
 use crate::recording::{FailureMoment, FilmSpan, Recording, RecordingSubject, Series};
 
@@ -57,7 +58,7 @@ pub fn span(film: &Film, from_ms: u64) -> FilmSpan {
     FilmSpan {
         from_ms,
         until_ms: in_recording(film.end()),
-        title: film.title(),
+        title: title(film),
         why: film.why.clone(),
         ended: film.candidate.ended.clone(),
         failures: bad

@@ -63,15 +63,6 @@ pub struct FailureMoment {
     pub text: String,
 }
 
-impl FilmSpan {
-    /// Description in one sentence.
-    #[must_use]
-    pub fn sentence(&self) -> String {
-        let why = if self.why.is_empty() { String::new() } else { format!(": {}", self.why) };
-        format!("re-run with the active version as its twin: {}{why}", self.title)
-    }
-}
-
 /// All recorded data of one upgrade, in order of virtual time.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Recording {

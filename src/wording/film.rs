@@ -6,7 +6,7 @@ use holdpoint_governance::failure_cause::FailureCause;
 use holdpoint_governance::permission::fault_text;
 use holdpoint_governance::watcher_signal::WatcherSignal;
 use holdpoint_protocol::film::{
-    BreakCause, CodeFaultCount, ExceededLimit, ExceededValue, FilmRefusal, FilmSubject, MarkedEvent,
+    BreakCause, CodeFaultCount, ExceededLimit, ExceededValue, Film, FilmRefusal, FilmSubject, MarkedEvent,
     OutcomePart, ReplayDifference, SelectionFailure, SelectionReason,
 };
 
@@ -16,6 +16,28 @@ use crate::{failure_cause, hard_stop};
 
 /// The next step after a refusal.
 pub const REFUSAL_HINT: &str = "`holdpoint explain` shows its measurements";
+
+/// The part of an evaluation that a film shows: `episode 17 of 120, seed 10016`.
+#[must_use]
+pub fn title(of: &Film) -> String {
+    let Film { number, count, beyond, seed, .. } = of;
+    let what = match (of.drill, of.phase) {
+        (Some(drill), Some(phase)) => format!("{drill} drill in {phase},"),
+        (Some(drill), None) => format!("{drill} drill,"),
+        (None, _) => of.of.to_string(),
+    };
+    let which = if of.drill.is_some() { "failed one " } else { "" };
+    let all =
+        if *beyond > 0 { format!("the first {count}, {beyond} more failed") } else { count.to_string() };
+    format!("{what} {which}{number} of {all}, seed {seed}")
+}
+
+/// A film as a part of a recording, with the reason for its selection, which may be empty.
+#[must_use]
+pub fn recorded_part(title: &str, why: &str) -> String {
+    let why = if why.is_empty() { String::new() } else { format!(": {why}") };
+    format!("re-run with the active version as its twin: {title}{why}")
+}
 
 /// Why there is no film.
 #[must_use]

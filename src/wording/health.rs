@@ -1,10 +1,12 @@
 //! Health over time in words: the marks of a series, and the titles of an exported chart.
 
+use holdpoint_governance::calendar;
 use holdpoint_governance::ids::Family;
 use holdpoint_governance::stats::Interval;
+use holdpoint_protocol::clock::clock_time;
 use holdpoint_protocol::health::{
-    AlarmEpisode, HealthClock, HealthCoverage, HealthMark, HealthPanel, HealthVerdict, MarkContent,
-    MarkedAct, SIDE_TASKS_MIN, Trend, VerdictSide, duration_label,
+    AlarmEpisode, AlarmStep, HealthClock, HealthCoverage, HealthMark, HealthPanel, HealthVerdict,
+    MarkContent, MarkKind, MarkedAct, SIDE_TASKS_MIN, Trend, VerdictSide, duration_label,
 };
 
 use crate::counted;
@@ -145,7 +147,7 @@ pub fn omissions(of: &HealthCoverage) -> Vec<String> {
 #[must_use]
 pub fn alarm_course(of: &AlarmEpisode, now_ms: u64) -> Vec<String> {
     let before = if of.began_before { ", or before" } else { "" };
-    let mut sentences = vec![format!("raised by the engine {}{before}", of.raised.time_text())];
+    let mut sentences = vec![format!("raised by the engine {}{before}", step_time(&of.raised))];
     for (what, step) in [
         ("acknowledged", &of.acknowledged),
         ("shelved", &of.shelved),
@@ -155,7 +157,7 @@ pub fn alarm_course(of: &AlarmEpisode, now_ms: u64) -> Vec<String> {
         let Some(step) = step else { continue };
         let by = step.by.as_ref().map_or_else(String::new, |by| format!(" by {by}"));
         let why = step.reason.as_ref().map_or_else(String::new, |why| format!(": {why}"));
-        sentences.push(format!("{what}{by} {}{why}", step.time_text()));
+        sentences.push(format!("{what}{by} {}{why}", step_time(step)));
     }
     let duration = duration_label(of.active_ms(now_ms));
     let verb = if of.ended.is_some() { "stood" } else { "has stood" };
@@ -163,10 +165,51 @@ pub fn alarm_course(of: &AlarmEpisode, now_ms: u64) -> Vec<String> {
     sentences
 }
 
+/// The time of a step of an alarm, by both clocks.
+fn step_time(step: &AlarmStep) -> String {
+    let engine = clock_time(step.at_ms);
+    match step.wall_ms {
+        Some(wall_ms) => {
+            let wall = calendar::day_and_time(wall_ms - wall_ms.rem_euclid(1_000));
+            format!("{wall} UTC (engine {engine})")
+        }
+        None => format!("at {engine} of the engine's clock"),
+    }
+}
+
+/// The kind of a mark.
+#[must_use]
+pub const fn mark_kind(of: MarkKind) -> &'static str {
+    use MarkKind as K;
+    match of {
+        K::Promotion => "promotion",
+        K::Confirmed => "confirmed",
+        K::Rollback => "rollback",
+        K::Demotion => "demotion",
+        K::Restored => "restored",
+        K::Vacated => "no active version",
+        K::FirstVersion => "first version",
+        K::Restriction => "restriction",
+        K::BreakGlass => "break-glass",
+        K::DriftAlarm => "drift alarm",
+        K::AlarmRaised => "alarm",
+        K::AlarmReset => "alarm reset",
+        K::Drift => "drift",
+        K::LiveFault => "fault of the cell",
+        K::Stopped => "cell stopped",
+        K::Released => "cell started",
+        K::Goal => "goal",
+        K::Note => "note",
+        K::Context => "profile",
+        K::Commissioned => "commissioned",
+        K::EngineOff => "no engine",
+    }
+}
+
 /// A mark in the legend of a chart: when, its kind, and what it states.
 #[must_use]
 pub fn mark_legend(when: &str, mark: &HealthMark) -> String {
-    format!("{when}  {}: {}", mark.kind.label(), mark.text)
+    format!("{when}  {}: {}", mark_kind(mark.kind), mark.text)
 }
 
 /// The title of a panel: the quantity, its unit, and its band.
@@ -210,7 +253,6 @@ mod tests {
     use holdpoint_governance::decision::{Dimension, Reason};
     use holdpoint_governance::finding::Finding;
     use holdpoint_governance::notice::NoticeOrText;
-    use holdpoint_protocol::health::MarkKind;
 
     fn acted(by: &str, act: MarkedAct, reason: &str) -> MarkContent {
         MarkContent::Acted { by: by.to_owned(), act, reason: reason.to_owned() }

@@ -20,6 +20,7 @@ use holdpoint_protocol::film::{Film, FilmRequest, FilmSubject, FilmedRun};
 use holdpoint_recordings::episode_recording::recording;
 use holdpoint_recordings::recording::RecordingSubject;
 use holdpoint_text::Untrusted;
+use holdpoint_wording::film::title;
 use holdpoint_wording::program::recordings as sentences;
 
 /// Which episode: a number from 1, or the worst.
@@ -110,13 +111,13 @@ fn about(
 
 fn print_film(path: &Path, film: &Film, out: &mut CommandOutput<'_>) -> Result<(), CliError> {
     let path = Untrusted::new(path.to_string_lossy()).line();
-    out.line(&format!("wrote {}: {}", path.as_str(), film.title()))
+    out.line(&format!("wrote {}: {}", path.as_str(), title(film)))
 }
 
 /// The film in words: its title, result and marks, and two moments a second.
 pub(in crate::cli) fn lines(film: &Film, out: &mut CommandOutput<'_>) -> Result<(), CliError> {
     let why = if film.why.is_empty() { String::new() } else { format!(": {}", film.why) };
-    out.paragraph("", &format!("{}{why}", film.title()))?;
+    out.paragraph("", &format!("{}{why}", title(film)))?;
     for doubt in &film.doubts {
         out.paragraph("", &sentences::other_episode(doubt))?;
     }

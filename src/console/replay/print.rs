@@ -8,6 +8,7 @@ use holdpoint_protocol::clock::tick_of;
 use holdpoint_recordings::recording::Recording;
 use holdpoint_text::Untrusted;
 use holdpoint_wording::console::replay as wording;
+use holdpoint_wording::film::recorded_part;
 use holdpoint_wording::{counted, event as event_text, seeds};
 
 /// Prints the recording's version, its events with virtual time in seconds and tick, up to `to_ms`, and its end.
@@ -28,7 +29,8 @@ pub fn print(recording: &Recording, to_ms: Option<u64>, out: &mut dyn Write) -> 
     writeln!(out, "{}", Untrusted::new(head).line())?;
     let is_shown = |at_ms: u64| to_ms.is_none_or(|to_ms| at_ms <= to_ms);
     for film in recording.films.iter().filter(|film| is_shown(film.from_ms)) {
-        writeln!(out, "{:>8} {}", tick_of(film.from_ms), Untrusted::new(film.sentence()).line())?;
+        let part = Untrusted::new(recorded_part(&film.title, &film.why));
+        writeln!(out, "{:>8} {}", tick_of(film.from_ms), part.line())?;
         for failure in film.failures.iter().filter(|failure| is_shown(failure.at_ms)) {
             let text = Untrusted::new(wording::went_wrong(&failure.text)).line();
             writeln!(out, "{:>8} {text}", tick_of(failure.at_ms))?;

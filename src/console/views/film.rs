@@ -23,6 +23,7 @@ use holdpoint_body::TICK_SECS;
 use holdpoint_protocol::film::{FilmFrame, FilmedRun};
 use holdpoint_protocol::video_frame::VideoFrame;
 use holdpoint_wording::console::film as wording;
+use holdpoint_wording::film::title;
 
 /// Lines from which the charts of speed and force have a place.
 const CHARTS_HEIGHT_MIN: u16 = 16;
@@ -48,7 +49,7 @@ fn head(player: &Player, pen: &mut Pen<'_>, area: Rect) -> u16 {
     let place = format!("{state}  {:.1} of {:.1} s", secs(player.tick()), secs(film.end()));
     let place = Row::of(ThemeRole::Muted, &place);
     let width = usize::from(area.width);
-    let mut row = Row::of(ThemeRole::Title, &super::short(&film.title(), width));
+    let mut row = Row::of(ThemeRole::Title, &super::short(&title(film), width));
     let room = width.saturating_sub(row.width() + place.width() + 4);
     if !film.why.is_empty() && room > 10 {
         row.push(ThemeRole::Text, &format!("  {}", super::short(&film.why, room)));

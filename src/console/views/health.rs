@@ -36,6 +36,7 @@ use holdpoint_protocol::health::{
 };
 use holdpoint_wording::console::health as wording;
 use holdpoint_wording::console::shared;
+use holdpoint_wording::health::mark_kind;
 
 /// Lines of one family at least: its heading and two of dots.
 const FAMILY_ROWS: u16 = 3;
@@ -520,7 +521,7 @@ fn under(model: &ConsoleModel, series: &HealthSeries, width: usize, height: usiz
             (HealthClock::Wall, Some(wall_ms)) => calendar::time(wall_ms - wall_ms.rem_euclid(1_000)),
             _ => seconds(mark.at_ms),
         };
-        let (letter, what) = (mark.kind.letter(), mark.kind.label());
+        let (letter, what) = (mark.kind.letter(), mark_kind(mark.kind));
         say(role(mark.kind), &format!("{letter} {when} {what}: {}", mark.text));
     }
     match marks.len() - shown {

@@ -3,9 +3,7 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::clock::clock_time;
 use holdpoint_governance::alarms::{AlarmState, Priority};
-use holdpoint_governance::calendar;
 use holdpoint_governance::notice::NoticeOrText;
 
 /// A step of an alarm's course, and the person who caused it.
@@ -19,21 +17,6 @@ pub struct AlarmStep {
     pub by: Option<String>,
     /// The reason, if given.
     pub reason: Option<String>,
-}
-
-impl AlarmStep {
-    /// Its time in words, by both clocks.
-    #[must_use]
-    pub fn time_text(&self) -> String {
-        let engine = clock_time(self.at_ms);
-        match self.wall_ms {
-            Some(wall_ms) => {
-                let wall = calendar::day_and_time(wall_ms - wall_ms.rem_euclid(1_000));
-                format!("{wall} UTC (engine {engine})")
-            }
-            None => format!("at {engine} of the engine's clock"),
-        }
-    }
 }
 
 /// A stretch of time: `12 s`, `3 min 4 s`, `2 h 5 min`, `3 d 4 h`.

@@ -13,6 +13,7 @@ use holdpoint_protocol::film::FilmMark;
 use holdpoint_recordings::recording::{FilmSpan, RecordingSubject};
 use holdpoint_text::Untrusted;
 use holdpoint_wording::event::sentence;
+use holdpoint_wording::film::recorded_part;
 
 /// The known data of the upgrade.
 #[derive(Debug, Default)]
@@ -69,7 +70,8 @@ impl Drawing {
 
     /// An event of one version in a part of an evaluation.
     pub(super) fn log_film(&mut self, span: &FilmSpan, time: &RowTime) {
-        let text = Untrusted::new(span.sentence()).display(TEXT_WIDTH_MAX).into_string();
+        let text =
+            Untrusted::new(recorded_part(&span.title, &span.why)).display(TEXT_WIDTH_MAX).into_string();
         self.rows.at("log/film", time, &TextLog::new(text).with_level(TextLogLevel::INFO));
     }
 

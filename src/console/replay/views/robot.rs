@@ -16,6 +16,7 @@ use crate::views::robot;
 use crate::widgets::pen::{Pen, below};
 use holdpoint_recordings::recording::FilmSpan;
 use holdpoint_wording::console::replay as wording;
+use holdpoint_wording::film::recorded_part;
 
 pub fn draw(model: &ReplayModel, pen: &mut Pen<'_>, area: Rect) {
     let frame = model.cursor.frame.and_then(|frame| model.timeline.frame(frame));
@@ -65,7 +66,7 @@ fn warnings(model: &ReplayModel) -> Vec<(ThemeRole, String)> {
     match (film(model), only) {
         (_, Some(film)) if !film.why.is_empty() => lines.push((ThemeRole::Unknown, film.why.clone())),
         (Some(film), None) => {
-            lines.push((ThemeRole::Unknown, film.sentence()));
+            lines.push((ThemeRole::Unknown, recorded_part(&film.title, &film.why)));
             let passed = film.failures.iter().rfind(|failure| failure.at_ms <= model.cursor.at_ms);
             lines.extend(passed.map(|failure| (ThemeRole::Bad, failure.text.clone())));
         }
