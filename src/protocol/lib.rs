@@ -32,7 +32,6 @@ pub mod scenario_state;
 pub mod schema;
 pub mod sink;
 pub mod snapshot;
-mod version_diff;
 pub mod video_frame;
 pub mod wire;
 pub mod work_unit;

@@ -7,6 +7,7 @@
 //! changes, what was measured, what was not tested and not covered, what earlier signers wrote, and what a signature does.
 
 use holdpoint_governance::decision::{Reason, ReasonCode};
+use holdpoint_governance::evidence::StaleCause;
 use holdpoint_governance::outcome::DimensionOutcome;
 use holdpoint_governance::profile::titled;
 use holdpoint_governance::risk::RiskCause;
@@ -22,6 +23,7 @@ use crate::condition::condition_of_use;
 use crate::counted_try;
 use crate::coverage::{covered_starts, outside_response};
 use crate::request::{drift_response, untested};
+use crate::version_diff;
 
 /// Version of the words below and of those in [`crate::request`].
 pub const RENDERER_VERSION: u32 = 4;
@@ -178,13 +180,17 @@ fn verdict(facts: &ApprovalFacts, lines: &mut Lines) {
         (LineMark::Caution, format!("{version} passes all {all} checks{limits}"))
     };
     lines.add(mark, text);
-    if !facts.stale.is_empty() {
-        let causes: Vec<&str> = facts.stale.iter().map(|cause| cause.name()).collect();
-        lines.add(LineMark::Failure, format!("STALE, measured under another {}", causes.join(", ")));
-    }
+    lines.extend(LineMark::Failure, stale_evidence(&facts.stale));
     let failed = facts.dimensions.iter().filter(|one| support(one.outcome) == CheckSupport::Failed);
     lines.extend(LineMark::Failure, failed.map(|failed| format!("FAILS {}", dimension_line(failed))));
     lines.extend(LineMark::Failure, facts.failures.iter().map(|why| format!("FAILS because: {why}")));
+}
+
+/// Why evidence is stale; absent while it counts.
+#[must_use]
+pub fn stale_evidence(causes: &[StaleCause]) -> Option<String> {
+    let names: Vec<&str> = causes.iter().map(|cause| cause.name()).collect();
+    (!names.is_empty()).then(|| format!("STALE, measured under another {}", names.join(", ")))
 }
 
 /// What becomes of failed checks: without people's approval the rules would have rejected the version.
@@ -282,7 +288,7 @@ fn changes(facts: &ApprovalFacts, lines: &mut Lines) {
     let new = &facts.new_permissions;
     let mark = if new.is_empty() { LineMark::Plain } else { LineMark::Caution };
     lines.add(mark, format!("New permissions: {}", listed(new)));
-    let changes = facts.changes.folded_lines();
+    let changes = version_diff::folded_lines(&facts.changes);
     if changes.is_empty() {
         let none = "Changes: none known of permissions, parameters and interface";
         lines.add(LineMark::Plain, none.to_owned());

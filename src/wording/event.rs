@@ -8,7 +8,7 @@ use crate::condition::conditions_of_use;
 use crate::harm::harm_past;
 use crate::past_limit::{after_event, past_limit};
 use crate::twin::uncompared;
-use crate::{counted, failure_cause, notice};
+use crate::{counted, failure_cause, notice, version_diff};
 use holdpoint_governance::outcome::StageOutcome;
 use holdpoint_governance::profile::titled;
 use holdpoint_protocol::clock::ms_of;
@@ -136,7 +136,7 @@ fn text(kind: &EventKind) -> String {
                 until.label(),
                 evidence.short(),
                 listed(new_permissions),
-                listed(&changes.lines()),
+                listed(&version_diff::lines(changes)),
                 listed(&conditions_of_use(conditions)),
                 listed(untested)
             )

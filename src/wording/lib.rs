@@ -32,6 +32,7 @@ pub mod seeds;
 pub mod stage;
 mod task_failure;
 mod twin;
+pub mod version_diff;
 mod version_status;
 
 pub use clock::clock_mismatch;

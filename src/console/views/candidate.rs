@@ -31,7 +31,7 @@ use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::lifecycle::State;
 use holdpoint_governance::record::{AuditRecord, RecordKind};
 use holdpoint_protocol::detail::Detail;
-use holdpoint_protocol::snapshot::CandidateView;
+use holdpoint_wording::approval::stale_evidence;
 use holdpoint_wording::console::candidate as wording;
 use holdpoint_wording::console::shared;
 use holdpoint_wording::{alarm as alarm_wording, counted_try, notice, version_status};
@@ -222,7 +222,8 @@ fn heading(model: &ConsoleModel, detail: &Detail, look: &Look, width: usize, fit
         ));
     }
     rows.extend(waived_line(model, detail).map(|line| Row::of(ThemeRole::Warning, &short(&line, width))));
-    rows.extend(candidate.and_then(CandidateView::stale_line).map(|line| Row::of(ThemeRole::Warning, &line)));
+    let stale = candidate.and_then(|candidate| stale_evidence(&candidate.stale));
+    rows.extend(stale.map(|line| Row::of(ThemeRole::Warning, &line)));
     let counted = candidate.and_then(|candidate| candidate.counted.as_ref());
     let counted = counted.map(|counted| counted_try(&detail.version.family, counted));
     rows.extend(counted.map(|line| Row::of(ThemeRole::Muted, &short(&line, width))));

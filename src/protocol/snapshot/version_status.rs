@@ -53,18 +53,6 @@ impl ProgressView {
     }
 }
 
-impl CandidateView {
-    /// A sentence on why its evidence is stale; absent while it counts.
-    #[must_use]
-    pub fn stale_line(&self) -> Option<String> {
-        if self.stale.is_empty() {
-            return None;
-        }
-        let causes: Vec<&str> = self.stale.iter().map(|cause| cause.name()).collect();
-        Some(format!("STALE, measured under another {}", causes.join(", ")))
-    }
-}
-
 impl Snapshot {
     /// The status of a candidate: the engine's, or without one, as of an older engine, what the snapshot alone shows.
     #[must_use]

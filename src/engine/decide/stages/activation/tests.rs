@@ -16,7 +16,7 @@ use holdpoint_protocol::event::Event;
 use holdpoint_protocol::monitor_chart::ChartView;
 use holdpoint_runtime::capability;
 use holdpoint_store::AuditFilter;
-use holdpoint_wording::event as event_text;
+use holdpoint_wording::{event as event_text, version_diff};
 
 use super::*;
 use crate::decide::people::persons::enrolled;
@@ -113,7 +113,7 @@ fn all_changes_are_shown_before_a_decision() {
         (question.version.clone(), question.new_permissions.clone()),
         (id.clone(), new.map(String::from).to_vec())
     );
-    let lines = question.changes.lines();
+    let lines = version_diff::lines(&question.changes);
     for line in differences {
         assert!(lines.contains(&line.to_owned()), "{line}: {lines:#?}");
     }

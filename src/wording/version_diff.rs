@@ -4,7 +4,7 @@
 
 use serde_json::Value;
 
-use super::detail::{FieldDiff, VersionDiff};
+use holdpoint_protocol::detail::{FieldDiff, VersionDiff};
 use holdpoint_text::Untrusted;
 
 /// The longest value in a line, columns; the record and JSON have all of it.
@@ -58,71 +58,66 @@ impl DiffTopic {
     }
 }
 
-impl VersionDiff {
-    /// The difference, line by line: the place of the code and every permission first, then parameters with both values,
-    /// the interface, and what the author declared of it.
-    #[must_use]
-    pub fn lines(&self) -> Vec<String> {
-        self.limited(
-            self.changes().into_iter().map(|(topic, change)| (topic, line(topic, &change))).collect(),
-        )
-    }
+/// The difference, line by line: the place of the code and every permission first, then parameters with both values,
+/// the interface, and what the author declared of it.
+#[must_use]
+pub fn lines(of: &VersionDiff) -> Vec<String> {
+    limited(of, changes(of).into_iter().map(|(topic, change)| (topic, line(topic, &change))).collect())
+}
 
-    /// As [`VersionDiff::lines`], with many parameters in one line: how many, and the values of the first.
-    #[must_use]
-    pub fn folded_lines(&self) -> Vec<String> {
-        let changes = self.changes();
-        let parameters: Vec<&str> = changes
-            .iter()
-            .filter(|(topic, _)| *topic == DiffTopic::Parameter)
-            .map(|(_, change)| change.as_str())
-            .collect();
-        if parameters.len() <= PARAMETERS_MAX {
-            return self.lines();
-        }
-        let shown: Vec<&str> = parameters.iter().copied().take(PARAMETERS_MAX).collect();
-        let folded = format!(
-            "{} parameters: {}; {} more, which the candidate's view and the record have",
-            parameters.len(),
-            shown.join("; "),
-            parameters.len() - shown.len()
-        );
-        let mut lines: Vec<(DiffTopic, String)> = changes
-            .iter()
-            .filter(|(topic, _)| *topic != DiffTopic::Parameter)
-            .map(|(topic, change)| (*topic, line(*topic, change)))
-            .collect();
-        lines.push((DiffTopic::Parameter, folded));
-        lines.sort_by_key(|(topic, _)| *topic);
-        self.limited(lines)
+/// As [`lines`], with many parameters in one line: how many, and the values of the first.
+#[must_use]
+pub fn folded_lines(of: &VersionDiff) -> Vec<String> {
+    let changes = changes(of);
+    let parameters: Vec<&str> = changes
+        .iter()
+        .filter(|(topic, _)| *topic == DiffTopic::Parameter)
+        .map(|(_, change)| change.as_str())
+        .collect();
+    if parameters.len() <= PARAMETERS_MAX {
+        return lines(of);
     }
+    let shown: Vec<&str> = parameters.iter().copied().take(PARAMETERS_MAX).collect();
+    let folded = format!(
+        "{} parameters: {}; {} more, which the candidate's view and the record have",
+        parameters.len(),
+        shown.join("; "),
+        parameters.len() - shown.len()
+    );
+    let mut lines: Vec<(DiffTopic, String)> = changes
+        .iter()
+        .filter(|(topic, _)| *topic != DiffTopic::Parameter)
+        .map(|(topic, change)| (*topic, line(*topic, change)))
+        .collect();
+    lines.push((DiffTopic::Parameter, folded));
+    lines.sort_by_key(|(topic, _)| *topic);
+    limited(of, lines)
+}
 
-    /// The changes without their topic's name, in the order of the topics.
-    fn changes(&self) -> Vec<(DiffTopic, String)> {
-        let mut changes: Vec<(DiffTopic, String)> = self
-            .fields
-            .iter()
-            .filter_map(|difference| {
-                DiffTopic::of(&difference.field).map(|(topic, name)| (topic, change(name, difference)))
-            })
-            .collect();
-        changes.sort_by_key(|(topic, _)| *topic);
-        changes
-    }
+/// The changes without their topic's name, in the order of the topics.
+fn changes(of: &VersionDiff) -> Vec<(DiffTopic, String)> {
+    let mut changes: Vec<(DiffTopic, String)> = of
+        .fields
+        .iter()
+        .filter_map(|difference| {
+            DiffTopic::of(&difference.field).map(|(topic, name)| (topic, change(name, difference)))
+        })
+        .collect();
+    changes.sort_by_key(|(topic, _)| *topic);
+    changes
+}
 
-    /// The lines of the changes, in this order, up to the most; then what the author declared.
-    fn limited(&self, changes: Vec<(DiffTopic, String)>) -> Vec<String> {
-        let always = changes.iter().filter(|(topic, _)| *topic <= DiffTopic::Permission).count();
-        let shown = changes.len().min(always + LINES_MAX);
-        let more = changes.len() - shown;
-        let mut lines: Vec<String> = changes.into_iter().take(shown).map(|(_, line)| line).collect();
-        if more > 0 {
-            lines
-                .push(format!("and {more} more differences, which the candidate's view and the record have"));
-        }
-        lines.extend(self.declared.iter().map(|change| format!("declared by its author: {change}")));
-        lines
+/// The lines of the changes, in this order, up to the most; then what the author declared.
+fn limited(of: &VersionDiff, changes: Vec<(DiffTopic, String)>) -> Vec<String> {
+    let always = changes.iter().filter(|(topic, _)| *topic <= DiffTopic::Permission).count();
+    let shown = changes.len().min(always + LINES_MAX);
+    let more = changes.len() - shown;
+    let mut lines: Vec<String> = changes.into_iter().take(shown).map(|(_, line)| line).collect();
+    if more > 0 {
+        lines.push(format!("and {more} more differences, which the candidate's view and the record have"));
     }
+    lines.extend(of.declared.iter().map(|change| format!("declared by its author: {change}")));
+    lines
 }
 
 fn line(topic: DiffTopic, change: &str) -> String {
@@ -166,7 +161,7 @@ mod tests {
         fields.push(field("manifest.permissions.zones", None, Some("human".into())));
         fields.push(field("manifest.permissions.sensors", Some("camera".into()), None));
         fields.push(field("manifest.permissions.max_speed_m_s", Some(0.2.into()), Some(0.5.into())));
-        let lines = VersionDiff { fields, declared: Vec::new() }.lines();
+        let lines = lines(&VersionDiff { fields, declared: Vec::new() });
         assert_eq!(
             lines[..4],
             [
@@ -205,10 +200,10 @@ mod tests {
         let rest = "recovery max_ms: 1.0 -> 2.0";
         // A few have a line each.
         let few = of(3);
-        assert_eq!(few.folded_lines(), few.lines());
-        assert_eq!(few.lines()[..3], [code, force, "parameter p0: 1.0 -> 2.0"]);
+        assert_eq!(folded_lines(&few), lines(&few));
+        assert_eq!(lines(&few)[..3], [code, force, "parameter p0: 1.0 -> 2.0"]);
         assert_eq!(
-            of(20).folded_lines(),
+            folded_lines(&of(20)),
             [
                 code,
                 force,
@@ -217,6 +212,6 @@ mod tests {
                 rest
             ]
         );
-        assert_eq!(of(20).lines().len(), 23, "the full difference folds nothing");
+        assert_eq!(lines(&of(20)).len(), 23, "the full difference folds nothing");
     }
 }
