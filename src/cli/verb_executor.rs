@@ -24,6 +24,7 @@ use holdpoint_text::{ErrorDetails, ErrorReason, Problem};
 use holdpoint_trials::cache::EpisodeCache;
 use holdpoint_trials::cell::Cell;
 use holdpoint_trials::seeds::EpisodeSeeds;
+use holdpoint_wording::program::run::verifying;
 use serde::Serialize;
 
 /// The engine that runs a verb.
@@ -147,10 +148,8 @@ impl VerbExecutor {
             Reply::Snapshot { snapshot } => match snapshot.reading {
                 None => Ok(*snapshot),
                 // Decisions need rows that were compared with the record.
-                Some(reading) => {
-                    Err(CliError::from_engine_fault(format!("the record is being verified; {reading}"))
-                        .with_hint("try again in a moment; `holdpoint stop` works now"))
-                }
+                reading => Err(CliError::from_engine_fault(verifying(reading))
+                    .with_hint("try again in a moment; `holdpoint stop` works now")),
             },
             Reply::Refused { code, text, hint } => Err(refused(code, &text, hint.as_deref())),
             _ => Err(CliError::internal("the engine answered without a snapshot")),

@@ -126,9 +126,7 @@ fn await_engine(
     while !bootstrap.turn() {
         if !is_reported && bootstrap.has_records() && started_at.elapsed() >= LOOK_PATIENCE {
             is_reported = true;
-            let reading =
-                bootstrap.snapshot().reading.map_or_else(String::new, |reading| reading.to_string());
-            printer.note(&sentences::verifying(reading))?;
+            printer.note(&sentences::verifying(bootstrap.snapshot().reading))?;
         }
     }
     if bootstrap.has_ended() {

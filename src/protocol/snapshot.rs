@@ -162,12 +162,6 @@ pub struct StartupProgressView {
     pub of: u64,
 }
 
-impl std::fmt::Display for StartupProgressView {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        write!(f, "not verified yet: {} of {} records read", self.read, self.of)
-    }
-}
-
 /// A cell that a person stopped.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct StoppedView {

@@ -37,6 +37,7 @@ use holdpoint_record::context::Context;
 use holdpoint_record::persisted_clock;
 use holdpoint_record::wall_clock::wall_now;
 use holdpoint_wording::program::engine::ENDS_BEFORE_START;
+use holdpoint_wording::program::run::verifying;
 
 /// How long a request for the state waits for the engine before the bootstrap answers with unverified rows.
 pub const LOOK_PATIENCE: Duration = Duration::from_millis(250);
@@ -280,7 +281,6 @@ fn answer(
     (preview, controls, marks): (&Snapshot, &Controls, &StopMarks),
     ended: &mut bool,
 ) -> Option<Reply> {
-    let reading = preview.reading.map_or_else(String::new, |reading| reading.to_string());
     // A new store is ready in a moment and has nothing to show.
     let is_new = !has_records(preview);
     match &request.command {
@@ -304,7 +304,7 @@ fn answer(
         _ if is_new || waited < CHANGE_PATIENCE => None,
         _ => Some(Reply::Refused {
             code: Refusal::NotNow,
-            text: format!("the record is being verified; nothing is carried out before that ({reading})"),
+            text: verifying(preview.reading),
             hint: Some("try again in a moment; `holdpoint stop` works now".to_owned()),
         }),
     }

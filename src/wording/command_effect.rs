@@ -13,6 +13,7 @@ use holdpoint_protocol::command::{Caller, StopPersistence};
 use holdpoint_protocol::snapshot::StartupProgressView;
 
 use crate::count::{counted, is_or_are};
+use crate::program::run::startup_progress;
 use crate::{operator_act, reason};
 
 /// What an accepted command did to a version, and what happens next.
@@ -305,7 +306,8 @@ pub fn early_stop_effect(follow_up: StopFollowUp, kept: StopPersistence, problem
         StopFollowUp::Next => "the engine puts it on record next".to_owned(),
         StopFollowUp::NextEngine => "this engine ends, and the next one puts it on record".to_owned(),
         StopFollowUp::AfterStart(reading) => {
-            let reading = reading.map_or_else(String::new, |reading| format!(" ({reading})"));
+            let reading =
+                reading.map_or_else(String::new, |reading| format!(" ({})", startup_progress(Some(reading))));
             format!(
                 "it stays stopped; the engine records the stop as soon as it has read the record{reading}"
             )

@@ -118,10 +118,7 @@ fn text(model: &ConsoleModel, now: &Snapshot, state: OverridingState) -> String 
             let why = if why.is_empty() { String::new() } else { format!(", {why:?}") };
             wording::starts_the_cell(&who, &key(Action::Go), &why)
         }
-        OverridingState::Unverified => {
-            let reading = now.reading.map_or_else(String::new, |reading| reading.to_string());
-            wording::starting(&reading, &stop)
-        }
+        OverridingState::Unverified => wording::starting(now.reading, &stop),
         OverridingState::Holding => wording::halted(now.holding.as_deref().unwrap_or_default()),
         OverridingState::Unauthorized => {
             wording::not_authorized(now.unauthorized.as_deref().unwrap_or_default())
@@ -246,7 +243,7 @@ mod tests {
         assert_eq!(line(&model), stopped, "54 s before, as a time of day");
         edit(&mut model, |now| now.stopped = None);
         let reading = StartupProgressView { read: 3, of: 9 };
-        assert_eq!(line(&model), wording::starting(&reading.to_string(), "X"));
+        assert_eq!(line(&model), wording::starting(Some(reading), "X"));
         edit(&mut model, |now| now.reading = None);
         assert_eq!(line(&model), wording::halted(FULL_DISK));
         edit(&mut model, |now| now.holding = None);

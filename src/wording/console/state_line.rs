@@ -1,5 +1,9 @@
 //! The texts of the line below the views.
 
+use holdpoint_protocol::snapshot::StartupProgressView;
+
+use crate::program::run::startup_progress;
+
 pub const NOTHING_DRIVES: &str = " no version drives the arm now";
 
 #[must_use]
@@ -28,8 +32,8 @@ pub fn starts_the_cell(who: &str, key: &str, why: &str) -> String {
 }
 
 #[must_use]
-pub fn starting(reading: &str, stop: &str) -> String {
-    format!("STARTING, {reading}; only {stop} works")
+pub fn starting(reading: Option<StartupProgressView>, stop: &str) -> String {
+    format!("STARTING, {}; only {stop} works", startup_progress(reading))
 }
 
 #[must_use]

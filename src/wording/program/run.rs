@@ -3,6 +3,7 @@
 use std::fmt::Display;
 
 use crate::counted;
+use holdpoint_protocol::snapshot::StartupProgressView;
 
 /// A repeated stage waits for an engine.
 pub const STAGE_WAITS: &str = "no engine is running; `holdpoint run` runs the stage";
@@ -59,8 +60,16 @@ pub fn ended_with(verb: &str, code: Option<i32>) -> String {
 
 /// A record that is still read.
 #[must_use]
-pub fn verifying(reading: impl Display) -> String {
-    format!("the record is being verified; {reading}")
+pub fn verifying(reading: Option<StartupProgressView>) -> String {
+    format!("the record is being verified; {}", startup_progress(reading))
+}
+
+/// How far a starting engine has read its record; empty if it is unknown.
+#[must_use]
+pub fn startup_progress(of: Option<StartupProgressView>) -> String {
+    of.map_or_else(String::new, |StartupProgressView { read, of }| {
+        format!("not verified yet: {read} of {of} records read")
+    })
 }
 
 /// An engine that was ended while it read its record.

@@ -10,6 +10,7 @@ use holdpoint_text::signing_options;
 
 use super::alarms::shelving;
 use super::listed_or;
+use super::run::startup_progress;
 use crate::counted;
 use crate::event::stop_author;
 
@@ -38,6 +39,7 @@ pub fn engine(of: EngineLine<'_>, profile: &str) -> String {
             format!("engine   SILENT, last profile {profile}: the following lines come from the store")
         }
         EngineLine::ComingUp(reading) => {
+            let reading = startup_progress(Some(reading));
             format!("engine   coming up, profile {profile}; {reading}: only `stop` works yet")
         }
         EngineLine::Running => format!("engine   running, profile {profile}"),
