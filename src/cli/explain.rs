@@ -26,6 +26,7 @@ use holdpoint_wording::explanation_summary::{
 };
 use holdpoint_wording::measured_and_limit;
 use holdpoint_wording::program::profile::not_authorized;
+use holdpoint_wording::program::version::NOTHING_DECIDED;
 
 /// The most lines of the short form.
 const LINES_MAX: usize = 25;
@@ -137,7 +138,7 @@ fn show(explanation: &Explanation, out: &mut CommandOutput<'_>) -> Result<(), Cl
     let Explanation { version, state, author, decisions } = explanation;
     out.paragraph("", &format!("{version} by {author} is {state}"))?;
     if decisions.is_empty() {
-        return out.paragraph("", "nothing has been decided about it yet");
+        return out.paragraph("", NOTHING_DECIDED);
     }
     for (index, decision) in decisions.iter().enumerate() {
         out.line("")?;

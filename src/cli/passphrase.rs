@@ -18,6 +18,7 @@ use holdpoint_governance::ids::is_name;
 use holdpoint_store::{FIRST_ADMINISTRATOR, Layout};
 use holdpoint_text::users::user_name;
 use holdpoint_text::{ErrorDetails, ErrorReason};
+use holdpoint_wording::program::identity::{new_passphrase_prompt, passphrase_prompt};
 
 /// Names the file for verbs without the option.
 pub const FILE_VARIABLE: &str = "HOLDPOINT_PASSPHRASE_FILE";
@@ -82,7 +83,7 @@ pub(super) fn unlock_by(
         (Protection::Passphrase, None) => {
             let name = &locked.info().name;
             Some(existing_passphrase(
-                &format!("Passphrase of {name}: "),
+                &passphrase_prompt(name),
                 &format!("the key of {name} has a passphrase"),
                 option,
             )?)
@@ -131,8 +132,8 @@ pub(super) fn fresh(name: &str, file: Option<&Path>) -> Result<Option<Passphrase
     if !io::stdin().is_terminal() {
         return Ok(None);
     }
-    let first = Passphrase::new(hidden_line(&format!("New passphrase of {name}: "))?)
-        .and_then(Passphrase::strong_enough);
+    let first =
+        Passphrase::new(hidden_line(&new_passphrase_prompt(name))?).and_then(Passphrase::strong_enough);
     let first = first.map_err(CliError::usage)?;
     if Passphrase::new(hidden_line("Repeat it:  ")?).map_err(CliError::usage)? != first {
         let error = CliError::usage("the two passphrases differ; nothing was done");

@@ -18,6 +18,7 @@ use holdpoint_explain::store_metrics::RulesInForce;
 use holdpoint_explain::store_metrics::rerun::{RerunDecision, RerunSettings, StoreRerun, rerun};
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::metrics::store_metrics::{NotReplayable, ReplayOutcome};
+use holdpoint_wording::program::replay as sentences;
 
 /// The arguments of `audit rerun`.
 #[derive(Clone, Debug, PartialEq, Eq, Args)]
@@ -73,7 +74,7 @@ fn exit_of(found: &StoreRerun) -> Exit {
 fn show(found: &StoreRerun, out: &mut CommandOutput<'_>) -> Result<(), CliError> {
     let StoreRerun { to_record, evaluations, decisions } = found;
     if decisions.is_empty() {
-        return out.line(&format!("no decisions up to record {to_record}"));
+        return out.line(&sentences::no_decisions(*to_record));
     }
     let mut table = TextTable::new(&["record", "version", "runs", "result"]);
     for RerunDecision { record, version, runs, replay } in decisions {
@@ -90,7 +91,7 @@ fn show(found: &StoreRerun, out: &mut CommandOutput<'_>) -> Result<(), CliError>
             out.paragraph("", &format!("record {record}, {version}: {what}"))?;
         }
     }
-    let same = decisions.iter().filter(|one| one.replay == ReplayOutcome::Equal).count();
+    let same = decisions.iter().filter(|one| one.replay == ReplayOutcome::Equal).count() as u64;
     let mut causes: BTreeMap<NotReplayable, u64> = BTreeMap::new();
     for decision in decisions {
         if let ReplayOutcome::NotReplayed { why } = decision.replay {
@@ -98,16 +99,10 @@ fn show(found: &StoreRerun, out: &mut CommandOutput<'_>) -> Result<(), CliError>
         }
     }
     let impossible: u64 = causes.values().sum();
-    let different = (decisions.len() - same) as u64 - impossible;
+    let different = decisions.len() as u64 - same - impossible;
     let causes: Vec<String> = causes.iter().map(|(why, count)| format!("{count} {why}")).collect();
-    let causes = if causes.is_empty() { String::new() } else { format!(" ({})", causes.join(", ")) };
-    out.paragraph(
-        "",
-        &format!(
-            "decisions up to record {to_record}: {same} same, {different} different, {impossible} not possible{causes}; \
-             evaluations run again: {evaluations}"
-        ),
-    )
+    let totals = sentences::rerun_totals(*to_record, [same, different, impossible], &causes, *evaluations);
+    out.paragraph("", &totals)
 }
 
 #[cfg(test)]

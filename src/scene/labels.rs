@@ -1,4 +1,4 @@
-//! Text of a recording: the upgrade's phase, levels of log lines, the document.
+//! Text of a recording: levels of log lines, the document.
 //!
 //! Foreign text is sanitized and loses all Markdown syntax.
 
@@ -7,25 +7,10 @@ use holdpoint_governance::decision::Reason;
 use holdpoint_governance::record::UpgradeEnd;
 use holdpoint_protocol::event::{DimensionResult, Event, EventKind};
 use holdpoint_text::Untrusted;
+use holdpoint_wording::event::family_after_rollback;
 
 use super::limits::TEXT_WIDTH_MAX;
 use holdpoint_recordings::recording::RecordingSubject;
-
-/// The upgrade's phase after an event; absent if it does not change.
-#[must_use]
-pub fn phase(kind: &EventKind) -> Option<String> {
-    Some(match kind {
-        EventKind::StageStarted { stage, .. } => stage.name().to_owned(),
-        EventKind::StateChanged { to, .. } => to.name().to_owned(),
-        EventKind::ApprovalRequested { .. } => "waits for people".to_owned(),
-        EventKind::Activated { .. } => "active, provisional".to_owned(),
-        EventKind::Confirmed { .. } => "active, confirmed".to_owned(),
-        EventKind::Monitor { decision, .. } => format!("active, {decision}"),
-        EventKind::Rung { .. } => "rollback ladder".to_owned(),
-        EventKind::RolledBack { .. } => "rolled back".to_owned(),
-        _ => return None,
-    })
-}
 
 /// The level of a log line.
 #[must_use]
@@ -114,11 +99,11 @@ fn decision(event: &Event) -> String {
         }
         EventKind::RolledBack { restored, trigger, recovered, .. } => {
             let restored = restored.as_ref().map_or_else(|| "no version".to_owned(), ToString::to_string);
-            let end = if *recovered { "the family runs again" } else { "the family does not work" };
             format!(
-                "\n## rolled back\n\nat {secs} s to {}: {}; {end}\n",
+                "\n## rolled back\n\nat {secs} s to {}: {}; {}\n",
                 plain(&restored),
-                plain(&holdpoint_wording::notice(trigger))
+                plain(&holdpoint_wording::notice(trigger)),
+                family_after_rollback(*recovered)
             )
         }
         _ => String::new(),

@@ -334,6 +334,28 @@ fn text(kind: &EventKind) -> String {
     }
 }
 
+/// The phase of an upgrade after an event; absent if it does not change.
+#[must_use]
+pub fn upgrade_phase(kind: &EventKind) -> Option<String> {
+    Some(match kind {
+        EventKind::StageStarted { stage, .. } => stage.name().to_owned(),
+        EventKind::StateChanged { to, .. } => to.name().to_owned(),
+        EventKind::ApprovalRequested { .. } => "waits for people".to_owned(),
+        EventKind::Activated { .. } => "active, provisional".to_owned(),
+        EventKind::Confirmed { .. } => "active, confirmed".to_owned(),
+        EventKind::Monitor { decision, .. } => format!("active, {decision}"),
+        EventKind::Rung { .. } => "rollback ladder".to_owned(),
+        EventKind::RolledBack { .. } => "rolled back".to_owned(),
+        _ => return None,
+    })
+}
+
+/// Whether a family works after a rollback.
+#[must_use]
+pub const fn family_after_rollback(recovered: bool) -> &'static str {
+    if recovered { "the family runs again" } else { "the family does not work" }
+}
+
 fn listed<T: ToString>(items: &[T]) -> String {
     if items.is_empty() {
         return "none".to_owned();

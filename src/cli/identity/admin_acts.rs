@@ -200,17 +200,9 @@ impl Enrollment {
 
     pub(super) fn sentence(&self, who: &str) -> String {
         match self {
-            Self::By { name, explicit: true } => format!("enrolled by {name}"),
-            Self::By { name, explicit: false } => format!(
-                "enrolled by {name}, whose key has no passphrase: any process that can read it can enroll \
-                 people, and the profile human ignores the signatures of {who}. \
-                 `holdpoint identity passphrase {name}` sets one, and then \
-                 `holdpoint identity confirm {who} --by {name} --reason TEXT`"
-            ),
-            Self::NotYet { admin } => format!(
-                "not enrolled: {who} cannot decide anything yet. \
-                 `holdpoint identity enroll {who} --by {admin} --reason TEXT` enrolls the key"
-            ),
+            Self::By { name, explicit: true } => sentences::enrolled_by(name),
+            Self::By { name, explicit: false } => sentences::enrolled_by_unprotected(name, who),
+            Self::NotYet { admin } => sentences::not_enrolled(who, admin),
         }
     }
 }
@@ -303,10 +295,7 @@ pub(super) fn enrol(
     if !out.is_json() {
         // The line appears before anything is signed.
         let key = hex(who.public_key.as_bytes());
-        out.line(&format!(
-            "{} is about to be enrolled as {}, with the public key {key}",
-            who.name, who.role
-        ))?;
+        out.line(&sentences::to_be_enrolled(&who.name, who.role, key))?;
         out.require_reader()?;
     }
     let admin = register.administrator(context, &args.by, args.signer(), PersonActKind::Enrol)?;
@@ -338,7 +327,7 @@ pub(super) fn confirm(
     let person = register.enrolled(name)?;
     if !out.is_json() {
         let key = hex(person.public_key.as_bytes());
-        out.line(&format!("{name} is about to be confirmed as {}, with the public key {key}", person.role))?;
+        out.line(&sentences::to_be_confirmed(name, person.role, key))?;
         out.require_reader()?;
     }
     let admin = register.administrator(context, &args.by, args.signer(), PersonActKind::Confirm)?;

@@ -31,6 +31,7 @@ use holdpoint_governance::approval::ApprovalDecision;
 use holdpoint_wording::approval::LineMark;
 use holdpoint_wording::console::approval_screen as wording;
 use holdpoint_wording::console::shared;
+use holdpoint_wording::program::identity::passphrase_prompt;
 
 /// The most lines of one sentence below the decision.
 const WRAPPED_MAX: usize = 5;
@@ -252,7 +253,7 @@ pub(super) fn signing_rows<W>(
     width: usize,
 ) -> Vec<Row> {
     let who = model.session.operator.as_ref().map_or(wording::NO_OPERATOR, |who| who.name.as_str());
-    let head = wording::passphrase_of(who);
+    let head = passphrase_prompt(who);
     let room = width.saturating_sub(head.width() + 1);
     let mut row =
         Row::of(ThemeRole::Focus, &head).with(ThemeRole::Text, &"*".repeat(signing.secret.len().min(room)));

@@ -12,7 +12,7 @@ use holdpoint_protocol::event::{Event, EventKind};
 use holdpoint_protocol::film::FilmMark;
 use holdpoint_recordings::recording::{FilmSpan, RecordingSubject};
 use holdpoint_text::Untrusted;
-use holdpoint_wording::event::sentence;
+use holdpoint_wording::event::{sentence, upgrade_phase};
 use holdpoint_wording::film::recorded_part;
 
 /// The known data of the upgrade.
@@ -38,7 +38,7 @@ impl Drawing {
         if !ours {
             return;
         }
-        if let Some(phase) = labels::phase(&event.kind)
+        if let Some(phase) = upgrade_phase(&event.kind)
             && self.upgrade.phase.as_deref() != Some(phase.as_str())
         {
             self.rows.at("phase", time, &StateChange::single(phase.as_str()));

@@ -86,8 +86,3 @@ pub fn key_did_nothing(hint: &str) -> String {
 pub fn end_and_back(key: &str) -> String {
     format!("end, back: {key}")
 }
-
-#[must_use]
-pub fn passphrase_of(who: &str) -> String {
-    format!("Passphrase of {who}: ")
-}

@@ -31,6 +31,55 @@ pub fn passphrase(of: PassphraseChange, name: impl Display) -> String {
     }
 }
 
+/// Asks for the passphrase of a key.
+#[must_use]
+pub fn passphrase_prompt(name: impl Display) -> String {
+    format!("Passphrase of {name}: ")
+}
+
+/// Asks for a new passphrase of a key.
+#[must_use]
+pub fn new_passphrase_prompt(name: impl Display) -> String {
+    format!("New passphrase of {name}: ")
+}
+
+/// A new identity whose key this administrator enrolled.
+#[must_use]
+pub fn enrolled_by(admin: impl Display) -> String {
+    format!("enrolled by {admin}")
+}
+
+/// A new identity whose key the administrator enrolled with a key without a passphrase.
+#[must_use]
+pub fn enrolled_by_unprotected(admin: impl Display, name: impl Display) -> String {
+    format!(
+        "enrolled by {admin}, whose key has no passphrase: any process that can read it can enroll people, and the \
+         profile human ignores the signatures of {name}. `holdpoint identity passphrase {admin}` sets one, and then \
+         `holdpoint identity confirm {name} --by {admin} --reason TEXT`"
+    )
+}
+
+/// A new identity that this administrator has to enroll.
+#[must_use]
+pub fn not_enrolled(name: impl Display, admin: impl Display) -> String {
+    format!(
+        "not enrolled: {name} cannot decide anything yet. `holdpoint identity enroll {name} --by {admin} --reason \
+         TEXT` enrolls the key"
+    )
+}
+
+/// The key and the role that an administrator is about to sign.
+#[must_use]
+pub fn to_be_enrolled(name: impl Display, role: impl Display, key: impl Display) -> String {
+    format!("{name} is about to be enrolled as {role}, with the public key {key}")
+}
+
+/// As [`to_be_enrolled`], of a person whom an administrator is about to confirm.
+#[must_use]
+pub fn to_be_confirmed(name: impl Display, role: impl Display, key: impl Display) -> String {
+    format!("{name} is about to be confirmed as {role}, with the public key {key}")
+}
+
 /// An enrolled person.
 #[must_use]
 pub fn enrolled(name: impl Display, role: impl Display, by: impl Display) -> String {

@@ -8,6 +8,28 @@ pub fn differs(at: &str, recorded: impl Display, again: impl Display) -> String 
     format!("{at} is {recorded} on record and {again} when replayed")
 }
 
+/// A store without decisions.
+#[must_use]
+pub fn no_decisions(to_record: u64) -> String {
+    format!("no decisions up to record {to_record}")
+}
+
+/// The numbers of decisions that a re-run found the same, different and not possible, the causes of the last, and the
+/// number of evaluations that it ran.
+#[must_use]
+pub fn rerun_totals(
+    to_record: u64,
+    [same, different, impossible]: [u64; 3],
+    causes: &[String],
+    evaluations: u64,
+) -> String {
+    let causes = if causes.is_empty() { String::new() } else { format!(" ({})", causes.join(", ")) };
+    format!(
+        "decisions up to record {to_record}: {same} same, {different} different, {impossible} not possible{causes}; \
+         evaluations run again: {evaluations}"
+    )
+}
+
 /// The level of a counted try, as a place of a difference.
 pub const TRY_LEVEL: &str = "level of the try";
 

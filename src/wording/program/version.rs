@@ -2,6 +2,9 @@
 
 use std::fmt::Display;
 
+/// A version without a decision.
+pub const NOTHING_DECIDED: &str = "nothing has been decided about it yet";
+
 /// Versions that a limit leaves out.
 #[must_use]
 pub fn more(left: usize) -> String {
