@@ -11,13 +11,12 @@ use holdpoint_governance::record::RecordKind;
 use holdpoint_governance::wall_time::{ClockMismatch, WallTime};
 use holdpoint_protocol::command::{Caller, Refusal, Reply};
 use holdpoint_protocol::snapshot::ClockMismatchView;
-use holdpoint_record::REASON_BYTES_MAX;
 use holdpoint_record::clock_mismatch::{ClockMismatchRecord, read};
 use holdpoint_store::{AuditFilter, RecordViews, StoreError};
-use holdpoint_text::is_visible;
 use holdpoint_wording::command_effect::{EngineEffect, engine_effect};
 use serde::Deserialize;
 
+use crate::decide::people::persons::unreadable;
 use crate::decide::recorder::EngineRecorder;
 use holdpoint_record::version_origin;
 use holdpoint_record::wall_clock::TrustedClockReading;
@@ -125,11 +124,8 @@ pub(crate) fn confirm(
             "there is no clock mismatch, so there is no time to confirm".to_owned(),
         );
     };
-    let fits = |text: &str| is_visible(text) && text.len() <= REASON_BYTES_MAX;
-    if !fits(&by) || !fits(&reason) {
-        let text =
-            format!("a name and a reason that can be read are needed, of 1 to {REASON_BYTES_MAX} bytes each");
-        return refuse(Refusal::BadInput, text);
+    if let Some(refused) = unreadable(&by, &reason) {
+        return Ok(refused);
     }
     if machine_time.ms_until(time).max(time.ms_until(machine_time)) > CONFIRMED_WITHIN_MS {
         let text =

@@ -6,13 +6,13 @@ use holdpoint_protocol::command::{Refusal, Reply};
 use holdpoint_protocol::event::EventKind;
 use holdpoint_runtime::agent::Goal;
 use holdpoint_store::{AuditFilter, RecordViews, StoreError};
-use holdpoint_text::{Untrusted, is_visible};
+use holdpoint_text::Untrusted;
 use holdpoint_wording::command_effect::{EngineEffect, engine_effect};
 use serde::{Deserialize, Serialize};
 
+use crate::decide::people::persons::unreadable;
 use crate::decide::recorder::EngineRecorder;
 use crate::live::LiveWorld;
-use holdpoint_record::REASON_BYTES_MAX;
 
 /// A goal in the audit chain.
 #[derive(Serialize, Deserialize)]
@@ -38,11 +38,8 @@ pub(crate) fn set(
         Ok(goal) => goal,
         Err(error) => return refuse(Untrusted::new(error.to_string()).line().into_string()),
     };
-    let fits = |text: &str| is_visible(text) && text.len() <= REASON_BYTES_MAX;
-    if !fits(&by) || !fits(&reason) {
-        return refuse(format!(
-            "a name and a reason that can be read are needed, of 1 to {REASON_BYTES_MAX} bytes each"
-        ));
+    if let Some(refused) = unreadable(&by, &reason) {
+        return Ok(refused);
     }
     let goal_record = GoalRecord { goal: goal.name().to_owned(), by, reason };
     let body = serde_json::json!(goal_record).to_string();

@@ -15,12 +15,13 @@ use holdpoint_protocol::command::{Caller, Refusal, Reply, StopPersistence};
 use holdpoint_protocol::event::EventKind;
 use holdpoint_protocol::snapshot::{RepeatedStop, StoppedView};
 use holdpoint_store::{AuditFilter, Layout, RecordViews, StopMarks, StoreError};
-use holdpoint_text::{Hint, is_visible, signing_options};
+use holdpoint_text::{Hint, signing_options};
 pub use holdpoint_wording::command_effect::StopFollowUp;
 use holdpoint_wording::command_effect::{EngineEffect, early_stop_effect, engine_effect, stop_effect};
 use serde::{Deserialize, Serialize};
 use std::time::{Duration, Instant};
 
+use crate::decide::people::persons::unreadable;
 use crate::decide::recorder::EngineRecorder;
 use crate::live::LiveWorld;
 use crate::live::account_stops::AccountStops;
@@ -336,11 +337,8 @@ pub(crate) fn go(
             hint: Some("try again in a moment; remove the file by hand if it stays there".to_owned()),
         });
     }
-    let fits = |text: &str| is_visible(text) && text.len() <= REASON_BYTES_MAX;
-    if !fits(&by) || !fits(&reason) {
-        let text =
-            format!("a name and a reason that can be read are needed, of 1 to {REASON_BYTES_MAX} bytes each");
-        return refuse(Refusal::BadInput, &text);
+    if let Some(refused) = unreadable(&by, &reason) {
+        return Ok(refused);
     }
     write_again(record, world)?;
     let mut body = serde_json::json!({ "by": by, "caller": caller, "reason": reason });

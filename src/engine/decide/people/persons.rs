@@ -4,12 +4,13 @@ use holdpoint_approvals::keyfile::Protection;
 use holdpoint_approvals::{Identity, PersonAct, PersonActKind, PersonDirectory, SignedPersonAct};
 use holdpoint_protocol::command::{Refusal, Reply};
 use holdpoint_store::Change;
-use holdpoint_text::Hint;
+use holdpoint_text::{Hint, is_visible};
 use holdpoint_wording::command_effect::{EngineEffect, engine_effect};
 
 use super::approvals::Approvals;
 use crate::decide::recorder::EngineRecorder;
 use crate::fault::EngineFault;
+use holdpoint_record::REASON_BYTES_MAX;
 use holdpoint_record::context::Context;
 
 /// Carries out an administrator's act about a person. What does not hold is refused and changes nothing.
@@ -56,6 +57,16 @@ pub(crate) fn carry_out(
             accepted(EngineEffect::Revoked { name, by, discarded })
         }
     }
+}
+
+/// A refusal unless a name and a text that a person gives can be read and are short enough for a record.
+pub(crate) fn unreadable(by: &str, text: &str) -> Option<Reply> {
+    let fits = |given: &str| is_visible(given) && given.len() <= REASON_BYTES_MAX;
+    (!fits(by) || !fits(text)).then(|| Reply::Refused {
+        code: Refusal::BadInput,
+        text: format!("a name and a text that can be read are needed, of 1 to {REASON_BYTES_MAX} bytes each"),
+        hint: None,
+    })
 }
 
 /// A refusal if the act claims or requires a passphrase-protected key, and the key file has no passphrase.

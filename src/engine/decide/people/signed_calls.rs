@@ -6,15 +6,13 @@
 
 use std::collections::BTreeMap;
 
-use holdpoint_approvals::keyfile::Protection;
-use holdpoint_approvals::{ApprovalError, Identity, Nonce, SignedCall};
+use holdpoint_approvals::{ApprovalError, Nonce, SignedCall};
 use holdpoint_governance::approval::Role;
 use holdpoint_protocol::command::{AuthorityEffect, Command, Refusal, Reply, Request};
 use holdpoint_protocol::snapshot::SigningView;
-use holdpoint_text::Hint;
 
 use super::persons::unconfirmed;
-use super::signers::person;
+use super::signers::{person, protected};
 use crate::decide::recorder::EngineRecorder;
 use crate::fault::EngineFault;
 use holdpoint_record::context::Context;
@@ -150,11 +148,11 @@ impl SignedCalls {
             let hint = "an operator, an engineer or a safety officer signs it";
             return refuse(Refusal::NotAllowed, text, Some(hint.to_owned()));
         }
-        protected(context, record, name)?;
-        if context.needs_approval()
-            && let Some(refused) = unconfirmed(context, &persons, name)
-        {
-            return Err(refused);
+        if context.needs_approval() {
+            protected(context, record, name)?;
+            if let Some(refused) = unconfirmed(context, &persons, name) {
+                return Err(refused);
+            }
         }
         Ok(Signer { name: name.clone(), role: identity.role, seal: Box::new(seal.clone()) })
     }
@@ -183,27 +181,6 @@ fn unsigned(context: &Context) -> Reply {
         hint: Some(
             "`--as NAME` signs it, and `:as NAME` in the console; see the guide on the socket".to_owned(),
         ),
-    }
-}
-
-/// A refusal if people decide here and the key file has no passphrase.
-fn protected(context: &Context, record: &EngineRecorder, name: &str) -> Result<(), Reply> {
-    if !context.needs_approval() {
-        return Ok(());
-    }
-    let profile = context.profile.name.name();
-    match Identity::protection(&record.version_table().store().layout().identities(), name) {
-        Ok(Protection::Passphrase | Protection::Elsewhere) => Ok(()),
-        Ok(Protection::None) => {
-            let text = format!("the key of {name} has no passphrase, and the profile {profile} requires one");
-            let hint = format!("`holdpoint identity passphrase {name}` sets one; then ask again");
-            Err(Reply::Refused { code: Refusal::NotAllowed, text, hint: Some(hint) })
-        }
-        Err(error) => Err(Reply::Refused {
-            code: Refusal::NotAllowed,
-            text: error.to_string(),
-            hint: error.hint().map(std::borrow::Cow::into_owned),
-        }),
     }
 }
 

@@ -6,7 +6,7 @@ use holdpoint_governance::approval::ApprovalDecision;
 use holdpoint_governance::ids::{CapabilityId, is_name};
 use holdpoint_protocol::command::{Refusal, Reply};
 use holdpoint_store::FIRST_ADMINISTRATOR;
-use holdpoint_text::{Hint, is_visible};
+use holdpoint_text::is_visible;
 
 use super::persons::unconfirmed;
 use crate::decide::recorder::EngineRecorder;
@@ -19,12 +19,10 @@ pub(crate) fn check_signer(
     record: &EngineRecorder,
     signed: &SignedApproval,
 ) -> Result<(), Reply> {
-    let refuse = |code, text: String, hint: Option<String>| Err(Reply::Refused { code, text, hint });
     if !is_visible(&signed.approval().reason) {
         let text = "a decision needs a reason that can be read".to_owned();
-        return refuse(Refusal::BadInput, text, None);
+        return Err(Reply::Refused { code: Refusal::BadInput, text, hint: None });
     }
-    let folder = record.version_table().store().layout().identities();
     let persons = match record.version_table().store().persons() {
         Ok(persons) => persons,
         Err(error) => return Err(Reply::refused(Refusal::Store, &error)),
@@ -33,26 +31,26 @@ pub(crate) fn check_signer(
     // A refusal stops something, and nothing may make that harder. What a script says was settled when it was written.
     let approves = signed.approval().decision == ApprovalDecision::Approve;
     if approves && context.may_need_approval() && !record.clock().is_scripted() {
-        let profile = context.profile.name.name();
-        match Identity::protection(&folder, &identity.name) {
-            Ok(Protection::Passphrase | Protection::Elsewhere) => {}
-            Ok(Protection::None) => {
-                let name = &identity.name;
-                let text =
-                    format!("the key of {name} has no passphrase, and the profile {profile} requires one");
-                let hint = format!("`holdpoint identity passphrase {name}` sets one; then approve again");
-                return refuse(Refusal::NotAllowed, text, Some(hint));
-            }
-            Err(error) => {
-                let hint = error.hint().map(std::borrow::Cow::into_owned);
-                return refuse(Refusal::NotAllowed, error.to_string(), hint);
-            }
-        }
+        protected(context, record, &identity.name)?;
         if let Some(refused) = unconfirmed(context, &persons, &identity.name) {
             return Err(refused);
         }
     }
     Ok(())
+}
+
+/// A refusal if the key file of a person has no passphrase.
+pub(super) fn protected(context: &Context, record: &EngineRecorder, name: &str) -> Result<(), Reply> {
+    match Identity::protection(&record.version_table().store().layout().identities(), name) {
+        Ok(Protection::Passphrase | Protection::Elsewhere) => Ok(()),
+        Ok(Protection::None) => {
+            let profile = context.profile.name.name();
+            let text = format!("the key of {name} has no passphrase, and the profile {profile} requires one");
+            let hint = format!("`holdpoint identity passphrase {name}` sets one; then try again");
+            Err(Reply::Refused { code: Refusal::NotAllowed, text, hint: Some(hint) })
+        }
+        Err(error) => Err(Reply::refused(Refusal::NotAllowed, &error)),
+    }
 }
 
 /// An enrolled person, by name; answers of others do not count.
