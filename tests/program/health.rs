@@ -8,6 +8,7 @@ use std::time::{Duration, Instant};
 use holdpoint::protocol::command::{Command as Ask, Reply};
 use holdpoint::service::control_socket::Client;
 use holdpoint::store::Layout;
+use holdpoint_wording::program::alarms::no_change;
 use rusqlite::Connection;
 use serde_json::Value;
 
@@ -107,7 +108,7 @@ fn alarms_and_records_since_a_moment_are_listed() {
         }
     }
     let output = holdpoint(&["alarms", "--since", "@9999"], folder.path());
-    assert_eq!(output_text(&output), "no open alarm changed since then\n");
+    assert_eq!(output_text(&output), format!("{}\n", no_change(true, false)));
 }
 
 #[test]

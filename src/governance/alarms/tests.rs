@@ -249,8 +249,7 @@ fn invalid_names_and_keys_are_refused() {
     let mut book = AlarmBook::new();
     step(&mut book, &named("raise"), 0).unwrap();
     let forged = AlarmEvent::Acknowledge { key: grasp(), by: "mara\u{202e}".into() };
-    let error = apply(&book, &forged, 0, wall(0)).unwrap_err();
-    assert_eq!(error.to_string(), r#""mara\u{202e}" is not the name of an identity"#);
+    assert!(matches!(apply(&book, &forged, 0, wall(0)), Err(AlarmError::Identity(_))));
     let long = format!("grasp@1.0.0-{}", "k".repeat(200)).parse().unwrap();
     let long = raise_as(AlarmKey::Rejected(long), Priority::Low, false);
     assert!(matches!(apply(&book, &long, 0, wall(0)), Err(AlarmError::Key(_))));

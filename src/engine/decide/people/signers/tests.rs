@@ -10,7 +10,9 @@ use holdpoint_governance::decision::ReasonCode;
 use holdpoint_governance::finding::Finding;
 use holdpoint_governance::outcome::PolicyOutcome;
 use holdpoint_governance::profile::{Profile, ProfileName};
-use holdpoint_protocol::approval_document::{AnswerVoidCause, ApprovalDocument, QuestionRefusal};
+use holdpoint_protocol::approval_document::{
+    AnswerVoidCause, ApprovalDocument, ApprovalFacts, QuestionRefusal, SignatureEffect,
+};
 use holdpoint_protocol::clock::Clock;
 use holdpoint_protocol::command::Command;
 use holdpoint_protocol::snapshot::ApprovalRequestView;
@@ -260,19 +262,20 @@ fn the_second_signers_request_names_the_first() {
     let (mut bench, _) = waiting_for_two();
     let (ann, ben) = (protected(&mut bench, "ann"), protected(&mut bench, "ben"));
     let open = bench.pipeline.snapshot().prompts.remove(0);
-    let has = |shown: &ApprovalDocument, text: &str| shown.lines.iter().any(|line| line.contains(text));
-    let last = "Your signature is the last: it takes the arm after this sequence";
+    let facts = |shown: &ApprovalDocument| serde_json::from_str::<ApprovalFacts>(&shown.facts).unwrap();
     let of_ann = question(&mut bench.pipeline, &open, "ann").unwrap();
-    assert!(has(&of_ann, "Your signature is number 1 of 2"), "{:#?}", of_ann.lines);
-    assert!(!has(&of_ann, last) && !has(&of_ann, ", signed "), "{:#?}", of_ann.lines);
+    assert_eq!(facts(&of_ann).effect, Some(SignatureEffect::MoreNeeded));
+    assert_eq!(facts(&of_ann).signed_before, []);
     let early = question(&mut bench.pipeline, &open, "ben").unwrap();
     done(&bench.pipeline.command(of_ann.answer(&ann, ApprovalDecision::Approve, "drills read").unwrap()));
     let reply = bench.pipeline.command(early.answer(&ben, ApprovalDecision::Approve, "read").unwrap());
     assert_refused(&reply, &[&void(AnswerVoidCause::OtherFacts)]);
     let of_ben = question(&mut bench.pipeline, &open, "ben").unwrap();
-    let first = of_ben.lines.iter().find(|line| line.starts_with("ann, safety, signed ")).unwrap();
-    assert!(first.ends_with(" UTC: drills read"), "{first}");
-    assert!(has(&of_ben, last), "{:#?}", of_ben.lines);
+    assert_eq!(facts(&of_ben).effect, Some(SignatureEffect::Completes));
+    let before = facts(&of_ben).signed_before;
+    let [first] = &before[..] else { panic!("{before:?}") };
+    let said = (first.name.as_str(), first.role, first.reason.as_str());
+    assert_eq!(said, ("ann", Role::Safety, "drills read"));
     // The own text of the first signer stays as it was signed.
     done(&bench.pipeline.command(of_ben.answer(&ben, ApprovalDecision::Approve, "read").unwrap()));
     assert!(bench.pipeline.snapshot().prompts.is_empty(), "two people have approved");
