@@ -152,7 +152,7 @@ pub fn run(context: &CliContext, args: &StoreArgs, out: &mut CommandOutput<'_>) 
                     out.line(&sentences::copied_recordings(recordings))?;
                 }
                 report.left_out.iter().try_for_each(|OmittedFile { file, why, bad }| {
-                    out.line(&sentences::left_out(*bad, file, why))
+                    out.line(&sentences::left_out(*bad, file, *why))
                 })
             })?;
             let lacks = report.left_out.iter().any(|left| left.bad);

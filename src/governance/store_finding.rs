@@ -130,3 +130,21 @@ impl StoreFinding {
         }
     }
 }
+
+crate::closed_set! {
+    /// Why a file of the folder of recordings is not in a copy of a store.
+    OmissionCause, "cause of an omission", {
+        /// It is not on record: its upgrade is not closed, or it belongs to another store.
+        NotOnRecord = "not-on-record",
+        /// Its name on record is not a file name.
+        NoFileName = "no-file-name",
+        /// It was recorded at closure, and no removal is on record.
+        Missing = "missing",
+        /// It is a link, no file, or cannot be read.
+        Unreadable = "unreadable",
+        /// It has another size than was recorded at closure.
+        OtherSize = "other-size",
+        /// It has another SHA-256 than was recorded at closure.
+        OtherDigest = "other-digest",
+    }
+}

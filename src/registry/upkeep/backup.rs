@@ -26,6 +26,7 @@ use holdpoint_approvals::keyfile;
 use holdpoint_audit::checkpoint::{name, read_all};
 use holdpoint_audit::files::sync_folder;
 use holdpoint_governance::ids::Digest;
+use holdpoint_governance::store_finding::OmissionCause;
 use holdpoint_store::{Layout, StoreError, VerifyError, VerifyReport};
 use holdpoint_text::file::{NO_LINK, regular};
 use holdpoint_text::{ErrorDetails, ErrorReason, Hint};
@@ -57,7 +58,7 @@ pub struct RetainedRecording {
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct OmittedFile {
     pub file: String,
-    pub why: String,
+    pub why: OmissionCause,
     /// It is on record and must exist.
     pub bad: bool,
 }
@@ -266,12 +267,16 @@ fn copy_recordings(
     let mut named = BTreeSet::new();
     for recording in on_record {
         let plain = Path::new(&recording.file).components().eq([Component::Normal(recording.file.as_ref())]);
-        let why = if plain { copy_recording(&folder, &copy.recordings(), recording)? } else { Some(NO_NAME) };
+        let why = if plain {
+            copy_recording(&folder, &copy.recordings(), recording)?
+        } else {
+            Some(OmissionCause::NoFileName)
+        };
         match why {
             None => scenes.copied += 1,
             Some(why) => {
                 let file = recording.file.clone();
-                scenes.left_out.push(OmittedFile { file, why: why.to_owned(), bad: true });
+                scenes.left_out.push(OmittedFile { file, why, bad: true });
             }
         }
         named.insert(recording.file.as_str());
@@ -284,9 +289,7 @@ fn copy_recordings(
         let name = entry.map_err(StoreError::io("list", &folder))?.file_name();
         let name = name.to_string_lossy().into_owned();
         if !named.contains(name.as_str()) {
-            let why =
-                "it is not on record: its upgrade is not closed, or it belongs to another store".to_owned();
-            others.push(OmittedFile { file: name, why, bad: false });
+            others.push(OmittedFile { file: name, why: OmissionCause::NotOnRecord, bad: false });
         }
     }
     others.sort_by(|a, b| a.file.cmp(&b.file));
@@ -294,29 +297,26 @@ fn copy_recordings(
     Ok(())
 }
 
-/// Why a recording on record is not a regular file of its folder.
-const NO_NAME: &str = "its name on record is not a file name";
-
-/// Copies a recording. Returns the problem if it does not match its record.
+/// Copies a recording. Returns the cause if it does not match its record.
 fn copy_recording(
     folder: &Path,
     to: &Path,
     recording: &RetainedRecording,
-) -> Result<Option<&'static str>, StoreError> {
+) -> Result<Option<OmissionCause>, StoreError> {
     let (from, to) = (folder.join(&recording.file), to.join(&recording.file));
     let open = OpenOptions::new().read(true).custom_flags(NO_LINK).open(&from);
     let file = match open {
         Err(error) if error.kind() == ErrorKind::NotFound => {
-            return Ok(Some("it is missing: it was recorded at closure, and no removal is on record"));
+            return Ok(Some(OmissionCause::Missing));
         }
         open => match open.and_then(regular) {
             Ok(file) => file,
-            Err(_) => return Ok(Some("it is a link, no file, or cannot be read")),
+            Err(_) => return Ok(Some(OmissionCause::Unreadable)),
         },
     };
     let bytes = file.metadata().map_err(StoreError::io("read", &from))?.len();
     if bytes != recording.bytes {
-        return Ok(Some("it has another size than was recorded at closure"));
+        return Ok(Some(OmissionCause::OtherSize));
     }
     let mut into = File::create_new(&to).map_err(StoreError::io("write", &to))?;
     let (mut hasher, mut piece) = (Sha256::new(), vec![0; PIECE_BYTES]);
@@ -331,7 +331,7 @@ fn copy_recording(
         return Ok(None);
     }
     fs::remove_file(&to).map_err(StoreError::io("remove", &to))?;
-    Ok(Some("it has another SHA-256 than was recorded at closure"))
+    Ok(Some(OmissionCause::OtherDigest))
 }
 
 /// Bytes of a recording that are read at a time.

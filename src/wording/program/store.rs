@@ -2,7 +2,9 @@
 
 use std::fmt::Display;
 
+use super::counted;
 use crate::counted;
+use holdpoint_governance::store_finding::OmissionCause;
 
 /// A sound copy: its records, its size in words, its files, its place.
 #[must_use]
@@ -19,8 +21,18 @@ pub fn copied_recordings(recordings: usize) -> String {
 
 /// A file that is not in a copy.
 #[must_use]
-pub fn left_out(bad: bool, file: impl Display, why: impl Display) -> String {
+pub fn left_out(bad: bool, file: impl Display, why: OmissionCause) -> String {
     let label = if bad { "LEFT OUT" } else { "left out" };
+    let why = match why {
+        OmissionCause::NotOnRecord => {
+            "it is not on record: its upgrade is not closed, or it belongs to another store"
+        }
+        OmissionCause::NoFileName => "its name on record is not a file name",
+        OmissionCause::Missing => "it is missing: it was recorded at closure, and no removal is on record",
+        OmissionCause::Unreadable => "it is a link, no file, or cannot be read",
+        OmissionCause::OtherSize => "it has another size than was recorded at closure",
+        OmissionCause::OtherDigest => "it has another SHA-256 than was recorded at closure",
+    };
     format!("{label}  {file}: {why}")
 }
 
