@@ -451,7 +451,7 @@ mod tests {
         let mut many = 1001_u32.to_be_bytes().to_vec();
         many.extend([0; 64]);
         let (agent, thread) = fake_agent(folder.path(), vec![framed(IDENTITIES_ANSWER, &many)]);
-        assert!(agent.keys().unwrap_err().to_string().contains("1000 keys"));
+        assert!(matches!(agent.keys(), Err(AgentError::Answer { .. })));
         thread.join().unwrap();
         std::fs::remove_file(folder.path().join("agent")).unwrap();
         assert!(matches!(agent.keys(), Err(AgentError::Io { .. })));

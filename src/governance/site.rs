@@ -441,6 +441,6 @@ mod tests {
         let family = |number: usize| format!("[[families]]\nname = \"more-{number}\"\nbaseline = \"x\"\n");
         let many: String = (0..SITE_FAMILIES_MAX).map(family).collect();
         let error = Site::parse("site.toml", &format!("{}{many}", shipped())).unwrap_err();
-        assert!(error.to_string().contains("68 families"), "{error}");
+        assert!(matches!(&error, TextError::Value { field, .. } if field == "families"), "{error}");
     }
 }

@@ -283,7 +283,7 @@ mod tests {
         assert_eq!(one.len(), ACCOUNT_RECEIVERS_MAX);
         let others: Vec<ReceiverPlace> = (100..200).flat_map(taken).collect();
         assert_eq!(one.len() + others.len(), OBSERVERS_MAX - OWNER_RECEIVERS_MIN);
-        assert!(classes.observer(account(9)).unwrap_err().contains("receive events"));
+        assert!(classes.observer(account(9)).is_err());
         assert_eq!(taken(7).len(), OWNER_RECEIVERS_MIN);
         // Ended connections count no more.
         drop((one, others));
