@@ -133,10 +133,7 @@ pub(super) fn parse_reason(text: &str) -> Result<Untrusted, String> {
     if !is_visible(text) {
         return Err("a reason of visible characters is needed".to_owned());
     }
-    if text.len() > REASON_BYTES_MAX {
-        return Err(format!("{} bytes are too many; up to {REASON_BYTES_MAX} are allowed", text.len()));
-    }
-    Ok(text.into())
+    stop::parse_why(text)
 }
 
 fn parse_short_digest(text: &str) -> Result<String, String> {
@@ -155,15 +152,7 @@ pub(super) fn approve(
     let views = data::open(&context.data)?;
     known_version(&views, &args.version)?;
     let who = passphrase::stored_identity(context, &args.signature.identity)?;
-    let Some(client) = running(context)? else {
-        let text = "held: no engine is running on this store, so nothing waits for an approval";
-        return Err(CliError::from_engine_fault(text)
-            .with_hint(
-                "start one with `holdpoint run`; it requests the approval again, for the stored evidence",
-            )
-            .with_details(ErrorReason::NoAnswer));
-    };
-    let mut executor = VerbExecutor::Running(client);
+    let mut executor = asking_engine(context)?;
     let snapshot = executor.snapshot()?;
     let Some(prompt) = open_request(&snapshot, &args.version) else {
         let text = format!("held: nothing waits for a decision on {}", args.version);
@@ -395,14 +384,25 @@ fn open_request<'a>(snapshot: &'a Snapshot, version: &CapabilityId) -> Option<&'
     snapshot.prompts.iter().find(|prompt| prompt.version == *version)
 }
 
+/// The running engine. Without one, no question to a person is open.
+fn asking_engine(context: &CliContext) -> Result<VerbExecutor, CliError> {
+    running(context)?.map(VerbExecutor::Running).ok_or_else(|| {
+        CliError::from_engine_fault("held: no engine is running on this store, so nothing waits for a person")
+            .with_hint("start one with `holdpoint run`; it asks again, for the stored evidence")
+            .with_details(ErrorReason::NoAnswer)
+    })
+}
+
 /// Asked before an engine opens, so that an unknown name leaves the store unchanged.
 pub(super) fn known_version(views: &Views, version: &CapabilityId) -> Result<(), CliError> {
-    if views.version(version).map_err(CliError::usage)?.is_some() {
-        return Ok(());
-    }
-    let text = format!("there is no version {:?} in the store", version.to_string());
-    let error = CliError::usage(text).with_hint("`holdpoint version list` names all");
-    Err(error.with_details(ErrorReason::NotFound))
+    let known = views.version(version).map_err(CliError::usage)?;
+    known.map(drop).ok_or_else(|| unknown_version(version))
+}
+
+pub(super) fn unknown_version(version: &CapabilityId) -> CliError {
+    CliError::usage(format!("there is no version {:?}", version.to_string()))
+        .with_hint("`holdpoint version list` names all")
+        .with_details(ErrorReason::NotFound)
 }
 
 pub(super) fn known_family(views: &Views, family: &Family) -> Result<(), CliError> {

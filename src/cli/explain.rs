@@ -9,6 +9,7 @@ use std::path::Path;
 use clap::Args;
 
 use super::data;
+use super::decide::unknown_version;
 use crate::cli::context::CliContext;
 use crate::cli::output::CommandOutput;
 use crate::error::{CliError, Exit};
@@ -72,11 +73,11 @@ pub fn run(context: &CliContext, args: &ExplainArgs, out: &mut CommandOutput<'_>
         }
         if args.full || out.is_json() {
             let found = why::explain(&views, id).map_err(CliError::usage)?;
-            let explanation = found.ok_or_else(|| unknown(context, id))?;
+            let explanation = found.ok_or_else(|| unknown_version(id))?;
             out.answer(&explanation, |out| show(&explanation, out))?;
         } else {
             let found = why::summarize(&views, id).map_err(CliError::usage)?;
-            let summary = found.ok_or_else(|| unknown(context, id))?;
+            let summary = found.ok_or_else(|| unknown_version(id))?;
             show_summary(context, summary, out)?;
         }
     }
@@ -84,12 +85,6 @@ pub fn run(context: &CliContext, args: &ExplainArgs, out: &mut CommandOutput<'_>
         out.line(&not_authorized(&why))?;
     }
     Ok(Exit::Confirmed)
-}
-
-fn unknown(context: &CliContext, id: &CapabilityId) -> CliError {
-    CliError::usage(format!("{id} is not in the store {:?}", context.data))
-        .with_hint("see `holdpoint version list`")
-        .with_details(ErrorReason::NotFound)
 }
 
 /// A version by name or by the folder it was submitted from, or the active and the newest version of a family.

@@ -90,7 +90,7 @@ pub struct NoteArgs {
     pub signature: SigningArgs,
 }
 
-fn parse_why(text: &str) -> Result<Untrusted, String> {
+pub(super) fn parse_why(text: &str) -> Result<Untrusted, String> {
     if text.len() > REASON_BYTES_MAX {
         return Err(format!("{} bytes are too many; up to {REASON_BYTES_MAX} are allowed", text.len()));
     }

@@ -7,6 +7,7 @@ use serde_json::{Value, json};
 
 use super::decide::{
     self, ANY_NAME, BreakGlassArgs, DemoteArgs, ProfileBlockArgs, ReleaseArgs, RepeatArgs, VersionArgs,
+    unknown_version,
 };
 use super::output::TextTable;
 use crate::cli::context::CliContext;
@@ -178,11 +179,8 @@ pub fn run(
             Ok(Exit::Confirmed)
         }
         VersionVerb::Show { version } => {
-            let detail = views()?.version(version).map_err(CliError::usage)?.ok_or_else(|| {
-                CliError::usage(format!("there is no version {:?}", version.to_string()))
-                    .with_hint("`holdpoint version list` names all")
-                    .with_details(ErrorReason::NotFound)
-            })?;
+            let detail = views()?.version(version).map_err(CliError::usage)?;
+            let detail = detail.ok_or_else(|| unknown_version(version))?;
             out.answer(&detail_json(&detail), |out| show(&detail, out))?;
             Ok(Exit::Confirmed)
         }

@@ -2,6 +2,7 @@
 
 use std::collections::BTreeSet;
 use std::fs;
+use std::io;
 use std::path::{Path, PathBuf};
 
 use clap::{Args, Subcommand};
@@ -151,9 +152,8 @@ fn new_folder(path: &Path, recorded: &BTreeSet<String>) -> Result<String, CliErr
         // The store refuses an address, with a hint.
         Err(_) if named.contains("://") || named.contains('@') => return Ok(named),
         Err(error) => {
-            return Err(CliError::usage(format!("cannot use {path:?} as a witness: {error}"))
-                .with_hint("name an existing folder, such as the mount of another machine's disk")
-                .with_bad_file(path));
+            return Err(unusable(path, &error)
+                .with_hint("name an existing folder, such as the mount of another machine's disk"));
         }
     };
     if !found.is_dir() {
@@ -191,9 +191,11 @@ fn recorded_folder(path: &Path, recorded: &BTreeSet<String>) -> Result<String, C
 
 /// The path without links and `..`.
 fn resolved(path: &Path) -> Result<String, CliError> {
-    absolute(&fs::canonicalize(path).map_err(|error| {
-        CliError::usage(format!("cannot use {path:?} as a witness: {error}")).with_bad_file(path)
-    })?)
+    absolute(&fs::canonicalize(path).map_err(|error| unusable(path, &error))?)
+}
+
+fn unusable(path: &Path, error: &io::Error) -> CliError {
+    CliError::usage(format!("cannot use {path:?} as a witness: {error}")).with_bad_file(path)
 }
 
 /// The requester according to the system, and the administrator's signature if it is requested or required.

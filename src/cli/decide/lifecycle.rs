@@ -6,12 +6,12 @@
 use clap::Args;
 
 use super::{
-    SigningArgs, StatusSubject, VersionArgs, check_digest, data, identity, known_family, known_version,
-    operation, parse_family, parse_short_digest, parse_subject, passphrase, request_text,
+    SigningArgs, StatusSubject, VersionArgs, asking_engine, check_digest, data, identity, known_family,
+    known_version, operation, parse_family, parse_short_digest, parse_subject, passphrase, request_text,
 };
 use crate::cli::context::CliContext;
 use crate::cli::output::CommandOutput;
-use crate::cli::verb_executor::{VerbExecutor, running};
+use crate::cli::verb_executor::VerbExecutor;
 use crate::error::{CliError, Exit};
 use holdpoint_governance::approval::ApprovalDecision;
 use holdpoint_governance::ids::{CapabilityId, Family};
@@ -19,7 +19,7 @@ use holdpoint_governance::lifecycle::Stage;
 use holdpoint_governance::profile::ProfileName;
 use holdpoint_protocol::command::{Command, Operation};
 use holdpoint_registry::Views;
-use holdpoint_text::{ErrorReason, signing_options};
+use holdpoint_text::signing_options;
 use holdpoint_wording::live::live_lines;
 use holdpoint_wording::program::run as sentences;
 
@@ -250,12 +250,8 @@ pub(in crate::cli) fn go_on(
 ) -> Result<Exit, CliError> {
     known_version(&data::open(&context.data)?, &args.version)?;
     let who = identity(context, &args.signature)?;
-    let Some(client) = running(context)? else {
-        let text = "held: no engine is running on this store, so there is no escalation to answer";
-        return Err(CliError::from_engine_fault(text).with_details(ErrorReason::NoAnswer));
-    };
     let command = Command::Continue(operation(&args.version, &args.signature));
-    VerbExecutor::Running(client).execute_as(context, &who, command, out)
+    asking_engine(context)?.execute_as(context, &who, command, out)
 }
 
 /// A signed act on one version that the store's engine carries out, running or not.
@@ -279,12 +275,7 @@ pub(in crate::cli) fn break_glass(
 ) -> Result<Exit, CliError> {
     known_version(&data::open(&context.data)?, &args.version)?;
     let who = passphrase::stored_identity(context, &args.signature.identity)?;
-    let Some(client) = running(context)? else {
-        let text = "held: no engine is running on this store, so no version waits for break-glass";
-        let error = CliError::from_engine_fault(text).with_hint("start one with `holdpoint run`");
-        return Err(error.with_details(ErrorReason::NoAnswer));
-    };
-    let mut executor = VerbExecutor::Running(client);
+    let mut executor = asking_engine(context)?;
     let snapshot = executor.snapshot()?;
     let Some(request) = snapshot.emergencies.iter().find(|request| request.version == args.version) else {
         let text = format!("held: break-glass does not apply to {} now", args.version);
