@@ -211,6 +211,34 @@ impl Checkpoint {
         })
     }
 
+    /// Whether this store made it, and this key signed it. Without a key, the signature is not checked.
+    ///
+    /// # Errors
+    /// The problem.
+    pub fn check_origin(&self, store_id: &str, key: Option<&VerifyingKey>) -> Result<(), String> {
+        if self.store_id != store_id {
+            return Err(format!("it belongs to the store {:?}", self.store_id));
+        }
+        if key.is_some_and(|key| !self.is_signed_by(key)) {
+            return Err("its signature does not match the public key".to_owned());
+        }
+        Ok(())
+    }
+
+    /// Whether its tree head and its wall time, if it has them, are those of its record.
+    ///
+    /// # Errors
+    /// The problem.
+    pub fn check_record(&self, root: Option<Digest>, wall_ms: Option<i64>) -> Result<(), String> {
+        if self.root.is_some() && self.root != root {
+            return Err("its tree head is not the one of these records".to_owned());
+        }
+        if self.wall_ms.is_some() && self.wall_ms != wall_ms {
+            return Err("its wall time is not the one of its record".to_owned());
+        }
+        Ok(())
+    }
+
     /// Writes it beside the others and removes the oldest beyond the limit.
     ///
     /// # Errors

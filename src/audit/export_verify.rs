@@ -242,23 +242,12 @@ impl ExportedChain {
     }
 
     fn check_head(&self, checkpoint: &Checkpoint, store_id: &str, key: &VerifyingKey) -> Result<(), String> {
-        if checkpoint.store_id != store_id {
-            return Err(format!("it belongs to the store {:?}", checkpoint.store_id));
-        }
-        if !checkpoint.is_signed_by(key) {
-            return Err("its signature does not match the public key".to_owned());
-        }
+        checkpoint.check_origin(store_id, Some(key))?;
         match self.seen.get(&checkpoint.seq) {
             Some((hash, ..)) if *hash != checkpoint.head => {
                 Err("its record is another one: history was rewritten".to_owned())
             }
-            Some((_, root, _)) if checkpoint.root.is_some_and(|signed| signed != *root) => {
-                Err("its tree head is not the one of these records".to_owned())
-            }
-            Some((_, _, wall_ms)) if checkpoint.wall_ms.is_some_and(|signed| signed != *wall_ms) => {
-                Err("its wall time is not the one of its record".to_owned())
-            }
-            Some(_) => Ok(()),
+            Some((_, root, wall_ms)) => checkpoint.check_record(Some(*root), Some(*wall_ms)),
             None if checkpoint.seq == 0 => Ok(()),
             None => Err(format!("its record {} is missing", checkpoint.seq)),
         }

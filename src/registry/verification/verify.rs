@@ -213,22 +213,12 @@ fn check_checkpoints(
     let mut good = 0;
     for StoredCheckpoint { file, checkpoint } in kept {
         let bad = |problem: String| HistoryError::Checkpoint { file: file.clone(), problem };
-        if checkpoint.store_id != store_id {
-            return Err(bad(format!("it belongs to the store {:?}", checkpoint.store_id)));
-        }
-        if public_key.is_some_and(|key| !checkpoint.is_signed_by(key)) {
-            return Err(bad("its signature does not match the public key".to_owned()));
-        }
+        checkpoint.check_origin(store_id, public_key).map_err(bad)?;
         match fold.hash(checkpoint.seq) {
             Some(hash) if hash == checkpoint.head => {
-                if checkpoint.root.is_some() && checkpoint.root != fold.root(checkpoint.seq) {
-                    return Err(bad("its tree head is not the one of these records".to_owned()));
-                }
-                let found_ms = audit::wall_ms_of(connection, checkpoint.seq);
-                let found_ms = found_ms.map_err(|error| bad(error.to_string()))?;
-                if checkpoint.wall_ms.is_some_and(|signed_ms| Some(signed_ms) != found_ms) {
-                    return Err(bad("its wall time is not the one of its record".to_owned()));
-                }
+                let wall_ms = audit::wall_ms_of(connection, checkpoint.seq);
+                let wall_ms = wall_ms.map_err(|error| bad(error.to_string()))?;
+                checkpoint.check_record(fold.root(checkpoint.seq), wall_ms).map_err(bad)?;
                 good += 1;
             }
             Some(_) => {
