@@ -116,12 +116,14 @@ impl Hint for EngineFault {
 
 #[cfg(test)]
 mod tests {
+    use holdpoint_store::ApprovalFault;
+
     use super::*;
 
     /// The text for an approval that cannot be written: the fault is the store's, not the approver's.
     #[test]
     fn only_an_approval_at_fault_is_not_allowed() {
-        let approval = StoreError::Approval { nonce: "7".to_owned(), problem: "used".to_owned() };
+        let approval = StoreError::Approval { nonce: "7".to_owned(), problem: ApprovalFault::Used };
         assert_eq!(EngineFault::Store(approval).refusal(), Some(Refusal::NotAllowed));
         assert_eq!(
             EngineFault::Store(StoreError::DiskFull { what: "write" }).refusal(),

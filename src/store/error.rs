@@ -3,6 +3,7 @@
 use std::borrow::Cow;
 use std::path::{Path, PathBuf};
 
+use crate::approval_check::ApprovalFault;
 use crate::store_terms::FIRST_ADMINISTRATOR;
 use holdpoint_approvals::keyfile::KeyError;
 use holdpoint_audit::files::FileError;
@@ -186,7 +187,7 @@ pub enum StoreError {
     },
     /// An approval that cannot be used.
     #[error("the approval {nonce} cannot be used: {problem}")]
-    Approval { nonce: String, problem: String },
+    Approval { nonce: String, problem: ApprovalFault },
     /// An act about a person that is invalid.
     #[error("{name:?} is neither enrolled nor revoked: {problem}")]
     Person { name: String, problem: String },
@@ -318,7 +319,9 @@ impl Hint for StoreError {
                         .into(),
                 )
             }),
-            Self::Approval { .. } => Some("restore it from a backup; without one it is lost".into()),
+            Self::Approval { problem: ApprovalFault::Damaged(_), .. } => {
+                Some("restore it from a backup; without one it is lost".into())
+            }
             Self::Unknown => Some("restart and retry it".into()),
             Self::Disturbed => {
                 Some("find the program that writes there, run `holdpoint audit verify`, and start again".into())
@@ -348,6 +351,7 @@ impl Hint for StoreError {
             | Self::RowTooLong { .. }
             | Self::NotFound { .. }
             | Self::Exists { .. }
+            | Self::Approval { .. }
             | Self::Person { .. }
             | Self::CommandReused(_)
             | Self::Invariant(_)

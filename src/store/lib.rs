@@ -21,7 +21,7 @@ mod verify_error;
 mod verify_report;
 mod views;
 
-pub use approval_check::verify_approval;
+pub use approval_check::{ApprovalFault, verify_approval};
 pub use change::{
     AUDIT_MAX, ActiveCause, ApprovalRequest, AuditBody, BLOCK_BATCHES_MAX, BODY_BYTES_MAX, BatchReceipt,
     CHANGES_MAX, Change, GAPS_MAX, NOTICE_BYTES_MAX, NewVersion, QUARANTINED_MAX, QuarantinedFile, Receipt,

@@ -9,7 +9,7 @@ use holdpoint_governance::approval::ApprovalDecision;
 use holdpoint_governance::ids::{CapabilityId, Digest, canonical_json};
 use holdpoint_governance::record::RecordKind;
 use holdpoint_governance::wall_time::WallTime;
-use holdpoint_store::{ApprovalRequest, StoreError, verify_approval};
+use holdpoint_store::{ApprovalFault, ApprovalRequest, StoreError, verify_approval};
 
 impl Applier<'_> {
     pub(crate) fn put_request(&mut self, request: &ApprovalRequest) -> Result<ChangeEffect, StoreError> {
@@ -49,17 +49,17 @@ impl Applier<'_> {
     pub(crate) fn put_approval(&mut self, signed: &SignedApproval) -> Result<ChangeEffect, StoreError> {
         let approval = signed.approval();
         let nonce = approval.nonce.to_string();
-        let refuse = |problem: String| StoreError::Approval { nonce: nonce.clone(), problem };
-        verify_approval(signed, &self.persons()?).map_err(&refuse)?;
+        let refuse = |problem: ApprovalFault| StoreError::Approval { nonce: nonce.clone(), problem };
+        verify_approval(signed, &self.persons()?).map_err(refuse)?;
         if approval.store_id != self.place.store_id {
-            return Err(refuse(format!("it was made for the store {:?}", approval.store_id)));
+            return Err(refuse(ApprovalFault::OtherStore(approval.store_id.clone())));
         }
         match &approval.shown {
             Some(shown) if shown.store_key != self.place.store_key => {
-                return Err(refuse("it was made for a store with another key".to_owned()));
+                return Err(refuse(ApprovalFault::OtherStoreKey));
             }
             None if approval.decision == ApprovalDecision::Approve => {
-                return Err(refuse("it is signed over nothing that was shown".to_owned()));
+                return Err(refuse(ApprovalFault::NothingShown));
             }
             Some(_) | None => {}
         }
@@ -70,9 +70,10 @@ impl Applier<'_> {
             .find("find an approval", "SELECT 1 FROM approval WHERE nonce = ?1", [&nonce], |_| Ok(()))?
             .is_some()
         {
-            return Err(refuse("its nonce was seen before".to_owned()));
+            return Err(refuse(ApprovalFault::Repeated));
         }
-        let text = canonical_json(signed).map_err(|error| refuse(error.to_string()))?;
+        let text =
+            canonical_json(signed).map_err(|error| refuse(ApprovalFault::Damaged(error.to_string())))?;
         let recorded = RecordedApproval::of(approval);
         self.write_approval(&approval.version, &recorded, approval.claim_digest(), &text)
     }
@@ -111,8 +112,7 @@ impl Applier<'_> {
         evidence_digest: Digest,
         at: Option<WallTime>,
     ) -> Result<ChangeEffect, StoreError> {
-        let refuse =
-            |problem: &str| StoreError::Approval { nonce: nonce.to_owned(), problem: problem.to_owned() };
+        let refuse = |problem: ApprovalFault| StoreError::Approval { nonce: nonce.to_owned(), problem };
         let (text, seq, consumed): (String, u64, Option<u64>) = self
             .find(
                 "find an approval",
@@ -122,7 +122,7 @@ impl Applier<'_> {
             )?
             .ok_or_else(|| StoreError::NotFound { what: "approval", name: nonce.to_owned() })?;
         let signed: SignedApproval =
-            serde_json::from_str(&text).map_err(|error| refuse(&format!("it is damaged: {error}")))?;
+            serde_json::from_str(&text).map_err(|error| refuse(ApprovalFault::Damaged(error.to_string())))?;
         let approval = signed.approval();
         let name = approval.version.to_string();
         let (_, row_version) = self.version(&approval.version)?;
@@ -138,23 +138,23 @@ impl Applier<'_> {
             .ok_or_else(|| StoreError::NotFound { what: "version", name: name.clone() })?;
         // The first problem that applies is reported, from the plainest to the subtlest.
         let problem = if consumed.is_some() {
-            Some("it was used already")
+            Some(ApprovalFault::Used)
         } else if approval.decision != ApprovalDecision::Approve {
-            Some("it is a refusal")
+            Some(ApprovalFault::Refusal)
         } else if approval.shown.is_none() {
-            Some("it was signed by an earlier version, over nothing that was shown")
+            Some(ApprovalFault::NothingShown)
         } else if at.is_none_or(|at| at >= approval.not_after()) {
-            Some("it has expired")
+            Some(ApprovalFault::Expired)
         } else if approval.row_version != self.row_version_before(&name, row_version) {
-            Some("the version has changed since")
+            Some(ApprovalFault::VersionChanged)
         } else if approval.candidate_digest.to_string() != candidate_digest {
-            Some("it is for another candidate")
+            Some(ApprovalFault::OtherCandidate)
         } else if approval.evidence_digest != evidence_digest {
-            Some("the evidence has changed since")
+            Some(ApprovalFault::EvidenceChanged)
         } else if approval.profile != profile || approval.policy_digest.to_string() != policy_digest {
-            Some("profile or policy have changed since")
+            Some(ApprovalFault::RulesChanged)
         } else if seq <= void_seq || seq <= context_seq {
-            Some("it was voided by a change of the family's active version, profile, policy or thresholds")
+            Some(ApprovalFault::Voided)
         } else {
             None
         };
@@ -162,7 +162,7 @@ impl Applier<'_> {
             return Err(refuse(problem));
         }
         // The row was on disk since: an editor of the file has no key of an enrolled person.
-        verify_approval(&signed, &self.persons()?).map_err(|problem| refuse(&problem))?;
+        verify_approval(&signed, &self.persons()?).map_err(refuse)?;
         self.write_consumed(nonce)?;
         crate::fp!("approval-consumed");
         let touched = ChangeEffect::new(RecordKind::ApprovalConsumed, &approval.version);
@@ -179,10 +179,7 @@ impl Applier<'_> {
         )
         .and_then(|changed| match changed {
             1 => Ok(()),
-            _ => Err(StoreError::Approval {
-                nonce: nonce.to_owned(),
-                problem: "it was used already".to_owned(),
-            }),
+            _ => Err(StoreError::Approval { nonce: nonce.to_owned(), problem: ApprovalFault::Used }),
         })
     }
 }

@@ -18,7 +18,7 @@ use holdpoint_approvals::SignedApproval;
 use holdpoint_audit::recorded_approval::RecordedApproval;
 use holdpoint_governance::ids::{CapabilityId, Digest, canonical_json};
 use holdpoint_governance::record::{AuditRecord, RecordKind};
-use holdpoint_store::{Change, StoreError};
+use holdpoint_store::{ApprovalFault, Change, StoreError};
 
 /// The text of an approval, also where its row is under another key.
 const SIGNED: &str = "SELECT signed FROM approval WHERE nonce = ?1
@@ -198,7 +198,10 @@ fn put_approval(
     recorded: &RecordedApproval,
 ) -> Result<Vec<RowName>, StoreError> {
     let nonce = recorded.nonce.as_str();
-    let unreadable = |problem: String| StoreError::Approval { nonce: nonce.to_owned(), problem };
+    let unreadable = |problem: String| StoreError::Approval {
+        nonce: nonce.to_owned(),
+        problem: ApprovalFault::Damaged(problem),
+    };
     let version: CapabilityId = subject
         .parse()
         .map_err(|error: holdpoint_governance::ids::CapabilityIdError| unreadable(error.to_string()))?;
