@@ -217,19 +217,21 @@ mod tests {
         assert_eq!(write(b"under the oak\n", 0o400).unwrap(), plain);
         assert_eq!(format!("{plain:?}"), "Passphrase(..)");
         let long = vec![b'a'; PASSPHRASE_BYTES_MAX + 1];
-        let cases: [(&[u8], u32, &str); 7] = [
-            (b"under the oak", 0o640, "0640"),
-            (b"under the oak", 0o604, "0604"),
-            (b"", 0o600, "empty"),
-            (b"\n", 0o600, "empty"),
-            (b"two\nlines\n", 0o600, "control"),
-            (b"\xff\xfe", 0o600, "control"),
-            (&long, 0o600, "more than 1024"),
+        for mode in [0o640, 0o604] {
+            let error = write(b"under the oak", mode).unwrap_err();
+            let is_due = matches!(error, PassphraseError::Permissions { mode: found, .. } if found == mode);
+            assert!(is_due && !error.to_string().contains("oak"), "{error}");
+        }
+        let cases: [(&[u8], PassphraseCause); 5] = [
+            (b"", PassphraseCause::Empty),
+            (b"\n", PassphraseCause::Empty),
+            (b"two\nlines\n", PassphraseCause::NotALine),
+            (b"\xff\xfe", PassphraseCause::NotALine),
+            (&long, PassphraseCause::TooLong),
         ];
-        for (text, mode, message) in cases {
-            let error = write(text, mode).unwrap_err().to_string();
-            assert!(error.contains(message), "{error}");
-            assert!(!error.contains("oak"), "{error}");
+        for (text, cause) in cases {
+            let details = write(text, 0o600).unwrap_err().details();
+            assert_eq!(details.and_then(|details| details.cause), Some(cause.name()));
         }
     }
 
