@@ -3,6 +3,7 @@
 use std::fmt::Display;
 
 use super::counted;
+use super::recordings::{NO_RECORD, missing};
 use crate::counted;
 use holdpoint_governance::store_finding::OmissionCause;
 
@@ -24,14 +25,12 @@ pub fn copied_recordings(recordings: usize) -> String {
 pub fn left_out(bad: bool, file: impl Display, why: OmissionCause) -> String {
     let label = if bad { "LEFT OUT" } else { "left out" };
     let why = match why {
-        OmissionCause::NotOnRecord => {
-            "it is not on record: its upgrade is not closed, or it belongs to another store"
-        }
-        OmissionCause::NoFileName => "its name on record is not a file name",
-        OmissionCause::Missing => "it is missing: it was recorded at closure, and no removal is on record",
-        OmissionCause::Unreadable => "it is a link, no file, or cannot be read",
-        OmissionCause::OtherSize => "it has another size than was recorded at closure",
-        OmissionCause::OtherDigest => "it has another SHA-256 than was recorded at closure",
+        OmissionCause::NotOnRecord => NO_RECORD.to_owned(),
+        OmissionCause::NoFileName => "its name on record is not a file name".to_owned(),
+        OmissionCause::Missing => missing(None),
+        OmissionCause::Unreadable => "it is a link, no file, or cannot be read".to_owned(),
+        OmissionCause::OtherSize => "it has another size than was recorded at closure".to_owned(),
+        OmissionCause::OtherDigest => "it has another SHA-256 than was recorded at closure".to_owned(),
     };
     format!("{label}  {file}: {why}")
 }

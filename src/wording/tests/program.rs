@@ -1,18 +1,27 @@
 //! What the programs print: counts, lists that may be empty, and the cases that say how far a statement goes.
 
-use holdpoint_governance::ids::CapabilityId;
-use holdpoint_governance::store_finding::StoreFinding;
-use holdpoint_governance::wall_time::WallTime;
-use holdpoint_protocol::snapshot::RequestKind;
+use std::collections::BTreeSet;
 
 use crate::counted;
+use crate::film::{recorded_part, title};
 use crate::program::audit::{checkpoints, sound};
 use crate::program::candidate::{CheckSummary, check_summary, static_verdict};
 use crate::program::engine::{RecordingContradiction, recording_contradiction};
 use crate::program::metrics::{covered, omitted_batches};
 use crate::program::recordings::{checked, checked_all, missing};
+use crate::program::replay::rerun_totals;
+use crate::program::run::{startup_progress, verifying};
 use crate::program::status::{ApprovalLine, ApprovalProgress, approval_request, provisional};
+use crate::program::store::left_out;
 use crate::program::store_check::{checked as checked_store, store_finding};
+use holdpoint_governance::evidence::DrillKind;
+use holdpoint_governance::ids::CapabilityId;
+use holdpoint_governance::phase::WorkPhase;
+use holdpoint_governance::store_finding::{OmissionCause, StoreFinding};
+use holdpoint_governance::wall_time::WallTime;
+use holdpoint_protocol::film::Film;
+use holdpoint_protocol::snapshot::{RequestKind, StartupProgressView};
+use serde_json::json;
 
 #[test]
 fn one_thing_has_no_plural() {
@@ -109,6 +118,54 @@ fn a_recording_has_its_mark_and_what_differs() {
         recording_contradiction(surplus, "grasp@1.1.0"),
         "1 upgrade of grasp@1.1.0 ended as confirmed, with 1 recording on record"
     );
+}
+
+#[test]
+fn a_copy_names_what_it_leaves_out() {
+    let loud = OmissionCause::ALL.map(|cause| left_out(true, "a.rrd", cause));
+    assert!(loud.iter().all(|line| line.starts_with("LEFT OUT  a.rrd: ")), "{loud:?}");
+    assert_eq!(BTreeSet::from(loud).len(), OmissionCause::ALL.len(), "each cause has its own sentence");
+    assert!(left_out(false, "a.rrd", OmissionCause::NotOnRecord).starts_with("left out  a.rrd: "));
+}
+
+#[test]
+fn a_rerun_counts_its_decisions_and_names_the_causes() {
+    assert_eq!(
+        rerun_totals(9, [3, 1, 0], &[], 2),
+        "decisions up to record 9: 3 same, 1 different, 0 not possible; evaluations run again: 2"
+    );
+    assert!(
+        rerun_totals(9, [3, 0, 2], &["2 other-cell".to_owned()], 0)
+            .contains("2 not possible (2 other-cell); ")
+    );
+}
+
+#[test]
+fn a_starting_engine_tells_its_progress_if_it_is_known() {
+    let reading = StartupProgressView { read: 3, of: 9 };
+    assert_eq!(startup_progress(Some(reading)), "not verified yet: 3 of 9 records read");
+    assert_eq!(startup_progress(None), "");
+    assert!(verifying(Some(reading)).ends_with(&startup_progress(Some(reading))));
+}
+
+#[test]
+fn a_film_is_named_by_its_place_among_those_on_record() {
+    let envelope = json!({ "speed_m_s": 0.5, "force_n": 20.0, "contact_n": 10.0 });
+    let run = |version: &str| {
+        json!({ "version": version, "envelope": envelope, "ended": "", "as_recorded": null, "blocks": [],
+            "marks": [], "frames": [] })
+    };
+    let mut film: Film = serde_json::from_value(json!({
+        "of": "episode", "number": 3, "count": 9, "task": "grasp", "seed": 7, "why": "", "doubts": [],
+        "scenery": { "workspace": null, "keep_outs": [], "fixtures": [] },
+        "candidate": run("grasp@1.1.0"), "active": run("grasp@1.0.0"),
+    }))
+    .unwrap();
+    assert_eq!(title(&film), "episode 3 of 9, seed 7");
+    (film.drill, film.phase, film.beyond) = (Some(DrillKind::Abort), Some(WorkPhase::Lifting), 4);
+    assert_eq!(title(&film), "abort drill in lifting, failed one 3 of the first 9, 4 more failed, seed 7");
+    let part = |why: &str| recorded_part("episode 3 of 9", why);
+    assert_eq!(part("it fails"), format!("{}: it fails", part("")));
 }
 
 #[test]
