@@ -28,6 +28,7 @@ use holdpoint_governance::ids::{CapabilityId, Family, is_name};
 use holdpoint_protocol::command::{Command, Operation, Refusal, Reply};
 use holdpoint_protocol::snapshot::{ApprovalRequestView, RequestKind, Snapshot};
 use holdpoint_registry::Views;
+use holdpoint_store::FamilyStatus;
 use holdpoint_text::{ErrorReason, Untrusted, is_visible, signing_options};
 use holdpoint_wording::live::live_lines;
 
@@ -405,13 +406,12 @@ pub(super) fn unknown_version(version: &CapabilityId) -> CliError {
         .with_details(ErrorReason::NotFound)
 }
 
-pub(super) fn known_family(views: &Views, family: &Family) -> Result<(), CliError> {
+pub(super) fn known_family(views: &Views, family: &Family) -> Result<FamilyStatus, CliError> {
     let families = views.families().map_err(CliError::usage)?;
-    if families.iter().any(|known| known.name == family.as_str()) {
-        return Ok(());
-    }
-    let names: Vec<&str> = families.iter().map(|known| known.name.as_str()).collect();
-    let text = format!("there is no family {:?}; there are {}", family.as_str(), names.join(", "));
-    let error = CliError::usage(text).with_hint("`holdpoint version list` names all versions");
-    Err(error.with_details(ErrorReason::NotFound))
+    let names: Vec<String> = families.iter().map(|known| known.name.clone()).collect();
+    families.into_iter().find(|known| known.name == family.as_str()).ok_or_else(|| {
+        CliError::usage(format!("there is no family {:?}; there are {}", family.as_str(), names.join(", ")))
+            .with_hint("`holdpoint version list` names all versions")
+            .with_details(ErrorReason::NotFound)
+    })
 }

@@ -157,7 +157,7 @@ pub(super) fn run(
     };
     match &args.subject {
         None => {}
-        Some(StatusSubject::Family(family)) => known_family(&views, family)?,
+        Some(StatusSubject::Family(family)) => known_family(&views, family).map(drop)?,
         Some(StatusSubject::Version(version)) => known_version(&views, version)?,
     }
     let mut source = ReportSource {

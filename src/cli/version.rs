@@ -7,7 +7,7 @@ use serde_json::{Value, json};
 
 use super::decide::{
     self, ANY_NAME, BreakGlassArgs, DemoteArgs, ProfileBlockArgs, ReleaseArgs, RepeatArgs, VersionArgs,
-    unknown_version,
+    known_family, unknown_version,
 };
 use super::output::TextTable;
 use crate::cli::context::CliContext;
@@ -19,7 +19,6 @@ use holdpoint_protocol::command::Command;
 use holdpoint_record::version_table::chosen_anchors;
 use holdpoint_registry::Views;
 use holdpoint_store::{VersionDetail, VersionFilter};
-use holdpoint_text::ErrorReason;
 use holdpoint_wording::program::version as sentences;
 
 /// The most versions `list` prints.
@@ -276,13 +275,7 @@ fn show(detail: &VersionDetail, out: &mut CommandOutput<'_>) -> Result<(), CliEr
 
 /// Every version of the family that was ever active, with each move of the pointer, oldest first.
 fn history(views: &Views, family: &Family, out: &mut CommandOutput<'_>) -> Result<(), CliError> {
-    let status =
-        views.families().map_err(CliError::usage)?.into_iter().find(|status| status.name == family.as_str());
-    let Some(status) = status else {
-        return Err(CliError::usage(format!("there is no family {:?}", family.as_str()))
-            .with_hint("`holdpoint version list` names all")
-            .with_details(ErrorReason::NotFound));
-    };
+    let status = known_family(views, family)?;
     let filter = VersionFilter { family: Some(family.to_string()), ..VersionFilter::default() };
     let (versions, _) = views.versions(&filter).map_err(CliError::usage)?;
     let mut moves = std::collections::BTreeMap::new();

@@ -173,11 +173,8 @@ fn version_to_demote<'a>(views: &Views, args: &'a DemoteArgs) -> Result<&'a Capa
         StatusSubject::Version(version) => return Ok(version),
         StatusSubject::Family(family) => family,
     };
-    known_family(views, family)?;
+    let active = known_family(views, family)?.active;
     let signature = signing_options(&args.signature.identity, args.signature.reason.raw());
-    let families = views.families().map_err(CliError::usage)?;
-    let active =
-        families.into_iter().find(|known| known.name == family.as_str()).and_then(|known| known.active);
     let text = format!("demote takes a version, and {family} is a family; `rollback` takes a family");
     let hint = match active {
         Some(active) => {
