@@ -5,9 +5,9 @@ use std::path::Path;
 use std::sync::Arc;
 
 use holdpoint_body::disturbance::Drift;
-use holdpoint_body::{RATE_HZ, TaskKind};
+use holdpoint_body::{ObjectName, RATE_HZ, TaskKind};
 use holdpoint_cell::film::EpisodeFrame;
-use holdpoint_cell::spec::{Abilities, CellSpec, PartShape, PlacedShape, RobotSpec, Workpiece};
+use holdpoint_cell::spec::{Abilities, CellObject, CellSpec, ObjectKind, PartShape, PlacedShape, RobotSpec};
 use holdpoint_cell::truth::{ContactPoint, TrueState};
 use holdpoint_cell::{
     CellCopy, CellError, CellFactory, CellSource, Distribution, EpisodeSetup, FixtureBox, InjectedFault,
@@ -26,6 +26,21 @@ pub const BUILD: &str = env!("HOLDPOINT_SIM_BUILD");
 
 /// The robot that a cell has if none is named.
 const DEFAULT_ROBOT: &str = "arm7";
+
+/// The cube and the tray, under the names that the tasks have for them.
+fn objects(scene: &Scene) -> Vec<CellObject> {
+    let edge = scene.object.half_m;
+    let outside = edge + scene.tray.clearance_m + scene.tray.wall_m;
+    let declared = TaskKind::SEQUENCE[0].declaration();
+    [
+        (declared.object, ObjectKind::Workpiece, [edge; 3]),
+        (declared.target, ObjectKind::Place, [outside, outside, 0.5 * scene.tray.wall_top_m]),
+    ]
+    .into_iter()
+    // A declared name is short enough: a test of the tasks holds them to it.
+    .filter_map(|(name, kind, half_m)| Some(CellObject { name: ObjectName::from(name).ok()?, kind, half_m }))
+    .collect()
+}
 
 /// What the simulated cell of a robot and a scene is.
 pub(crate) fn cell_spec(robot: &RobotModel, scene: &Arc<Scene>) -> CellSpec {
@@ -46,7 +61,7 @@ pub(crate) fn cell_spec(robot: &RobotModel, scene: &Arc<Scene>) -> CellSpec {
             width_max_m: robot.gripper.width_max_m(),
         },
         zones: scene.zones.clone().into(),
-        workpieces: vec![Workpiece { name: "object".to_owned(), half_m: [scene.object.half_m; 3] }],
+        objects: objects(scene),
         tasks: TaskKind::SEQUENCE.to_vec(),
         rate_hz: RATE_HZ,
         camera_hz: CAMERA_HZ,

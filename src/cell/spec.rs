@@ -1,10 +1,13 @@
-//! What a cell is and what it can do: geometry, zones, workpieces, tasks, sensors and abilities, as plain data.
+//! What a cell is and what it can do: geometry, zones, named objects, tasks, sensors and abilities, as plain data.
 
 use std::sync::Arc;
 
 use holdpoint_body::chain::Transform;
 use holdpoint_body::task::{SEQUENCE_ALLOWED, is_sequence};
-use holdpoint_body::{Geometry, JointVec, MAX_JOINTS, RATE_HZ, Shape, TaskKind, Zone};
+use holdpoint_body::{
+    Geometry, JointVec, MAX_JOINTS, MAX_OBJECTS, OBJECT_NAME_BYTES_MAX, ObjectName, RATE_HZ, Shape, TaskKind,
+    Zone,
+};
 use nalgebra::Isometry3;
 use serde::{Deserialize, Serialize};
 use sha2::{Digest as _, Sha256};
@@ -52,11 +55,34 @@ pub struct RobotSpec {
     pub width_max_m: f64,
 }
 
-/// Something that is handled in the cell.
+/// What a task does with a named object.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum ObjectKind {
+    /// It works on it.
+    Workpiece,
+    /// It brings a workpiece to it.
+    Place,
+}
+
+impl ObjectKind {
+    /// The name in texts.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Workpiece => "workpiece",
+            Self::Place => "place",
+        }
+    }
+}
+
+/// An object that the observations of a cell can name.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Workpiece {
-    /// Name.
-    pub name: String,
+pub struct CellObject {
+    /// Its name there.
+    pub name: ObjectName,
+    /// What a task does with it.
+    pub kind: ObjectKind,
     /// Half extents, m.
     pub half_m: [f64; 3],
 }
@@ -83,8 +109,8 @@ pub struct CellSpec {
     pub scene: Arc<Scene>,
     /// The zones of the scene, first match wins.
     pub zones: Arc<[Zone]>,
-    /// What is handled.
-    pub workpieces: Vec<Workpiece>,
+    /// The objects that its observations can name.
+    pub objects: Vec<CellObject>,
     /// The tasks that the cell presents, in their order: the sequence that live cell, agent and trials run. Each task once;
     /// each starts with the hand as the one before leaves it.
     pub tasks: Vec<TaskKind>,
@@ -158,7 +184,43 @@ impl CellSpec {
         if self.zones.iter().ne(&self.scene.zones) {
             return refuse("zones", "they must be those of the scene".to_owned());
         }
+        if let Some(problem) = self.object_problem() {
+            return refuse("objects", problem);
+        }
         self.scene.check(file)
+    }
+
+    /// What is wrong with the objects: their number, a name or a size, or a task lacks one.
+    fn object_problem(&self) -> Option<String> {
+        if self.objects.len() > MAX_OBJECTS {
+            return Some(format!("\"{}\" objects; at most {MAX_OBJECTS} are allowed", self.objects.len()));
+        }
+        for (place, CellObject { name, half_m, .. }) in self.objects.iter().enumerate() {
+            if name.is_empty() || self.objects.iter().take(place).any(|before| before.name == *name) {
+                return Some(format!(
+                    "\"{name}\" must have 1 to {OBJECT_NAME_BYTES_MAX} bytes and occur once"
+                ));
+            }
+            if !half_m.iter().all(|half| half.is_finite() && *half > 0.0) {
+                return Some(format!(
+                    "half_m \"{half_m:?}\" of {name}: every value must be finite and above 0"
+                ));
+            }
+        }
+        let has = |name: &str, kind: ObjectKind| self.object(name).is_some_and(|object| object.kind == kind);
+        self.tasks.iter().find_map(|task| {
+            let declared = task.declaration();
+            [(declared.object, ObjectKind::Workpiece), (declared.target, ObjectKind::Place)]
+                .into_iter()
+                .find(|(name, kind)| !has(name, *kind))
+                .map(|(name, kind)| format!("the task \"{task}\" needs the {} \"{name}\"", kind.name()))
+        })
+    }
+
+    /// The object of this name.
+    #[must_use]
+    pub fn object(&self, name: &str) -> Option<&CellObject> {
+        self.objects.iter().find(|object| object.name.as_str() == name)
     }
 
     /// The first task of the sequence. A description that passed its check has one.

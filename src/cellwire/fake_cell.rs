@@ -10,11 +10,11 @@ use holdpoint_body::chain::{Chain, JointSpec, Transform};
 use holdpoint_body::clearance::ClearanceModel;
 use holdpoint_body::disturbance::Drift;
 use holdpoint_body::{
-    Body, BodyError, Command, Contacts, Estimate, Geometry, GuardVerdict, Interrupt, JointVec, Observation,
-    Pose, RATE_HZ, Shape, TICK_SECS, TaskKind, Telemetry, Twist,
+    Body, BodyError, Command, Contacts, Estimate, Geometry, GuardVerdict, Interrupt, JointVec, ObjectName,
+    Observation, Pose, RATE_HZ, Shape, TICK_SECS, TaskKind, Telemetry, Twist,
 };
 use holdpoint_cell::film::EpisodeFrame;
-use holdpoint_cell::spec::{Abilities, PartShape, PlacedShape, RobotSpec, Workpiece};
+use holdpoint_cell::spec::{Abilities, CellObject, ObjectKind, PartShape, PlacedShape, RobotSpec};
 use holdpoint_cell::truth::{ContactForces, ContactPoint, JointState, TrueState};
 use holdpoint_cell::{
     CellCopy, CellError, CellFactory, CellSpec, Distribution, EpisodeSetup, FixtureBox, InjectedFault,
@@ -48,6 +48,8 @@ pub(crate) enum Quirk {
     IgnoresStop,
     /// The tool is elsewhere than the joints say.
     MovesTool,
+    /// An object has a name that the description does not have.
+    NamesOthers,
 }
 
 pub(crate) struct FakeFactory {
@@ -109,6 +111,8 @@ fn spec() -> CellSpec {
     let home: JointVec = [0.1, -0.2].into_iter().collect();
     let covers = ClearanceModel::new(&chain, shapes, &home);
     let scene = Scene::from_toml("cell.toml", include_str!("../../sim/scenes/cell.toml")).unwrap();
+    let object =
+        |name: &str, kind| CellObject { name: ObjectName::from(name).unwrap(), kind, half_m: [0.025; 3] };
     CellSpec {
         robot: RobotSpec {
             name: "fake".to_owned(),
@@ -124,7 +128,7 @@ fn spec() -> CellSpec {
             width_max_m: 0.08,
         },
         zones: scene.zones.clone().into(),
-        workpieces: vec![Workpiece { name: "object".to_owned(), half_m: [0.025; 3] }],
+        objects: vec![object("object", ObjectKind::Workpiece), object("tray", ObjectKind::Place)],
         tasks: TaskKind::SEQUENCE.to_vec(),
         rate_hz: RATE_HZ,
         camera_hz: 30,
@@ -233,6 +237,10 @@ impl Body for FakeCell {
         self.state.guard = last;
         let s = &self.state;
         let seen = Estimate { pose: Pose::IDENTITY, age_ticks: 3, sequence: 1 };
+        let mut objects = s.task.seen_objects(Some(seen), None);
+        if self.quirk == Quirk::NamesOthers {
+            objects.iter_mut().for_each(|object| object.name.push('2'));
+        }
         Observation {
             tick: s.tick - s.task_start,
             q: self.told(&s.q),
@@ -243,7 +251,7 @@ impl Body for FakeCell {
             gripper_width_m: 0.04,
             gripper_force_n: 0.0,
             wrist_force_n: -0.0,
-            objects: s.task.seen_objects(Some(seen), None),
+            objects,
             tool_available: true,
             goal: s.task,
             guard: s.guard,

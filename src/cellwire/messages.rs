@@ -378,6 +378,13 @@ impl CellState {
         }
         facts.iter().find(|(_, holds)| !holds).map_or(Ok(()), |(name, _)| Err((*name).to_owned()))
     }
+
+    /// The first name in the observation that the description of the cell does not have.
+    #[must_use]
+    pub fn undeclared(&self, spec: &CellSpec) -> Option<&str> {
+        let mut seen = self.observation.iter().flat_map(|seen| &seen.objects);
+        seen.find(|seen| spec.object(&seen.name).is_none()).map(|seen| seen.name.as_str())
+    }
 }
 
 fn is_list(values: &JointVec, joints: usize) -> bool {

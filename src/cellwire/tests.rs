@@ -326,8 +326,10 @@ fn cell_that_lies_is_asked_nothing_more() {
         assert!(!cell.inspect());
         assert!(cell.observe(GuardVerdict::Allowed).q.len() == 2);
     }
-    let error = factory(&server(Quirk::TellsThreeJoints)).trial().err().unwrap();
-    assert!(error.to_string().contains("2 joints"), "{error}");
+    for (quirk, word) in [(Quirk::TellsThreeJoints, "2 joints"), (Quirk::NamesOthers, "\"object2\"")] {
+        let error = factory(&server(quirk)).trial().err().unwrap();
+        assert!(error.to_string().contains(word), "{error}");
+    }
 }
 
 #[test]

@@ -10,6 +10,7 @@ use crate::framing::decode;
 use crate::messages::{Block, Call, CellReply, CellState, Hello, Role};
 use crate::refusal::CellRefusal;
 use holdpoint_cell::film::{EpisodeFrame, FRAME_EVERY_TICKS};
+use holdpoint_text::Untrusted;
 
 /// Sensors of a cell without disturbance are this near to the true state, rad.
 const NEAR_RAD: f64 = 0.05;
@@ -133,6 +134,16 @@ impl Check {
             };
             let guard = seen.observation.map(|seen| seen.guard);
             holds(guard == Some(GuardVerdict::Denied), || format!("{guard:?}"))
+        });
+        self.verdict(CellPromise::ObservationDeclared, |check| {
+            let mut peer = check.moving(1)?;
+            // Long enough for a frame of every camera.
+            hold(&mut peer, 24)?;
+            let seen = observe(&mut peer)?;
+            match seen.undeclared(&check.description()?.spec) {
+                None => Ok(()),
+                Some(name) => Err(format!("\"{}\" is not in it", Untrusted::new(name).line())),
+            }
         });
         self.verdict(CellPromise::SeedRepeats, |check| {
             let mut peer = check.trial(3)?;

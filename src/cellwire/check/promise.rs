@@ -35,6 +35,7 @@ pub enum CellPromise {
     OnlyStepsPassTicks,
     ObservationWhenAsked,
     ObservationVerdict,
+    ObservationDeclared,
     SeedRepeats,
     EarlierEpisodeWithoutEffect,
     CellsEqual,

@@ -44,6 +44,7 @@ fn each_quirk_breaks_its_promise() {
         (Quirk::TakesNaN, CellPromise::JointNoNumberRefused),
         (Quirk::IgnoresStop, CellPromise::ResetClearsStop),
         (Quirk::MovesTool, CellPromise::ToolPlace),
+        (Quirk::NamesOthers, CellPromise::ObservationDeclared),
     ] {
         let mut check = Check::new(connect(quirk));
         check.behavior();

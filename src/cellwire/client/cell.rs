@@ -16,6 +16,7 @@ use holdpoint_cell::{
     CellCopy, CellError, CellSpec, EpisodeSetup, FixtureBox, InjectedFault, LiveCell, RobotCell, StateImage,
     TrialCell, WorkCall,
 };
+use holdpoint_text::Untrusted;
 use nalgebra::Isometry3;
 
 use super::peer::{CellCallError, Peer, unexpected};
@@ -130,6 +131,12 @@ impl WireCell {
         seen.check(joints).map_err(|field| {
             WireError::Lying(format!("{field} is not what a cell of {joints} joints has, or no number"))
         })?;
+        if let Some(name) = seen.undeclared(&self.shared.spec) {
+            let name = Untrusted::new(name).line();
+            return Err(WireError::Lying(format!(
+                "its description does not have \"{name}\", which it observes"
+            )));
+        }
         match seen.truth.take() {
             Some(truth) => self.truth = truth,
             None if self.role == Role::Trial => {

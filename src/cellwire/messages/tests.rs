@@ -5,7 +5,8 @@ use std::sync::Arc;
 use std::thread;
 
 use holdpoint_body::{Body as _, GuardVerdict, ObjectVec};
-use holdpoint_cell::RobotCell as _;
+use holdpoint_cell::spec::{CellObject, ObjectKind};
+use holdpoint_cell::{CellError, CellFactory as _, CellSpec, RobotCell as _};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 
@@ -114,6 +115,30 @@ fn each_object_of_an_observation_needs_a_name_of_its_own_and_a_pose() {
     assert_eq!(after(twice), refused);
     assert_eq!(after(|objects| objects[0].name.clear()), refused);
     assert_eq!(after(|objects| objects[0].estimate.pose.position[1] = f64::NAN), refused);
+}
+
+#[test]
+fn description_names_each_object_once_with_a_size_and_has_those_of_its_tasks() {
+    let spec = FakeFactory::new(Quirk::Honest).spec().clone();
+    let after = |change: fn(&mut Vec<CellObject>)| {
+        let mut changed = CellSpec::clone(&spec);
+        change(&mut changed.objects);
+        changed.check("test")
+    };
+    assert_eq!(after(|_| ()), Ok(()));
+    let changes: [fn(&mut Vec<CellObject>); 6] = [
+        |objects| objects.push(objects[0].clone()),
+        |objects| objects[0].name.clear(),
+        |objects| objects[0].half_m[1] = 0.0,
+        |objects| objects[0].half_m[2] = f64::NAN,
+        |objects| objects[1].kind = ObjectKind::Workpiece,
+        |objects| objects.truncate(1),
+    ];
+    for (number, change) in changes.into_iter().enumerate() {
+        let refused = after(change);
+        let is_named = matches!(&refused, Err(CellError::File { element, .. }) if element == "objects");
+        assert!(is_named, "change {number}: {refused:?}");
+    }
 }
 
 /// The names in the first column of a table below a heading of the page.

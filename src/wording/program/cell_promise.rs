@@ -39,6 +39,7 @@ pub const fn cell_promise(of: CellPromise) -> &'static str {
             "observation: absent after a start, present after it was asked for"
         }
         CellPromise::ObservationVerdict => "observation: it has the verdict of the guard that came along",
+        CellPromise::ObservationDeclared => "observation: it names only what the description names",
         CellPromise::SeedRepeats => "trials: one seed is one episode, bit for bit",
         CellPromise::EarlierEpisodeWithoutEffect => "trials: the episode before has no effect",
         CellPromise::CellsEqual => "trials: another cell tells the same",

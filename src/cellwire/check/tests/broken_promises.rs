@@ -274,6 +274,14 @@ fn units() -> Vec<Row> {
                 }
             }),
         ),
+        row(
+            CellPromise::ObservationDeclared,
+            Change::Seen(|_, _, seen| {
+                if let Some(observation) = &mut seen.observation {
+                    observation.objects.iter_mut().for_each(|object| object.name.push('2'));
+                }
+            }),
+        ),
     ]
 }
 
@@ -488,5 +496,5 @@ fn each_promise_is_reported_when_it_is_broken() {
         println!("  {promise:?}: {why}");
     }
     assert!(wrong.is_empty(), "{wrong:#?}");
-    assert_eq!((alone, together.len(), total), (71, 1, 72));
+    assert_eq!((alone, together.len(), total), (72, 1, 73));
 }
