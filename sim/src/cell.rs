@@ -5,9 +5,11 @@ use std::path::Path;
 use std::sync::Arc;
 
 use holdpoint_body::disturbance::Drift;
-use holdpoint_body::{ObjectName, RATE_HZ, TaskKind};
+use holdpoint_body::{NamedReading, ObjectName, RATE_HZ, ReadingVec, TaskKind};
 use holdpoint_cell::film::EpisodeFrame;
-use holdpoint_cell::spec::{Abilities, CellObject, CellSpec, ObjectKind, PartShape, PlacedShape, RobotSpec};
+use holdpoint_cell::spec::{
+    Abilities, CellObject, CellSpec, ObjectKind, PartShape, PlacedShape, RobotSpec, SensorSpec,
+};
 use holdpoint_cell::truth::{ContactPoint, TrueState};
 use holdpoint_cell::{
     CellCopy, CellError, CellFactory, CellSource, Distribution, EpisodeSetup, FixtureBox, InjectedFault,
@@ -42,6 +44,22 @@ fn objects(scene: &Scene) -> Vec<CellObject> {
     .collect()
 }
 
+/// The sensor of the two pads: the normal force of the object on each, first that of the first finger.
+fn sensors() -> Vec<SensorSpec> {
+    let pads = |name| SensorSpec { name, length: 2, unit: "N".to_owned(), rate_hz: RATE_HZ };
+    ObjectName::from("pad-forces").map(pads).into_iter().collect()
+}
+
+/// What it measured in a tick. One amplifier serves both pads, so their mean is the force of the gripper.
+pub(crate) fn readings(spec: &CellSpec, pads_n: [f64; 2]) -> ReadingVec {
+    let read = |offered: &SensorSpec| NamedReading {
+        name: offered.name,
+        age_ticks: 0,
+        values: pads_n.into_iter().collect(),
+    };
+    spec.sensors.iter().map(read).collect()
+}
+
 /// What the simulated cell of a robot and a scene is.
 pub(crate) fn cell_spec(robot: &RobotModel, scene: &Arc<Scene>) -> CellSpec {
     let parts = shapes(&robot.links, &robot.gripper).into_iter().map(|(piece, at, shape)| PlacedShape {
@@ -62,6 +80,7 @@ pub(crate) fn cell_spec(robot: &RobotModel, scene: &Arc<Scene>) -> CellSpec {
         },
         zones: scene.zones.clone().into(),
         objects: objects(scene),
+        sensors: sensors(),
         tasks: TaskKind::SEQUENCE.to_vec(),
         rate_hz: RATE_HZ,
         camera_hz: CAMERA_HZ,

@@ -14,7 +14,7 @@ use arrayvec::ArrayVec;
 use nalgebra::{Isometry3, Vector3};
 use serde::{Deserialize, Serialize};
 
-use crate::cell::cell_spec;
+use crate::cell::{cell_spec, readings};
 use crate::dynamics::ARM_JOINTS_MAX;
 use crate::film::EpisodeFilm;
 use crate::perception::sensor_errors;
@@ -26,8 +26,8 @@ use crate::stepper::Stepper;
 use crate::work_count;
 use holdpoint_body::chain::Transform;
 use holdpoint_body::{
-    Body, BodyError, Command, GuardVerdict, Interrupt, JointVec, ObjectVec, Observation, Pose, TICK_SECS,
-    TaskKind, Telemetry, Twist, check_command,
+    Body, BodyError, Command, GuardVerdict, Interrupt, JointVec, NamedReading, ObjectVec, Observation, Pose,
+    ReadingVec, TICK_SECS, TaskKind, Telemetry, Twist, check_command,
 };
 use holdpoint_cell::episode::{EpisodeSetup, Start};
 use holdpoint_cell::truth::{ContactForces, ContactPoint, JointState};
@@ -547,6 +547,7 @@ impl World {
         o.wrist_force_n = (Vector3::from(s.forces.wrist_n).norm() + e.force_n[1]).max(0.0);
         let (object, target) = s.camera.estimates(s.tick);
         o.objects = s.task.seen_objects(object, target);
+        o.sensors = readings(&self.spec, s.forces.pad_n.map(|force| (force + e.force_n[0]).max(0.0)));
         o.tool_available = s.tool_available();
         o.goal = s.task;
         o.guard = s.guard;
@@ -572,6 +573,7 @@ fn blank_observation(joints: usize) -> Observation {
         gripper_force_n: 0.0,
         wrist_force_n: 0.0,
         objects: ObjectVec::new(),
+        sensors: ReadingVec::new(),
         tool_available: true,
         goal: TaskKind::Grasp,
         guard: GuardVerdict::Allowed,

@@ -128,6 +128,26 @@ pub struct SeenObject {
 /// Named objects, without allocation.
 pub type ObjectVec = ArrayVec<SeenObject, MAX_OBJECTS>;
 
+/// The most named sensors that an observation carries.
+pub const MAX_SENSORS: usize = 4;
+
+/// The most numbers of a named sensor.
+pub const SENSOR_VALUES_MAX: usize = 16;
+
+/// The newest numbers of a sensor that a cell offers by name.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct NamedReading {
+    /// Its name in the cell; an observation has each name once.
+    pub name: ObjectName,
+    /// Ticks since they were measured.
+    pub age_ticks: u32,
+    /// The numbers, in the unit that the cell states.
+    pub values: ArrayVec<f64, SENSOR_VALUES_MAX>,
+}
+
+/// Named sensors, without allocation.
+pub type ReadingVec = ArrayVec<NamedReading, MAX_SENSORS>;
+
 /// What the guard did with the previous command; a skill may react to it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
@@ -165,6 +185,9 @@ pub struct Observation {
     /// Where the objects of the cell were last seen; without those that are not in sight, and empty when the camera
     /// frame was dropped.
     pub objects: ObjectVec,
+    /// What the sensors measured that the cell offers by name.
+    #[serde(default, skip_serializing_if = "ReadingVec::is_empty")]
+    pub sensors: ReadingVec,
     /// Whether the gripper answers at the moment.
     pub tool_available: bool,
     /// The primitive that is to be done.

@@ -180,7 +180,9 @@ mod tests {
     use TaskKind::{Align, Grasp, Place};
 
     use super::*;
-    use crate::messages::{GuardVerdict, JointVec, OBJECT_NAME_BYTES_MAX, Observation, Pose, Twist};
+    use crate::messages::{
+        GuardVerdict, JointVec, OBJECT_NAME_BYTES_MAX, Observation, Pose, ReadingVec, Twist,
+    };
 
     fn estimate(x: f64) -> Estimate {
         Estimate { pose: Pose { position: [x, 0.0, 0.0], ..Pose::IDENTITY }, age_ticks: 3, sequence: 7 }
@@ -198,6 +200,7 @@ mod tests {
             gripper_force_n: 0.0,
             wrist_force_n: 0.0,
             objects,
+            sensors: ReadingVec::new(),
             tool_available: true,
             goal: Place,
             guard: GuardVerdict::Allowed,

@@ -5,8 +5,8 @@ use std::sync::Arc;
 use holdpoint_body::chain::Transform;
 use holdpoint_body::task::{SEQUENCE_ALLOWED, is_sequence};
 use holdpoint_body::{
-    Geometry, JointVec, MAX_JOINTS, MAX_OBJECTS, OBJECT_NAME_BYTES_MAX, ObjectName, RATE_HZ, Shape, TaskKind,
-    Zone,
+    Geometry, JointVec, MAX_JOINTS, MAX_OBJECTS, MAX_SENSORS, OBJECT_NAME_BYTES_MAX, ObjectName, RATE_HZ,
+    SENSOR_VALUES_MAX, Shape, TaskKind, Zone,
 };
 use nalgebra::Isometry3;
 use serde::{Deserialize, Serialize};
@@ -87,6 +87,22 @@ pub struct CellObject {
     pub half_m: [f64; 3],
 }
 
+/// The longest unit of a sensor, bytes.
+const UNIT_BYTES_MAX: usize = 16;
+
+/// A sensor that a cell offers by name, beside those of every observation.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct SensorSpec {
+    /// Its name in observations.
+    pub name: ObjectName,
+    /// How many numbers it has.
+    pub length: u32,
+    /// Their unit.
+    pub unit: String,
+    /// Measurements per second.
+    pub rate_hz: u32,
+}
+
 /// What a cell can do beyond the calls of its body. Evidence that needs a missing ability is missing.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Abilities {
@@ -111,6 +127,9 @@ pub struct CellSpec {
     pub zones: Arc<[Zone]>,
     /// The objects that its observations can name.
     pub objects: Vec<CellObject>,
+    /// The sensors that it offers by name; a component may ask for them.
+    #[serde(default)]
+    pub sensors: Vec<SensorSpec>,
     /// The tasks that the cell presents, in their order: the sequence that live cell, agent and trials run. Each task once;
     /// each starts with the hand as the one before leaves it.
     pub tasks: Vec<TaskKind>,
@@ -187,6 +206,9 @@ impl CellSpec {
         if let Some(problem) = self.object_problem() {
             return refuse("objects", problem);
         }
+        if let Some(problem) = self.sensor_problem() {
+            return refuse("sensors", problem);
+        }
         self.scene.check(file)
     }
 
@@ -215,6 +237,32 @@ impl CellSpec {
                 .find(|(name, kind)| !has(name, *kind))
                 .map(|(name, kind)| format!("the task \"{task}\" needs the {} \"{name}\"", kind.name()))
         })
+    }
+
+    /// What is wrong with the sensors: their number, a name, a length, a unit or a rate.
+    fn sensor_problem(&self) -> Option<String> {
+        if self.sensors.len() > MAX_SENSORS {
+            return Some(format!("\"{}\" sensors; at most {MAX_SENSORS} are allowed", self.sensors.len()));
+        }
+        self.sensors.iter().enumerate().find_map(|(place, SensorSpec { name, length, unit, rate_hz })| {
+            let is_named = !name.is_empty() && self.sensors.iter().take(place).all(|one| one.name != *name);
+            let is_sized = usize::try_from(*length).is_ok_and(|n| (1..=SENSOR_VALUES_MAX).contains(&n));
+            let is_whole = (1..=UNIT_BYTES_MAX).contains(&unit.len()) && (1..=self.rate_hz).contains(rate_hz);
+            (!(is_named && is_sized && is_whole)).then(|| {
+                format!(
+                    "\"{name}\" must have 1 to {OBJECT_NAME_BYTES_MAX} bytes and occur once, with 1 to \
+                     {SENSOR_VALUES_MAX} values, a unit of 1 to {UNIT_BYTES_MAX} bytes and 1 to {} Hz",
+                    self.rate_hz
+                )
+            })
+        })
+    }
+
+    /// Whether it offers a sensor of this name with so many numbers.
+    #[must_use]
+    pub fn offers(&self, name: &str, length: usize) -> bool {
+        let is_it = |one: &SensorSpec| one.name.as_str() == name && usize::try_from(one.length) == Ok(length);
+        self.sensors.iter().any(is_it)
     }
 
     /// The object of this name.

@@ -10,11 +10,13 @@ use holdpoint_body::chain::{Chain, JointSpec, Transform};
 use holdpoint_body::clearance::ClearanceModel;
 use holdpoint_body::disturbance::Drift;
 use holdpoint_body::{
-    Body, BodyError, Command, Contacts, Estimate, Geometry, GuardVerdict, Interrupt, JointVec, ObjectName,
-    Observation, Pose, RATE_HZ, Shape, TICK_SECS, TaskKind, Telemetry, Twist,
+    Body, BodyError, Command, Contacts, Estimate, Geometry, GuardVerdict, Interrupt, JointVec, NamedReading,
+    ObjectName, Observation, Pose, RATE_HZ, Shape, TICK_SECS, TaskKind, Telemetry, Twist,
 };
 use holdpoint_cell::film::EpisodeFrame;
-use holdpoint_cell::spec::{Abilities, CellObject, ObjectKind, PartShape, PlacedShape, RobotSpec};
+use holdpoint_cell::spec::{
+    Abilities, CellObject, ObjectKind, PartShape, PlacedShape, RobotSpec, SensorSpec,
+};
 use holdpoint_cell::truth::{ContactForces, ContactPoint, JointState, TrueState};
 use holdpoint_cell::{
     CellCopy, CellError, CellFactory, CellSpec, Distribution, EpisodeSetup, FixtureBox, InjectedFault,
@@ -95,6 +97,11 @@ fn transform(z: f64) -> Transform {
     Transform { origin: Vector3::new(0.0, 0.0, z), ..Transform::IDENTITY }
 }
 
+/// A sensor that tells the joints once more.
+fn sensor_name() -> ObjectName {
+    ObjectName::from("encoders").unwrap()
+}
+
 fn spec() -> CellSpec {
     let joint = |name: &str| JointSpec {
         name: name.to_owned(),
@@ -129,6 +136,12 @@ fn spec() -> CellSpec {
         },
         zones: scene.zones.clone().into(),
         objects: vec![object("object", ObjectKind::Workpiece), object("tray", ObjectKind::Place)],
+        sensors: vec![SensorSpec {
+            name: sensor_name(),
+            length: 2,
+            unit: "rad".to_owned(),
+            rate_hz: RATE_HZ,
+        }],
         tasks: TaskKind::SEQUENCE.to_vec(),
         rate_hz: RATE_HZ,
         camera_hz: 30,
@@ -252,6 +265,13 @@ impl Body for FakeCell {
             gripper_force_n: 0.0,
             wrist_force_n: -0.0,
             objects,
+            sensors: [NamedReading {
+                name: sensor_name(),
+                age_ticks: 0,
+                values: s.q.iter().copied().collect(),
+            }]
+            .into_iter()
+            .collect(),
             tool_available: true,
             goal: s.task,
             guard: s.guard,

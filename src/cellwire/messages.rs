@@ -5,7 +5,7 @@
 
 use holdpoint_body::disturbance::Drift;
 use holdpoint_body::{
-    Command, GuardVerdict, Interrupt, JointVec, ObjectVec, Observation, TaskKind, Telemetry,
+    Command, GuardVerdict, Interrupt, JointVec, ObjectVec, Observation, ReadingVec, TaskKind, Telemetry,
 };
 use holdpoint_cell::truth::{ContactForces, ContactPoint, JointState, TrueState};
 use holdpoint_cell::{CellSpec, Distribution, EpisodeSetup, FixtureBox, InjectedFault, StateImage};
@@ -368,6 +368,7 @@ impl CellState {
                 ("observation.gripper_force_n", o.gripper_force_n.is_finite()),
                 ("observation.wrist_force_n", o.wrist_force_n.is_finite()),
                 ("observation.objects", are_objects(&o.objects)),
+                ("observation.sensors", are_readings(&o.sensors)),
             ]);
         }
         if let Some(truth) = &self.truth {
@@ -379,16 +380,27 @@ impl CellState {
         facts.iter().find(|(_, holds)| !holds).map_or(Ok(()), |(name, _)| Err((*name).to_owned()))
     }
 
-    /// The first name in the observation that the description of the cell does not have.
+    /// The name of the first object or sensor in the observation that the description of the cell does not have, or has
+    /// with other numbers.
     #[must_use]
     pub fn undeclared(&self, spec: &CellSpec) -> Option<&str> {
-        let mut seen = self.observation.iter().flat_map(|seen| &seen.objects);
-        seen.find(|seen| spec.object(&seen.name).is_none()).map(|seen| seen.name.as_str())
+        let seen = self.observation.as_ref()?;
+        let object = seen.objects.iter().find(|one| spec.object(&one.name).is_none());
+        let sensor = || seen.sensors.iter().find(|one| !spec.offers(&one.name, one.values.len()));
+        object.map(|one| one.name.as_str()).or_else(|| sensor().map(|one| one.name.as_str()))
     }
 }
 
 fn is_list(values: &JointVec, joints: usize) -> bool {
     values.len() == joints && values.iter().all(|value| value.is_finite())
+}
+
+/// Whether each sensor has a name of its own and numbers.
+fn are_readings(sensors: &ReadingVec) -> bool {
+    sensors.iter().enumerate().all(|(place, read)| {
+        let is_named = !read.name.is_empty() && sensors.iter().take(place).all(|one| one.name != read.name);
+        is_named && read.values.iter().all(|value| value.is_finite())
+    })
 }
 
 /// Whether each object has a name of its own and a pose.

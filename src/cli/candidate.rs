@@ -2,6 +2,8 @@
 //!
 //! Parses arguments and prints; [`capability`] reads folders and [`check`] judges what is in them.
 
+mod component_notes;
+
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -9,6 +11,7 @@ use clap::{Args, Subcommand};
 use serde::Serialize;
 use serde_json::Value;
 
+use self::component_notes::ComponentNotes;
 use super::data;
 use super::output::TextTable;
 use super::profile_choice::{RequestedProfile, RequestedProfileParser, chosen, last};
@@ -217,6 +220,8 @@ struct CandidateReport {
     /// The state of the version in the store; absent if it is not registered there.
     #[serde(skip_serializing_if = "Option::is_none")]
     registered: Option<String>,
+    #[serde(flatten)]
+    notes: ComponentNotes,
 }
 
 #[derive(Serialize)]
@@ -273,7 +278,8 @@ pub fn run(
                 Some(_) => None,
                 None => registered_state(&context.data, &candidate.id())?,
             };
-            return check(&candidate, (&versions, site.as_ref()), (&profiles, registered), out);
+            let notes = ComponentNotes::of(&candidate, &context.data, site.as_ref())?;
+            return check(&candidate, (&versions, site.as_ref()), (&profiles, registered, notes), out);
         }
         CandidateVerb::Diff(args) => diff(&read(&args.old)?, &read(&args.new)?, out)?,
     }
@@ -423,7 +429,7 @@ fn summary(report: &CandidateReport) -> String {
 fn check(
     candidate: &Capability,
     (versions, site): (&RegisteredVersions, Option<&Arc<LoadedSite>>),
-    (profiles, registered): (&[ChosenProfile], Option<String>),
+    (profiles, registered, notes): (&[ChosenProfile], Option<String>, ComponentNotes),
     out: &mut CommandOutput<'_>,
 ) -> Result<Exit, CliError> {
     let Capability { manifest, submission, .. } = candidate;
@@ -449,6 +455,7 @@ fn check(
         slow_ticks: slow_ticks(candidate, &findings, site)?.as_ref().map(holdpoint_wording::line),
         unmet_fallback: versions.unmet_fallback(candidate),
         registered,
+        notes,
     };
     let admitted = report.recovery.is_empty() && report.verdicts.iter().any(|verdict| verdict.admitted);
     out.answer(&report, |out| {
@@ -461,6 +468,7 @@ fn check(
             out.line(&format!("summary    {}", report.summary.line()))?;
         }
         out.line(&format!("against    {}", report.against))?;
+        report.notes.lines().iter().try_for_each(|line| out.line(line))?;
         if let Some(active) = &report.older_than {
             out.line(&sentences::older_than_active(&report.id, active))?;
         }

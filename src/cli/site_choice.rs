@@ -13,6 +13,7 @@ use holdpoint_governance::mode::UnknownZone;
 use holdpoint_runtime::capability::shown;
 use holdpoint_store::Layout;
 use holdpoint_text::shell_word;
+use holdpoint_trials::cell::Cell;
 use holdpoint_trials::site::LoadedSite;
 
 /// The site file that an option names; `None` without the option.
@@ -62,14 +63,22 @@ pub(super) fn check_zones(
     if unknown(&[]).is_none() {
         return Ok(());
     }
+    match unknown(&cell_of(data, site)?.zones) {
+        None => Ok(()),
+        Some(unknown) => Err(CliError::usage(unknown)),
+    }
+}
+
+/// The cell of the site, else of the store's, else the built-in one.
+///
+/// # Errors
+/// If it cannot be had.
+pub(super) fn cell_of(data: &Path, site: Option<&Arc<LoadedSite>>) -> Result<Cell, CliError> {
     let site = match site {
         Some(site) => Some(Arc::clone(site)),
         None => last(data)?,
     };
-    match unknown(&cell(None, site.as_ref())?.zones) {
-        None => Ok(()),
-        Some(unknown) => Err(CliError::usage(unknown)),
-    }
+    cell(None, site.as_ref())
 }
 
 /// The profile that a site file names.

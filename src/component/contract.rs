@@ -125,6 +125,7 @@ impl SkillCalls {
         &self,
         store: &mut Store<Host>,
         seen: &Observation,
+        granted: &SensorSet,
     ) -> wasmtime::Result<Option<CommandChunk>> {
         Ok(match self {
             Self::One(skill) => {
@@ -135,7 +136,7 @@ impl SkillCalls {
                 wit::command(&answer).map(|first| CommandChunk { first, rest: Vec::new() })
             }
             Self::Two(skill) => {
-                let answer = skill.call_step(store, &wit_2::observation(seen))?;
+                let answer = skill.call_step(store, &wit_2::observation(seen, granted))?;
                 wit_2::chunk(&answer)
             }
         })

@@ -12,6 +12,7 @@ use holdpoint_body::{CodeFault, TaskKind};
 use holdpoint_compiled::CodeOrigin;
 use holdpoint_governance::exports::Interface;
 use holdpoint_governance::ids::{Digest, canonical_json};
+use holdpoint_governance::mode::Sensor;
 use holdpoint_skill::Skill;
 
 use crate::contract::{CallIndices, SkillContract};
@@ -40,7 +41,7 @@ pub struct LoadedComponent {
     pub compiled: Arc<CompiledComponent>,
     pub parameters: Vec<types::Parameter>,
     pub limits: ComponentLimits,
-    /// Of the sensors that the code asks for, those that the cell offers.
+    /// Of the sensors that the code asks for, those that a cell can deliver.
     pub granted: SensorSet,
     wanted: SensorSet,
     digest: Digest,
@@ -231,8 +232,7 @@ impl Component {
             ],
         );
         let (task, interface, wanted) = describe(&compiled, &parameters, limits)?;
-        // No cell offers such sensors yet.
-        let granted = wanted.granted(&SensorSet::default());
+        let granted = wanted.deliverable();
         Ok(Self(Arc::new(LoadedComponent {
             compiled,
             parameters,
@@ -329,11 +329,15 @@ fn describe(
     if description.interface.len() > INTERFACE_BYTES_MAX {
         return Err(ComponentError::InterfaceSize { bytes: description.interface.len() });
     }
-    let interface = serde_json::from_str(&description.interface)
+    let mut interface: Interface = serde_json::from_str(&description.interface)
         .map_err(|error| ComponentError::Interface { reason: line(error.to_string()) })?;
     let task = description.task.map_err(|name| ComponentError::Task { name: line(name) })?;
     if let Some(name) = description.wanted.first_refused() {
         return Err(ComponentError::Sensor { name: line(name) });
+    }
+    if !description.wanted.is_empty() {
+        // What the code asks for counts, whatever its interface says.
+        interface.sensors.insert(Sensor::Named);
     }
     Ok((task, interface, description.wanted))
 }

@@ -192,10 +192,11 @@ impl Skill for ComponentRun {
         if let Some(command) = self.chunk.play(seen) {
             return command;
         }
-        let fuel = self.loaded.limits.fuel_per_tick;
+        let LoadedComponent { limits, granted, .. } = &*self.loaded;
+        let fuel = limits.fuel_per_tick;
         let answer = self.inner.call(fuel, true, |store, skill| {
             store.data_mut().outside.tick = seen.tick;
-            skill.step(store, seen)
+            skill.step(store, seen, granted)
         });
         match answer {
             Some(Some(chunk)) => self.chunk.begin(chunk, seen.tick),

@@ -1,7 +1,7 @@
 //! Sensors beside those of every observation: what a component asks for, and what it is granted.
 //!
-//! Owns the bounds of a request and its comparison with an offer. Delivers nothing: no cell offers such a sensor yet, so a
-//! component is granted none. It works without them, or refuses its start.
+//! Owns the bounds of a request. Knows no cell: whether the cell offers what a component asks for is checked before the
+//! component runs there.
 
 use holdpoint_body::OBJECT_NAME_BYTES_MAX;
 
@@ -82,13 +82,16 @@ impl SensorSet {
         None
     }
 
-    /// Those that are offered in exactly the same form.
+    /// Whether there are none.
     #[must_use]
-    pub fn granted(&self, offered: &Self) -> Self {
-        Self {
-            images: self.images.iter().filter(|image| offered.images.contains(image)).cloned().collect(),
-            vectors: self.vectors.iter().filter(|vector| offered.vectors.contains(vector)).cloned().collect(),
-        }
+    pub const fn is_empty(&self) -> bool {
+        self.images.is_empty() && self.vectors.is_empty()
+    }
+
+    /// Those that a cell can deliver: no observation carries an image.
+    #[must_use]
+    pub fn deliverable(&self) -> Self {
+        Self { images: Vec::new(), vectors: self.vectors.clone() }
     }
 }
 
@@ -105,18 +108,11 @@ mod tests {
     }
 
     #[test]
-    fn only_what_is_offered_in_the_same_form_is_granted() {
-        let wanted = SensorSet {
-            images: vec![image("wrist", 64), image("top", 64)],
-            vectors: vec![vector("touch", 6), vector("joint-heat", 7)],
-        };
-        let offered = SensorSet {
-            images: vec![image("top", 64), image("wrist", 128)],
-            vectors: vec![vector("touch", 6), vector("sound", 2)],
-        };
-        let granted = SensorSet { images: vec![image("top", 64)], vectors: vec![vector("touch", 6)] };
-        assert_eq!(wanted.granted(&offered), granted);
-        assert_eq!(wanted.granted(&SensorSet::default()), SensorSet::default());
+    fn vectors_alone_can_be_delivered() {
+        let wanted = SensorSet { images: vec![image("wrist", 64)], vectors: vec![vector("touch", 6)] };
+        let deliverable = SensorSet { images: Vec::new(), vectors: vec![vector("touch", 6)] };
+        assert_eq!(wanted.deliverable(), deliverable);
+        assert!(!wanted.is_empty() && !deliverable.is_empty() && SensorSet::default().is_empty());
     }
 
     #[test]

@@ -14,7 +14,8 @@ mod bindings {
 }
 
 use holdpoint_body::{
-    Command, Estimate, FailureSignal, GuardVerdict, JointVec, MAX_JOINTS, Observation, Pose, TaskKind, Twist,
+    Command, Estimate, FailureSignal, GuardVerdict, JointVec, MAX_JOINTS, NamedReading, Observation, Pose,
+    TaskKind, Twist,
 };
 use holdpoint_skill::Hook;
 
@@ -87,12 +88,23 @@ pub fn sensors(granted: &SensorSet) -> types::Sensors {
     }
 }
 
-/// What a component is given in a step. No cell offers images or vectors yet.
-pub fn observation(seen: &Observation) -> types::Observation {
+/// What a component is given in a step: of the named sensors, those that it was granted, in the form that it asked for.
+pub fn observation(seen: &Observation, granted: &SensorSet) -> types::Observation {
     let declared = seen.goal.declaration();
     let objects = seen.objects.iter().map(|object| types::SeenObject {
         name: object.name.as_str().to_owned(),
         estimate: estimate(&object.estimate),
+    });
+    let vectors = granted.vectors.iter().filter_map(|vector| {
+        let is_it = |read: &&NamedReading| {
+            read.name.as_str() == vector.name && u32::try_from(read.values.len()) == Ok(vector.length)
+        };
+        let read = seen.sensors.iter().find(is_it)?;
+        Some(types::NamedVector {
+            name: vector.name.clone(),
+            age_ticks: read.age_ticks,
+            values: read.values.to_vec(),
+        })
     });
     types::Observation {
         tick: seen.tick,
@@ -106,7 +118,7 @@ pub fn observation(seen: &Observation) -> types::Observation {
         wrist_force_n: seen.wrist_force_n,
         objects: objects.collect(),
         images: Vec::new(),
-        vectors: Vec::new(),
+        vectors: vectors.collect(),
         tool_available: seen.tool_available,
         goal: types::Goal {
             task: seen.goal.name().to_owned(),

@@ -16,6 +16,7 @@ use holdpoint_trials::cell::{Cell, Conditions};
 use holdpoint_trials::episodes::{alone, alone_with};
 use holdpoint_trials::tick_time::median_tick_us;
 use holdpoint_trials::undisturbed_run::TrialCase;
+use holdpoint_trials::unoffered_sensor::UnofferedSensor;
 use holdpoint_trials::worker::Worker;
 
 use crate::episode_replay::film_render::FilmedWork;
@@ -33,6 +34,9 @@ pub enum TryoutError {
     /// Its manifest names a zone that the cell does not have.
     #[error(transparent)]
     Zone(#[from] UnknownZone),
+    /// It asks for a sensor that the cell does not offer.
+    #[error(transparent)]
+    Sensor(#[from] UnofferedSensor),
     /// A baseline does not load.
     #[error(transparent)]
     Check(#[from] CheckError),
@@ -59,6 +63,9 @@ impl Tryout {
     pub fn new(candidate: Capability, cell: Cell) -> Result<Self, TryoutError> {
         if let Some(unknown) = candidate.manifest.unknown_zone("manifest.toml", &cell.zones) {
             return Err(unknown.into());
+        }
+        if let Some(unoffered) = UnofferedSensor::of(&candidate, &cell.spec) {
+            return Err(unoffered.into());
         }
         let family = candidate.id().family;
         let versions = RegisteredVersions::commissioned(cell.site.as_deref())?;

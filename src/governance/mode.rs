@@ -49,6 +49,8 @@ crate::closed_set! {
         Joints = "joints",
         /// The force sensed at the wrist.
         WristForce = "wrist-force",
+        /// The sensors that the cell offers by name.
+        Named = "named",
     }
 }
 

@@ -351,7 +351,7 @@ impl Uncovered {
 
 #[cfg(test)]
 mod tests {
-    use holdpoint_body::{GuardVerdict, TaskKind, Twist};
+    use holdpoint_body::{GuardVerdict, ReadingVec, TaskKind, Twist};
 
     use super::*;
 
@@ -375,6 +375,7 @@ mod tests {
             wrist_force_n: 0.0,
             objects: TaskKind::Grasp
                 .seen_objects(object_m.map(estimate), object_m.map(|_| estimate([0.5, 0.2, 0.005]))),
+            sensors: ReadingVec::new(),
             tool_available: true,
             goal: TaskKind::Grasp,
             guard: GuardVerdict::Allowed,

@@ -16,6 +16,7 @@ pub struct Senses {
     joints: bool,
     wrist: bool,
     gripper: bool,
+    named: bool,
 }
 
 impl Senses {
@@ -27,11 +28,12 @@ impl Senses {
             joints: declared.sensors.contains(&Sensor::Joints),
             wrist: declared.sensors.contains(&Sensor::WristForce),
             gripper: declared.tools.contains(&Tool::ParallelGripper),
+            named: declared.sensors.contains(&Sensor::Named),
         }
     }
 
     const fn are_all(self) -> bool {
-        self.camera && self.joints && self.wrist && self.gripper
+        self.camera && self.joints && self.wrist && self.gripper && self.named
     }
 
     /// A run that is given these parts alone.
@@ -60,6 +62,9 @@ impl Senses {
             seen.gripper_width_m = f64::NAN;
             seen.gripper_force_n = f64::NAN;
             seen.tool_available = false;
+        }
+        if !self.named {
+            seen.sensors.clear();
         }
     }
 }
@@ -94,7 +99,7 @@ impl Skill for FilteredSkill {
 mod tests {
     use std::sync::mpsc;
 
-    use holdpoint_body::{Estimate, GuardVerdict, JointVec, TaskKind};
+    use holdpoint_body::{Estimate, GuardVerdict, JointVec, NamedReading, ObjectName, TaskKind};
     use holdpoint_governance::manifest::Manifest;
 
     use super::*;
@@ -112,6 +117,8 @@ mod tests {
     fn whole() -> Observation {
         let one = JointVec::from_iter([1.0; 7]);
         let estimate = Estimate { pose: Pose::IDENTITY, age_ticks: 0, sequence: 1 };
+        let name = ObjectName::from("pad-forces").unwrap();
+        let reading = NamedReading { name, age_ticks: 0, values: [1.0, 5.0].into_iter().collect() };
         Observation {
             tick: 1,
             q: one.clone(),
@@ -123,15 +130,17 @@ mod tests {
             gripper_force_n: 3.0,
             wrist_force_n: 2.0,
             objects: TaskKind::Grasp.seen_objects(Some(estimate), Some(estimate)),
+            sensors: [reading].into_iter().collect(),
             tool_available: true,
             goal: TaskKind::Grasp,
             guard: GuardVerdict::Allowed,
         }
     }
 
-    /// What a version sees that declares everything but one word of the baseline's manifest.
+    /// What a version sees that declares everything but one word: what the baseline's manifest does, and named sensors.
     fn without(name: &str) -> Observation {
         let text = include_str!("../../manifests/grasp/1.0.0/manifest.toml");
+        let text = text.replace("sensors = [", "sensors = [\"named\", ");
         let less = text.replace(&format!("\"{name}\", "), "").replace(&format!(", \"{name}\""), "");
         let less = less.replace(&format!("[\"{name}\"]"), "[]");
         let manifest = Manifest::parse("manifest.toml", &less).unwrap();
@@ -154,6 +163,9 @@ mod tests {
         let wrist = without("wrist-force");
         assert!(wrist.wrist_force_n.is_nan());
         assert_eq!(Observation { wrist_force_n: 2.0, ..wrist }, whole());
+        let named = without("named");
+        assert!(named.sensors.is_empty());
+        assert_eq!(Observation { sensors: whole().sensors, ..named }, whole());
         let gripper = without("parallel-gripper");
         assert!(
             gripper.gripper_width_m.is_nan() && gripper.gripper_force_n.is_nan() && !gripper.tool_available

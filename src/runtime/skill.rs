@@ -10,6 +10,7 @@ pub mod provided;
 
 use holdpoint_body::{BodyError, CodeFault, Command, Observation, TaskKind};
 
+pub use holdpoint_component::{Component, SkillContract};
 use holdpoint_governance::exports::Interface;
 use holdpoint_governance::ids::Digest;
 pub use holdpoint_skill::{ConfinementReport, Hook, Skill};
@@ -23,6 +24,11 @@ pub trait SkillBundle: Send + Sync {
 
     /// The primitive the code performs.
     fn task(&self) -> TaskKind;
+
+    /// The component that it is; `None` for code that is compiled in.
+    fn component(&self) -> Option<&Component> {
+        None
+    }
 
     /// Whether another file was in the place of its compiled form. That file was not loaded.
     fn refused_form(&self) -> bool {

@@ -60,7 +60,7 @@ impl StartCheck {
 
 #[cfg(test)]
 mod tests {
-    use holdpoint_body::{Estimate, GuardVerdict, JointVec, Pose, TaskKind, Twist};
+    use holdpoint_body::{Estimate, GuardVerdict, JointVec, Pose, ReadingVec, TaskKind, Twist};
     use holdpoint_governance::start_domain::{StartBound, StartQuantity};
 
     use super::*;
@@ -80,6 +80,7 @@ mod tests {
             wrist_force_n: 0.0,
             objects: TaskKind::Grasp
                 .seen_objects(object_x_m.map(estimate), object_x_m.map(|_| estimate(0.5))),
+            sensors: ReadingVec::new(),
             tool_available: true,
             goal: TaskKind::Grasp,
             guard: GuardVerdict::Allowed,

@@ -18,6 +18,7 @@ use holdpoint_text::Untrusted;
 
 use crate::embedded;
 use crate::site::LoadedSite;
+use crate::unoffered_sensor::UnofferedSensor;
 
 mod start_support;
 
@@ -133,7 +134,7 @@ impl Cell {
     ///
     /// # Errors
     /// As [`Cell::of`], or if the source has no such built-in robot, or a baseline of the site names a zone that the cell
-    /// does not have; for a cell of another process also if it is not there or has another robot.
+    /// does not have, or asks for a sensor that it does not offer; for a cell of another process also if it is not there or has another robot.
     pub fn at(
         source: &dyn CellSource,
         robot: Option<&Path>,
@@ -175,11 +176,16 @@ impl Cell {
             .baselines
             .iter()
             .find_map(|baseline| baseline.manifest.unknown_zone(&baseline.id().to_string(), &cell.zones));
-        match unknown {
+        if let Some(UnknownZone { file, field, zone, allowed }) = unknown {
+            let problem = format!("\"{zone}\" is no zone of the cell; allowed: {allowed}");
+            return Err(CellError::file(&shown(&site.file), format!("{field} of {file}"), problem));
+        }
+        let unoffered = site.baselines.iter().find_map(|baseline| UnofferedSensor::of(baseline, &cell.spec));
+        match unoffered {
             None => Ok(cell),
-            Some(UnknownZone { file, field, zone, allowed }) => {
-                let problem = format!("\"{zone}\" is no zone of the cell; allowed: {allowed}");
-                Err(CellError::file(&shown(&site.file), format!("{field} of {file}"), problem))
+            Some(UnofferedSensor { file, value, allowed }) => {
+                let problem = format!("\"{value}\" is no sensor of the cell; allowed: {allowed}");
+                Err(CellError::file(&shown(&site.file), format!("wanted of {file}"), problem))
             }
         }
     }

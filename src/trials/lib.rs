@@ -32,6 +32,7 @@ pub mod trace;
 pub mod trial_lab;
 pub mod trial_subject;
 pub mod undisturbed_run;
+pub mod unoffered_sensor;
 pub mod worker;
 pub mod worker_pool;
 

@@ -2,7 +2,7 @@
 
 use holdpoint_body::disturbance::{Drift, DriftKind, Magnitude};
 use holdpoint_body::{Command, TaskKind};
-use holdpoint_cell::{Distribution, EpisodeSetup, Range};
+use holdpoint_cell::{Distribution, EpisodeSetup, Range, RobotCell as _};
 
 use crate::script::{act, arm, canonical, scene, world};
 
@@ -48,6 +48,24 @@ fn frames_come_at_thirty_hertz_with_the_set_noise() {
     let (_, sigma, lag) = moments(&frame_errors(&d, 4, 4800));
     assert!((0.0022..0.0038).contains(&sigma), "sigma {sigma}");
     assert!((0.7..0.9).contains(&lag), "correlation {lag}");
+}
+
+#[test]
+fn sensors_of_the_pads_tell_the_force_on_each_and_the_grip_is_their_mean() {
+    let mut world = world("arm7");
+    world.reset(&EpisodeSetup::sample(TaskKind::Align, &scene(), &canonical(), 5)).expect("reset");
+    world.step(&Command::Hold).expect("step");
+    let offered = world.spec().sensors.clone();
+    let told: Vec<(String, usize)> =
+        offered.iter().map(|one| (one.name.to_string(), one.length.try_into().unwrap())).collect();
+    let seen = world.observe();
+    let read: Vec<(String, usize)> =
+        seen.sensors.iter().map(|one| (one.name.to_string(), one.values.len())).collect();
+    assert_eq!(read, told);
+    assert_eq!(read, [("pad-forces".to_owned(), 2)]);
+    let pads = &seen.sensors[0].values;
+    assert!(pads.iter().all(|force| *force > 1.0), "it holds the object: {pads:?}");
+    assert!((0.5 * (pads[0] + pads[1]) - seen.gripper_force_n).abs() < 1e-9, "{pads:?}");
 }
 
 #[test]

@@ -7,8 +7,8 @@ use std::sync::atomic::Ordering;
 use std::time::Duration;
 
 use holdpoint_body::{
-    Body, BodyError, Command, GuardVerdict, Interrupt, JointVec, ObjectVec, Observation, Pose, TaskKind,
-    Telemetry, Twist,
+    Body, BodyError, Command, GuardVerdict, Interrupt, JointVec, ObjectVec, Observation, Pose, ReadingVec,
+    TaskKind, Telemetry, Twist,
 };
 use holdpoint_cell::film::EpisodeFrame;
 use holdpoint_cell::truth::{ContactForces, ContactPoint, JointState, TrueState};
@@ -175,6 +175,7 @@ impl WireCell {
             gripper_force_n: f64::NAN,
             wrist_force_n: f64::NAN,
             objects: ObjectVec::new(),
+            sensors: ReadingVec::new(),
             tool_available: false,
             goal: self.shared.spec.first_task(),
             guard,

@@ -4,8 +4,8 @@ use std::os::unix::net::UnixStream;
 use std::sync::Arc;
 use std::thread;
 
-use holdpoint_body::{Body as _, GuardVerdict, ObjectVec};
-use holdpoint_cell::spec::{CellObject, ObjectKind};
+use holdpoint_body::{Body as _, GuardVerdict, ObjectVec, ReadingVec};
+use holdpoint_cell::spec::{CellObject, ObjectKind, SensorSpec};
 use holdpoint_cell::{CellError, CellFactory as _, CellSpec, RobotCell as _};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
@@ -83,10 +83,10 @@ fn golden_conversations_are_those_of_a_server() {
     assert_eq!(count, 4);
 }
 
-#[test]
-fn each_object_of_an_observation_needs_a_name_of_its_own_and_a_pose() {
+/// What an honest cell tells at its start.
+fn state() -> CellState {
     let mut cell = FakeFactory::new(Quirk::Honest).cell();
-    let state = CellState {
+    CellState {
         tick: 0,
         observation: Some(cell.observe(GuardVerdict::Allowed)),
         telemetry: cell.telemetry(),
@@ -94,7 +94,37 @@ fn each_object_of_an_observation_needs_a_name_of_its_own_and_a_pose() {
         stop_declared: None,
         object: cell.shown_object(),
         truth: None,
+    }
+}
+
+#[test]
+fn each_sensor_of_an_observation_is_declared_with_its_numbers() {
+    let spec = FakeFactory::new(Quirk::Honest).spec().clone();
+    let after = |change: fn(&mut ReadingVec)| {
+        let mut changed = state();
+        change(&mut changed.observation.as_mut().unwrap().sensors);
+        (changed.check(2), changed.undeclared(&spec).map(str::to_owned))
     };
+    assert_eq!(after(|_| ()), (Ok(()), None));
+    assert_eq!(after(ReadingVec::clear), (Ok(()), None));
+    let refused = Err("observation.sensors".to_owned());
+    assert_eq!(after(|sensors| sensors[0].values[1] = f64::INFINITY), (refused.clone(), None));
+    let twice = |sensors: &mut ReadingVec| {
+        let read = sensors[0].clone();
+        sensors.push(read);
+    };
+    assert_eq!(after(twice), (refused, None));
+    let other = |sensors: &mut ReadingVec| sensors[0].name.push('2');
+    assert_eq!(after(other), (Ok(()), Some("encoders2".to_owned())));
+    let shorter = |sensors: &mut ReadingVec| {
+        sensors[0].values.pop();
+    };
+    assert_eq!(after(shorter), (Ok(()), Some("encoders".to_owned())));
+}
+
+#[test]
+fn each_object_of_an_observation_needs_a_name_of_its_own_and_a_pose() {
+    let state = state();
     let after = |change: fn(&mut ObjectVec)| {
         let mut changed = state.clone();
         change(&mut changed.observation.as_mut().unwrap().objects);
@@ -137,6 +167,31 @@ fn description_names_each_object_once_with_a_size_and_has_those_of_its_tasks() {
     for (number, change) in changes.into_iter().enumerate() {
         let refused = after(change);
         let is_named = matches!(&refused, Err(CellError::File { element, .. }) if element == "objects");
+        assert!(is_named, "change {number}: {refused:?}");
+    }
+}
+
+#[test]
+fn description_names_each_sensor_once_with_length_unit_and_rate() {
+    let spec = FakeFactory::new(Quirk::Honest).spec().clone();
+    let after = |change: fn(&mut Vec<SensorSpec>)| {
+        let mut changed = CellSpec::clone(&spec);
+        change(&mut changed.sensors);
+        changed.check("test")
+    };
+    assert_eq!(after(Vec::clear), Ok(()));
+    let changes: [fn(&mut Vec<SensorSpec>); 7] = [
+        |sensors| sensors.push(sensors[0].clone()),
+        |sensors| sensors[0].name.clear(),
+        |sensors| sensors[0].length = 0,
+        |sensors| sensors[0].length = 17,
+        |sensors| sensors[0].unit.clear(),
+        |sensors| sensors[0].rate_hz = 0,
+        |sensors| sensors[0].rate_hz = 241,
+    ];
+    for (number, change) in changes.into_iter().enumerate() {
+        let refused = after(change);
+        let is_named = matches!(&refused, Err(CellError::File { element, .. }) if element == "sensors");
         assert!(is_named, "change {number}: {refused:?}");
     }
 }

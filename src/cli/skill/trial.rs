@@ -97,6 +97,7 @@ fn load(folder: &Path, site: Option<&Arc<LoadedSite>>) -> Result<Tryout, CliErro
     Tryout::new(candidate, cell(None, site)?).map_err(|error| match error {
         TryoutError::Family(unknown) => CliError::usage(unknown),
         TryoutError::Zone(unknown) => CliError::usage(unknown),
+        TryoutError::Sensor(unoffered) => CliError::usage(unoffered),
         TryoutError::Check(_) | TryoutError::BuiltIn(_) => CliError::internal(error),
     })
 }

@@ -10,7 +10,7 @@ use std::collections::BTreeSet;
 use std::hint::black_box;
 use std::time::Instant;
 
-use holdpoint_body::{Command, GuardVerdict, Observation, Pose, TaskKind, Twist};
+use holdpoint_body::{Command, GuardVerdict, Observation, Pose, ReadingVec, TaskKind, Twist};
 use holdpoint_component::{Component, ComponentLimits, keep_compiled_in};
 use holdpoint_skill::Skill;
 
@@ -35,6 +35,7 @@ fn seen(tick: u64) -> Observation {
         gripper_force_n: 0.0,
         wrist_force_n: 0.0,
         objects: TaskKind::Grasp.seen_objects(Some(estimate), Some(estimate)),
+        sensors: ReadingVec::new(),
         tool_available: true,
         goal: TaskKind::Grasp,
         guard: GuardVerdict::Allowed,

@@ -35,6 +35,7 @@ use holdpoint_record::version_table::TransitionNote;
 use holdpoint_runtime::capability::Capability;
 use holdpoint_store::{ActiveCause, AuditBody, StoreError};
 use holdpoint_text::{Untrusted, is_visible, signing_options};
+use holdpoint_trials::unoffered_sensor::UnofferedSensor;
 use holdpoint_wording::command_effect::{EngineEffect, VersionEffect, engine_effect, version_effect};
 
 /// Stage 1: registers a candidate. It is not executable, and the agent does not see it.
@@ -54,6 +55,9 @@ pub(crate) fn register(
     };
     if let Some(unknown) = candidate.manifest.unknown_zone("manifest.toml", &context.cell.zones) {
         return Ok(Reply::refused(Refusal::BadInput, &unknown));
+    }
+    if let Some(unoffered) = UnofferedSensor::of(&candidate, &context.cell.spec) {
+        return Ok(Reply::refused(Refusal::BadInput, &unoffered));
     }
     let id = candidate.id();
     // The registration itself refuses a family that is not there.

@@ -6,7 +6,7 @@ use std::sync::{Arc, Mutex};
 use holdpoint_body::disturbance::Drift;
 use holdpoint_body::{
     Body, BodyError, Command, Contacts, GuardVerdict, Interrupt, JointVec, ObjectVec, Observation, Pose,
-    TaskKind, Telemetry, Twist,
+    ReadingVec, TaskKind, Telemetry, Twist,
 };
 use holdpoint_cell::spec::Abilities;
 use holdpoint_cell::truth::{ContactForces, JointState, TrueState};
@@ -147,6 +147,7 @@ impl StubCell {
             gripper_force_n: 0.0,
             wrist_force_n: 0.0,
             objects: ObjectVec::new(),
+            sensors: ReadingVec::new(),
             tool_available: true,
             goal: self.task,
             guard: last,

@@ -12,7 +12,7 @@ use holdpoint_body::TaskKind;
 use serde::{Deserialize, Serialize};
 
 use self::run::AlteredRun;
-use super::{Skill, SkillBundle};
+use super::{Component, Skill, SkillBundle};
 use holdpoint_governance::exports::Interface;
 use holdpoint_governance::ids::{Digest, canonical_json};
 use holdpoint_governance::text_error::{TextError, parse_toml};
@@ -290,6 +290,10 @@ impl SkillBundle for AlteredBundle {
 
     fn task(&self) -> TaskKind {
         self.inner.task()
+    }
+
+    fn component(&self) -> Option<&Component> {
+        self.inner.component()
     }
 
     fn refused_form(&self) -> bool {

@@ -27,6 +27,10 @@ impl SkillBundle for ComponentBundle {
         self.0.task()
     }
 
+    fn component(&self) -> Option<&Component> {
+        Some(&self.0)
+    }
+
     fn refused_form(&self) -> bool {
         self.0.origin() == CodeOrigin::Refused
     }

@@ -22,7 +22,7 @@ use std::sync::Mutex;
 use bindings::exports::holdpoint::skill::skill::{Guest, Parameter};
 use bindings::holdpoint::skill::types;
 use holdpoint_body::{
-    Command, Estimate, FailureSignal, GuardVerdict, JointVec, Observation, Pose, TaskKind, Twist,
+    Command, Estimate, FailureSignal, GuardVerdict, JointVec, Observation, Pose, ReadingVec, TaskKind, Twist,
 };
 use holdpoint_skill::{Hook, Skill};
 
@@ -128,6 +128,7 @@ fn observation(seen: &types::Observation) -> Observation {
         gripper_force_n: seen.gripper_force_n,
         wrist_force_n: seen.wrist_force_n,
         objects: goal.seen_objects(seen.object.map(estimate), seen.target.map(estimate)),
+        sensors: ReadingVec::new(),
         tool_available: seen.tool_available,
         goal,
         guard: match seen.guard {

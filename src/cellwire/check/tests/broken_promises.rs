@@ -6,7 +6,7 @@ use std::sync::{Mutex, PoisonError};
 use std::thread;
 
 use holdpoint_body::{
-    Command, Estimate, GuardVerdict, Interrupt, Observation, Pose, TaskKind, Telemetry, Twist,
+    Command, Estimate, GuardVerdict, Interrupt, Observation, Pose, ReadingVec, TaskKind, Telemetry, Twist,
 };
 use holdpoint_cell::film::EpisodeFrame;
 use nalgebra::Isometry3;
@@ -71,6 +71,7 @@ fn observation_of(telemetry: &Telemetry) -> Observation {
         wrist_force_n: 0.0,
         objects: TaskKind::Grasp
             .seen_objects(Some(Estimate { pose: Pose::IDENTITY, age_ticks: 3, sequence: 1 }), None),
+        sensors: ReadingVec::new(),
         tool_available: true,
         goal: TaskKind::Grasp,
         guard: GuardVerdict::Allowed,

@@ -5,10 +5,11 @@ use std::path::Path;
 use wit_component::{ComponentEncoder, StringEncoding, embed_component_metadata};
 use wit_parser::Resolve;
 
-use holdpoint_body::{CodeFault, Command, GuardVerdict, Observation, TaskKind};
+use holdpoint_body::{CodeFault, Command, GuardVerdict, NamedReading, ObjectName, Observation, TaskKind};
 use holdpoint_component::{
     CHUNK_COMMANDS_MAX, Component, ComponentError, ComponentRun, ImageSpec, PixelFormat, SkillContract,
 };
+use holdpoint_governance::mode::Sensor;
 use holdpoint_skill::{Hook, Skill as _};
 
 use crate::guest::{Guest, INTERFACE, all_is_well, data, load, seen};
@@ -25,6 +26,9 @@ const STRIDE: u32 = 72;
 const WANTED: u32 = 24_000;
 const NAME: u32 = 24_064;
 const TASK: u32 = 24_128;
+/// A vector that is asked for, and its name.
+const VECTOR: u32 = 24_192;
+const VECTOR_NAME: u32 = 24_256;
 const TEXT: u32 = 24_576;
 /// Address at which the host writes the arguments of each call.
 const HANDED: u32 = 32_768;
@@ -34,6 +38,8 @@ struct Guest2 {
     task: &'static str,
     /// The name and the width of an image that it asks for.
     image: Option<(&'static str, u32)>,
+    /// The name and the length of a vector that it asks for; its `start` traps if it is granted another number of them.
+    vector: Option<(&'static str, u32)>,
     /// Instructions that write commands; local 0 is the observation's address.
     step: String,
     /// How many commands it answers.
@@ -42,26 +48,28 @@ struct Guest2 {
 
 impl Default for Guest2 {
     fn default() -> Self {
-        Self { task: "align", image: None, step: String::new(), count: 1 }
+        Self { task: "align", image: None, vector: None, step: String::new(), count: 1 }
     }
 }
 
 impl Guest2 {
     fn bytes(&self) -> Vec<u8> {
         let length = |text: &str| u32::try_from(text.len()).unwrap();
-        let Self { task, image, step, count } = self;
+        let Self { task, image, vector, step, count } = self;
         let (name, width) = image.unwrap_or_default();
-        let described: Vec<u8> =
-            [0, TASK, length(task), TEXT, length(INTERFACE), WANTED, u32::from(image.is_some()), 0, 0]
-                .iter()
-                .flat_map(|word| word.to_le_bytes())
-                .collect();
-        let wanted: Vec<u8> =
-            [NAME, length(name), width, 48, 1].iter().flat_map(|word| word.to_le_bytes()).collect();
+        let (vector_name, vector_length) = vector.unwrap_or_default();
+        let (images, vectors) = (u32::from(image.is_some()), u32::from(vector.is_some()));
+        let words = |words: &[u32]| words.iter().flat_map(|word| word.to_le_bytes()).collect::<Vec<u8>>();
+        let described =
+            words(&[0, TASK, length(task), TEXT, length(INTERFACE), WANTED, images, VECTOR, vectors]);
+        let wanted = words(&[NAME, length(name), width, 48, 1]);
+        let wanted_vector = words(&[VECTOR_NAME, length(vector_name), vector_length]);
         let texts: Vec<String> = [
             (DESCRIBED, described.as_slice()),
             (WANTED, wanted.as_slice()),
             (NAME, name.as_bytes()),
+            (VECTOR, wanted_vector.as_slice()),
+            (VECTOR_NAME, vector_name.as_bytes()),
             (TASK, task.as_bytes()),
             (TEXT, INTERFACE.as_bytes()),
         ]
@@ -83,7 +91,7 @@ impl Guest2 {
                     (global.set $at (i32.const {HANDED})) (i32.const {DESCRIBED}))
                 (func (export "{interface}#start") (param i64 i32 i32 i32 i32 i32 i32) (result i32)
                     (global.set $at (i32.const {HANDED}))
-                    (if (i32.or (local.get 4) (local.get 6)) (then (unreachable)))
+                    (if (i32.or (local.get 4) (i32.ne (local.get 6) (i32.const {vectors}))) (then (unreachable)))
                     (i32.const {STARTED}))
                 (func (export "{interface}#step") (param i32) (result i32)
                     (local $word i64) (local $place i32) (local $base i32)
@@ -261,7 +269,7 @@ fn what_is_no_answer_is_a_fault() {
 }
 
 #[test]
-fn sensors_are_asked_for_and_none_is_granted() {
+fn image_is_asked_for_and_none_is_granted() {
     let component = Guest2 { image: Some(("wrist", 64)), ..Guest2::default() }.load().unwrap();
     let wrist =
         ImageSpec { name: "wrist".to_owned(), width_px: 64, height_px: 48, format: PixelFormat::Rgb8 };
@@ -271,6 +279,34 @@ fn sensors_are_asked_for_and_none_is_granted() {
     assert_eq!(component.run(1).confined().fault, None);
     let wide = Guest2 { image: Some(("wrist", 1_025)), ..Guest2::default() }.load().unwrap_err();
     assert_eq!(wide, ComponentError::Sensor { name: "wrist".to_owned() });
+}
+
+#[test]
+fn granted_vector_arrives_in_the_form_that_was_asked_for() {
+    let vectors = |field: u32| format!("(i32.load offset={field} (i32.load offset=176 (local.get 0)))");
+    // The sum of its numbers, and how many vectors there are.
+    let step = format!(
+        "(i32.store8 (i32.const {COMMANDS}) (i32.const 3))
+        (f64.store (i32.const {}) (f64.convert_i32_u (i32.load offset=180 (local.get 0))))
+        (if (i32.load offset=180 (local.get 0)) (then (f64.store (i32.const {})
+            (f64.add (f64.load {values}) (f64.load offset=8 {values})))))",
+        COMMANDS + 8,
+        COMMANDS + 24,
+        values = vectors(12)
+    );
+    let component = Guest2 { vector: Some(("pad-forces", 2)), step, ..Guest2::default() }.load().unwrap();
+    assert!(component.interface().sensors.contains(&Sensor::Named), "whatever its interface says");
+    let told = |name: &str, values: &[f64]| {
+        let name = ObjectName::from(name).unwrap();
+        let read = NamedReading { name, age_ticks: 3, values: values.iter().copied().collect() };
+        let mut run = component.run(1);
+        let grip = grip(&mut run, &Observation { sensors: [read].into_iter().collect(), ..seen(0) });
+        assert_eq!(run.confined().fault, None);
+        grip
+    };
+    assert_eq!(told("pad-forces", &[1.5, 2.0]), (1.0, 3.5));
+    assert_eq!(told("pad-forces", &[1.5]), (0.0, 0.0), "another length");
+    assert_eq!(told("encoders", &[1.5, 2.0]), (0.0, 0.0), "it did not ask for it");
 }
 
 #[test]

@@ -8,7 +8,7 @@ use serde_json::Value;
 use wit_component::{ComponentEncoder, StringEncoding, embed_component_metadata};
 use wit_parser::Resolve;
 
-use holdpoint_body::{Command, GuardVerdict, JointVec, Observation, Pose, TaskKind, Twist};
+use holdpoint_body::{Command, GuardVerdict, JointVec, Observation, Pose, ReadingVec, TaskKind, Twist};
 use holdpoint_component::{Component, ComponentError, ComponentLimits};
 
 pub const LIMITS: ComponentLimits = ComponentLimits { fuel_per_tick: 100_000, memory_bytes: 1 << 20 };
@@ -153,6 +153,7 @@ pub fn seen(tick: u64) -> Observation {
             None,
             Some(holdpoint_body::Estimate { pose: Pose::IDENTITY, age_ticks: 3, sequence: 9 }),
         ),
+        sensors: ReadingVec::new(),
         tool_available: true,
         goal: TaskKind::Align,
         guard: GuardVerdict::Clamped,

@@ -7,6 +7,7 @@ mod cell_faults;
 mod checkpoints;
 mod health_series;
 mod live_harm;
+mod named_sensors;
 mod omitted_stages;
 mod outputs_alone;
 mod outside_domain;

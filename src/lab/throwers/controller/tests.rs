@@ -1,6 +1,6 @@
 //! Each trigger fires where it should and nowhere else.
 
-use holdpoint_body::{Estimate, GuardVerdict, JointVec, ObjectVec, Twist};
+use holdpoint_body::{Estimate, GuardVerdict, JointVec, ObjectVec, ReadingVec, Twist};
 
 use super::*;
 
@@ -18,6 +18,7 @@ fn start() -> Observation {
         gripper_force_n: 0.0,
         wrist_force_n: 0.0,
         objects: ObjectVec::new(),
+        sensors: ReadingVec::new(),
         tool_available: true,
         goal: TaskKind::Grasp,
         guard: GuardVerdict::Allowed,

@@ -1,6 +1,6 @@
 //! Tests the effect of every alteration on a skill with known commands, and the refusal of invalid alterations.
 
-use holdpoint_body::{Command, Estimate, GuardVerdict, Observation, Pose, TaskKind};
+use holdpoint_body::{Command, Estimate, GuardVerdict, Observation, Pose, ReadingVec, TaskKind};
 
 use super::*;
 use crate::capability::Capability;
@@ -50,6 +50,7 @@ fn seen() -> Observation {
         wrist_force_n: 1.0,
         objects: TaskKind::Grasp
             .seen_objects(Some(Estimate { pose: pose(0.5), age_ticks: 4, sequence: 1 }), None),
+        sensors: ReadingVec::new(),
         tool_available: true,
         goal: TaskKind::Grasp,
         guard: GuardVerdict::Allowed,

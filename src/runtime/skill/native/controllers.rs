@@ -48,6 +48,9 @@ pub(super) struct ControllerEntry {
     pub read: ReadParams,
 }
 
+/// What a controller reads that looks, moves and feels for contact.
+const SENSORS_OF_CONTACT: &[Sensor] = &[Sensor::Camera, Sensor::Joints, Sensor::WristForce];
+
 /// Every built-in controller, in the order in which errors name them.
 pub(super) static CONTROLLERS: &[ControllerEntry] = &[
     ControllerEntry {
@@ -56,7 +59,7 @@ pub(super) static CONTROLLERS: &[ControllerEntry] = &[
         entry_point: grasp::TASK.name(),
         object_frame: Some(CoordinateFrame::World),
         reads_target: false,
-        sensors: &Sensor::ALL,
+        sensors: SENSORS_OF_CONTACT,
         tools: &[Tool::ParallelGripper],
         read: read::<GraspParams>,
     },
@@ -67,7 +70,7 @@ pub(super) static CONTROLLERS: &[ControllerEntry] = &[
         entry_point: grasp::TASK.name(),
         object_frame: Some(CoordinateFrame::Tool),
         reads_target: false,
-        sensors: &Sensor::ALL,
+        sensors: SENSORS_OF_CONTACT,
         tools: &[Tool::ParallelGripper],
         read: read::<GraspParams>,
     },
@@ -87,7 +90,7 @@ pub(super) static CONTROLLERS: &[ControllerEntry] = &[
         entry_point: place::TASK.name(),
         object_frame: Some(CoordinateFrame::World),
         reads_target: true,
-        sensors: &Sensor::ALL,
+        sensors: SENSORS_OF_CONTACT,
         tools: &[Tool::ParallelGripper],
         read: read::<PlaceParams>,
     },

@@ -3,7 +3,7 @@
 use std::collections::BTreeSet;
 use std::path::Path;
 
-use holdpoint_body::{Estimate, GuardVerdict, JointVec, Twist};
+use holdpoint_body::{Estimate, GuardVerdict, JointVec, ReadingVec, Twist};
 
 use super::*;
 
@@ -68,6 +68,7 @@ fn a_pose_in_the_frame_of_the_tool_reaches_the_code_in_the_world() {
         gripper_force_n: 0.0,
         wrist_force_n: 0.0,
         objects: TaskKind::Grasp.seen_objects(Some(object), None),
+        sensors: ReadingVec::new(),
         tool_available: true,
         goal: TaskKind::Grasp,
         guard: GuardVerdict::Allowed,
