@@ -111,6 +111,8 @@ pub enum Notice {
     CommissionedWith,
     /// The family is new.
     FamilyNew,
+    /// Its component keeps the first contract.
+    ContractOld,
     /// A stage begins.
     StageBegins,
     /// Shadow is passed.

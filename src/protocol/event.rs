@@ -21,7 +21,7 @@ use holdpoint_governance::harm::HarmPast;
 use holdpoint_governance::ids::{CapabilityId, Digest, Family};
 use holdpoint_governance::lifecycle::{Stage, State};
 use holdpoint_governance::monitor::MonitorOutcome;
-use holdpoint_governance::notice::NoticeOrText;
+use holdpoint_governance::notice::{Notice, NoticeOrText};
 use holdpoint_governance::outcome::{ActivationMode, DimensionOutcome, StageOutcome};
 use holdpoint_governance::past_limit::PastLimit;
 use holdpoint_governance::profile::{ProfileName, SiteName};
@@ -110,6 +110,9 @@ pub enum EventKind {
         /// What its author declares to have changed in the interface.
         #[serde(default)]
         interface_changes: Vec<InterfaceChange>,
+        /// What its author should change, though nothing is refused for it.
+        #[serde(default, skip_serializing_if = "Vec::is_empty")]
+        notices: Vec<Notice>,
     },
     /// A stage began for a version.
     StageStarted {

@@ -16,6 +16,7 @@ use holdpoint_governance::ids::{CapabilityId, Family, NameError};
 use holdpoint_governance::interface::declared_changes::{self, undeclared_changes};
 use holdpoint_governance::interface::{self, InterfaceInput, RegisteredVersion};
 use holdpoint_governance::lifecycle::State;
+use holdpoint_governance::notice::Notice;
 use holdpoint_governance::outcome::{Assessment, InterfaceOutcome, PolicyOutcome, RecoveryOutcome};
 use holdpoint_governance::policy::{self, PolicyInput, PolicyTable};
 use holdpoint_governance::profile::Profile;
@@ -24,6 +25,7 @@ use holdpoint_governance::risk::RiskClass;
 use holdpoint_governance::site_profile::{ChosenProfile, SiteProfileError};
 use holdpoint_protocol::detail::VersionDiff;
 use holdpoint_runtime::capability::{Capability, PackageError};
+use holdpoint_runtime::skill::{Component, SkillContract};
 use holdpoint_store::RecordViews;
 
 use crate::difference::version_differences;
@@ -142,6 +144,15 @@ pub fn taskless_family(candidate: &Capability, tasks: &[TaskKind], file: &str) -
     let has_task = tasks.iter().any(|task| Family::from(*task) == family);
     let allowed = tasks.iter().map(|task| task.name()).collect::<Vec<_>>().join(", ");
     (!has_task).then(|| TasklessFamily { file: file.to_owned(), family: family.to_string(), allowed })
+}
+
+/// What the author of a version should change, though nothing is refused for it.
+#[must_use]
+pub fn notices(version: &Capability) -> Vec<Notice> {
+    match version.bundle.component().map(Component::contract) {
+        Some(SkillContract::One) => vec![Notice::ContractOld],
+        Some(SkillContract::Two) | None => Vec::new(),
+    }
 }
 
 /// Interface and policy of a version under one profile.

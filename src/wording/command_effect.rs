@@ -6,7 +6,7 @@ use holdpoint_governance::alarms::AlarmKey;
 use holdpoint_governance::decision::Reason;
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::lifecycle::Stage;
-use holdpoint_governance::notice::OperatorAct;
+use holdpoint_governance::notice::{Notice, OperatorAct};
 use holdpoint_governance::profile::ProfileName;
 use holdpoint_governance::wall_time::WallTime;
 use holdpoint_protocol::command::{Caller, StopPersistence};
@@ -14,13 +14,13 @@ use holdpoint_protocol::snapshot::StartupProgressView;
 
 use crate::count::{counted, is_or_are};
 use crate::program::run::startup_progress;
-use crate::{operator_act, reason};
+use crate::{notice_sentence, operator_act, reason};
 
 /// What an accepted command did to a version, and what happens next.
 #[derive(Clone, Copy, Debug)]
 pub enum VersionEffect<'a> {
-    /// It is registered.
-    Registered,
+    /// It is registered; its author should change this.
+    Registered(&'a [Notice]),
     /// A stage runs again or begins.
     InStage(Stage),
     /// An operator moved it.
@@ -104,7 +104,10 @@ pub fn version_effect(id: &CapabilityId, of: &VersionEffect<'_>) -> String {
     use VersionEffect as V;
     let reason_of = |last: Option<&Reason>| last.map_or_else(String::new, reason);
     match of {
-        V::Registered => format!("{id} is registered"),
+        V::Registered(notices) => {
+            let registered = format!("{id} is registered");
+            notices.iter().fold(registered, |text, notice| format!("{text}; {}", notice_sentence(notice)))
+        }
         V::InStage(stage) => format!("{id} is in {stage}"),
         V::Moved(act) => format!("{id} is {}", operator_act(*act)),
         V::Restricted => format!("{id} is restricted"),

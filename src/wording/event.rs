@@ -8,7 +8,7 @@ use crate::condition::conditions_of_use;
 use crate::harm::harm_past;
 use crate::past_limit::{after_event, past_limit};
 use crate::twin::uncompared;
-use crate::{counted, failure_cause, notice, version_diff};
+use crate::{counted, failure_cause, notice, notice_sentence, version_diff};
 use holdpoint_governance::outcome::StageOutcome;
 use holdpoint_governance::profile::titled;
 use holdpoint_protocol::clock::ms_of;
@@ -53,6 +53,7 @@ fn text(kind: &EventKind) -> String {
             risk,
             parent,
             interface_changes,
+            notices,
         } => {
             let parent = parent.as_ref().map_or_else(String::new, |parent| format!(", from {parent}"));
             let mut line = format!(
@@ -63,6 +64,9 @@ fn text(kind: &EventKind) -> String {
             if !interface_changes.is_empty() {
                 let changes: Vec<String> = interface_changes.iter().map(ToString::to_string).collect();
                 let _ = write!(line, "; declares: {}", changes.join(", "));
+            }
+            for notice in notices {
+                let _ = write!(line, "; {}", notice_sentence(notice));
             }
             line
         }

@@ -40,6 +40,7 @@ pub fn notice_sentence(of: &Notice) -> String {
         N::Submitted { requester } => format!("submitted by {}", requester.name()),
         N::CommissionedWith => "the version the cell was commissioned with".into(),
         N::FamilyNew => "a new family".into(),
+        N::ContractOld => "its component keeps contract 1; build the next one against contract 2".into(),
         N::StageBegins => "the stage begins".into(),
         N::ShadowPassed => "shadow is passed".into(),
         N::GatePassed => "the gate is passed".into(),

@@ -181,6 +181,7 @@ fn in_shadow(at_ms: u64) -> Vec<Event> {
         risk: holdpoint::governance::submission::Risk::Low,
         parent: Some("grasp@1.0.0".to_owned()),
         interface_changes: Vec::new(),
+        notices: Vec::new(),
     };
     let begins = EventKind::StageStarted { version, stage: Stage::Shadow, budget: SEQUENCES };
     [registered, begins].into_iter().zip(1_000..).map(|(kind, seq)| Event { seq, at_ms, kind }).collect()

@@ -105,6 +105,9 @@ fn a_compiled_form_that_was_changed_is_not_loaded_and_raises_an_alarm() {
     run_ok(&["skill", "new", "my-grasp", "--lang", "c", &path]);
     let prebuilt = Path::new(env!("CARGO_MANIFEST_DIR")).join("src/sdk/prebuilt/template-c.wasm");
     fs::copy(prebuilt, folder.join("my-grasp.wasm")).unwrap();
+    let report: serde_json::Value =
+        serde_json::from_str(&run_ok(&["candidate", "check", &path, "--json"])).unwrap();
+    assert_eq!(report["notices"][0]["notice"], "contract-old", "{report}");
     run_ok(&["candidate", "register", &path]);
     // A restarted engine compiles the code in the store and caches it.
     run_ok(&["candidate", "register", "manifests/candidates/place-robust"]);

@@ -149,6 +149,7 @@ fn evaluation() -> Vec<(u64, EventKind)> {
                 risk: Risk::Medium,
                 parent: Some(OLD.to_owned()),
                 interface_changes: Vec::new(),
+                notices: Vec::new(),
             },
         ),
         begun(700_100, Stage::Validation, 4),

@@ -1,4 +1,4 @@
-//! What `candidate check` tells the author of a component beside the verdicts: what the cell presents by name.
+//! What `candidate check` tells the author of a component beside the verdicts: what the cell presents by name, and notices.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -8,17 +8,23 @@ use serde::Serialize;
 use crate::cli::site_choice;
 use crate::error::CliError;
 use holdpoint_cell::spec::{CellObject, SensorSpec};
+use holdpoint_governance::notice::Notice;
+use holdpoint_record::check::notices;
 use holdpoint_runtime::capability::Capability;
 use holdpoint_runtime::skill::{Component, SkillContract};
 use holdpoint_trials::site::LoadedSite;
 use holdpoint_trials::unoffered_sensor::UnofferedSensor;
+use holdpoint_wording::notice_sentence;
 
-/// See the module comment. A controller that is compiled in has none.
-#[derive(Default, Serialize)]
+/// See the module comment. A controller that is compiled in has none of it.
+#[derive(Serialize)]
 pub(super) struct ComponentNotes {
     /// What a component of the second contract can name.
     #[serde(skip_serializing_if = "Option::is_none")]
     cell: Option<CellOffer>,
+    /// What its author should change, though nothing is refused for it.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    notices: Vec<Notice>,
 }
 
 #[derive(Serialize)]
@@ -37,22 +43,22 @@ impl ComponentNotes {
         data: &Path,
         site: Option<&Arc<LoadedSite>>,
     ) -> Result<Self, CliError> {
-        match candidate.bundle.component().map(Component::contract) {
-            None | Some(SkillContract::One) => Ok(Self::default()),
-            Some(SkillContract::Two) => {
-                let spec = site_choice::cell_of(data, site)?.spec;
-                if let Some(unoffered) = UnofferedSensor::of(candidate, &spec) {
-                    return Err(CliError::usage(unoffered));
-                }
-                let (objects, sensors) = (spec.objects.clone(), spec.sensors.clone());
-                Ok(Self { cell: Some(CellOffer { objects, sensors }) })
-            }
+        let notices = notices(candidate);
+        if candidate.bundle.component().map(Component::contract) != Some(SkillContract::Two) {
+            return Ok(Self { cell: None, notices });
         }
+        let spec = site_choice::cell_of(data, site)?.spec;
+        if let Some(unoffered) = UnofferedSensor::of(candidate, &spec) {
+            return Err(CliError::usage(unoffered));
+        }
+        let (objects, sensors) = (spec.objects.clone(), spec.sensors.clone());
+        Ok(Self { cell: Some(CellOffer { objects, sensors }), notices })
     }
 
     /// They as lines.
     pub(super) fn lines(&self) -> Vec<String> {
-        let mut lines = Vec::new();
+        let mut lines: Vec<String> =
+            self.notices.iter().map(|notice| format!("notice     {}", notice_sentence(notice))).collect();
         if let Some(CellOffer { objects, sensors }) = &self.cell {
             let object = |one: &CellObject| format!("{} ({})", one.name, one.kind.name());
             let objects: Vec<String> = objects.iter().map(object).collect();

@@ -26,7 +26,7 @@ use holdpoint_governance::tries::TryLedger;
 use holdpoint_protocol::command::{Operation, PACE_ALLOWED, Refusal, Reply};
 use holdpoint_protocol::event::EventKind;
 use holdpoint_record::REASON_BYTES_MAX;
-use holdpoint_record::check::taskless_family;
+use holdpoint_record::check::{notices, taskless_family};
 use holdpoint_record::context::Context;
 use holdpoint_record::evidence_binding::not_admitted;
 use holdpoint_record::evidence_file::EvidenceFiles;
@@ -77,6 +77,7 @@ pub(crate) fn register(
         return Ok(refused);
     }
     let event = registered_event(&candidate, &origin.requester);
+    let notices = notices(&candidate);
     report_refused_form(record, &candidate);
     let note = TransitionNote::because(Notice::Submitted { requester: origin.requester.clone() });
     record.register((candidate, origin), false, context.needs_approval(), note)?;
@@ -85,7 +86,7 @@ pub(crate) fn register(
     times.retain(|at| now_ms.saturating_sub(*at) < registration_rate::SPAN_MS);
     times.push(now_ms);
     record.tell(event);
-    accepted(&id, &VersionEffect::Registered)
+    accepted(&id, &VersionEffect::Registered(&notices))
 }
 
 /// The refusal for a person who registered as many versions within a minute as the profile permits. Unsigned registrations are
@@ -126,6 +127,7 @@ pub(crate) fn registered_event(capability: &Capability, requester: &Requester) -
         risk: submission.estimated_risk,
         parent: submission.parent.as_ref().map(ToString::to_string),
         interface_changes: submission.interface_changes.clone(),
+        notices: notices(capability),
     }
 }
 

@@ -26,6 +26,7 @@ fn registered(version: &str, parent: Option<&str>) -> EventKind {
         risk: Risk::Low,
         parent: parent.map(ToOwned::to_owned),
         interface_changes: Vec::new(),
+        notices: Vec::new(),
     }
 }
 

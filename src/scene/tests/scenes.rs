@@ -144,6 +144,7 @@ fn registered() -> EventKind {
         risk: Risk::Medium,
         parent: Some("place@1.0.0".to_owned()),
         interface_changes: Vec::new(),
+        notices: Vec::new(),
     }
 }
 

@@ -6,15 +6,22 @@ use std::path::Path;
 
 use holdpoint_body::{Command as RobotCommand, GuardVerdict, TaskKind};
 use holdpoint_cell::EpisodeSetup;
+use holdpoint_governance::approval::Requester;
 use holdpoint_governance::component::ComponentBytes;
+use holdpoint_governance::notice::Notice;
 use holdpoint_governance::submission::Package;
 use holdpoint_protocol::command::{Command, Refusal, Reply};
+use holdpoint_protocol::event::EventKind;
 use holdpoint_runtime::capability::{self, Capability};
 use holdpoint_runtime::senses::Senses;
 use holdpoint_text::Hint as _;
 use holdpoint_trials::unoffered_sensor::UnofferedSensor;
 
+use crate::decide::operations::registered_event;
 use crate::decide::stages::rollback::tests::RollbackBench;
+
+/// The engine's own controllers as a component of the first contract.
+const CONTROLLERS: &[u8] = include_bytes!("../../../../sdk/prebuilt/controllers.wasm");
 
 /// A grasp that asks for a sensor, and answers with a grip: its width is the number of vectors that arrived, its force the sum
 /// of the first two numbers.
@@ -104,6 +111,21 @@ fn sensor_that_the_cell_does_not_offer_is_refused_with_those_that_it_offers() {
     }
     let reply = register(&mut bench, asking("pad-forces", 2));
     assert!(matches!(reply, Reply::Accepted { .. }), "{reply:?}");
+}
+
+#[test]
+fn component_of_the_first_contract_is_registered_with_a_notice() {
+    let notices = |package: Package| {
+        let candidate = Capability::load("test", package).unwrap();
+        let event = registered_event(&candidate, &Requester::Script);
+        let EventKind::Registered { notices, .. } = event else { panic!("{event:?}") };
+        notices
+    };
+    assert!(notices(read()).is_empty(), "it is compiled in");
+    let mut first = asking("pad-forces", 2);
+    assert!(notices(first.clone()).is_empty());
+    first.component = Some(ComponentBytes::new(CONTROLLERS.to_vec()).unwrap());
+    assert_eq!(notices(first), [Notice::ContractOld]);
 }
 
 #[test]
