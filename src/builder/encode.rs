@@ -11,8 +11,8 @@ const WIT: &str = include_str!("../sdk/wit/skill.wit");
 /// The second contract.
 const WIT_2: &str = include_str!("../sdk/wit/2/skill.wit");
 
-/// The name prefix of what a module of the second contract exports.
-const EXPORT_PREFIX_2: &[u8] = b"holdpoint:skill/skill@2.0.0#";
+/// The name prefix of what a module of the first contract exports.
+const EXPORT_PREFIX_1: &[u8] = b"holdpoint:skill/skill@1.0.0#";
 
 /// The name prefix of the section that names a module's world.
 const WORLD_SECTION: &[u8] = b"component-type";
@@ -41,7 +41,7 @@ pub fn encode(built: Vec<u8>) -> Result<Vec<u8>, EncodeError> {
     let mut module = built;
     if !contains(&module, WORLD_SECTION) {
         let mut resolve = Resolve::default();
-        let wit = if contains(&module, EXPORT_PREFIX_2) { WIT_2 } else { WIT };
+        let wit = if contains(&module, EXPORT_PREFIX_1) { WIT } else { WIT_2 };
         let package = resolve.push_str("skill.wit", wit).map_err(refused)?;
         let world = resolve.select_world(&[package], Some("component")).map_err(refused)?;
         embed_component_metadata(&mut module, &resolve, world, StringEncoding::UTF8).map_err(refused)?;

@@ -65,10 +65,9 @@ const RUST_KIT: &[(&str, &str)] = files![
     "skill/phases.rs",
     "skill/place.rs",
     "wit/2/skill.wit",
-    "wit/skill.wit",
 ];
 
-const C_KIT: &[(&str, &str)] = files!["c/holdpoint_skill.c", "c/holdpoint_skill.h", "wit/skill.wit"];
+const C_KIT: &[(&str, &str)] = files!["c/holdpoint_skill.c", "c/holdpoint_skill.h", "wit/2/skill.wit"];
 
 /// The versions that the kit is built and tested with.
 const LOCK: &str = include_str!("../sdk/Cargo.lock");
@@ -154,10 +153,10 @@ pub fn scaffold(folder: &Path, name: &CrateName, lang: Lang) -> Result<(), Scaff
     write(&folder.join(".gitignore"), "/target\n*.core.wasm\n")
 }
 
-/// The kit's workspace without its tests.
+/// The kit's workspace without its tests, and without the kit of the first contract, which they use.
 fn without_tests(text: &str) -> String {
     let members = r#"members = ["body", "rust", "skill"]"#;
-    let lines = text.lines().filter(|line| !line.starts_with('#'));
+    let lines = text.lines().filter(|line| !line.starts_with('#') && !line.starts_with("holdpoint-sdk-1 = "));
     let lines = lines.map(|line| if line.starts_with("members = ") { members } else { line });
     let selected: Vec<&str> = lines.collect();
     selected.join("\n") + "\n"
@@ -197,7 +196,7 @@ mod tests {
         let carried: BTreeSet<String> =
             [COMMON, RUST, C, RUST_KIT, C_KIT].concat().iter().map(|(path, _)| (*path).to_owned()).collect();
         let mut there = BTreeSet::from(["Cargo.toml".to_owned()]);
-        for folder in ["body", "c", "rust", "skill", "templates", "wit"] {
+        for folder in ["body", "c", "rust", "skill", "templates", "wit/2"] {
             below(&sdk().join(folder), &mut there);
         }
         assert_eq!(carried, there);
@@ -258,7 +257,12 @@ mod tests {
             scaffold(&folder, &"my-grasp".parse().unwrap(), lang).unwrap();
             let manifest = fs::read_to_string(folder.join("manifest.toml")).unwrap();
             assert!(manifest.contains("bundle = \"my-grasp.wasm\""), "{manifest}");
-            assert!(folder.join("sdk").is_dir());
+            let contract = match lang {
+                Lang::Rust => "sdk/wit/2/skill.wit",
+                Lang::C => "sdk/skill.wit",
+            };
+            let contract = fs::read_to_string(folder.join(contract)).unwrap();
+            assert!(contract.contains("package holdpoint:skill@2.0.0;"));
             if lang == Lang::Rust {
                 let own = fs::read_to_string(folder.join("Cargo.toml")).unwrap();
                 assert!(own.contains("name = \"my-grasp\""), "{own}");

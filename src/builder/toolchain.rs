@@ -85,7 +85,8 @@ impl Hint for BuildError {
             Self::Missing { get, .. } => Some(format!("get it with {get}").into()),
             Self::NoTarget { get, .. } => Some(get.clone().into()),
             Self::Encode(EncodeError::Module(_)) => Some(
-                "what a component exports is in sdk/wit/skill.wit; it may import WASI 0.2 and nothing else"
+                "the file skill.wit below the folder sdk has what a component exports; it may import WASI 0.2 and \
+                 nothing else"
                     .into(),
             ),
             Self::Refused { .. }

@@ -91,6 +91,24 @@ fn a_missing_toolchain_is_named_with_how_to_get_it() {
     }
 }
 
+/// The controllers of the program, as a component of contract 1.
+#[test]
+fn check_of_a_component_of_the_first_contract_has_a_notice() {
+    let root = tempfile::tempdir().unwrap();
+    let here = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let folder = root.path().join("grasp");
+    fs::create_dir(&folder).unwrap();
+    for file in ["manifest.toml", "submission.toml", "params.toml"] {
+        let text = fs::read_to_string(here.join("manifests/candidates/grasp-improved").join(file)).unwrap();
+        fs::write(folder.join(file), text.replace("native:grasp", "skill.wasm")).unwrap();
+    }
+    fs::copy(here.join("src/sdk/prebuilt/controllers.wasm"), folder.join("skill.wasm")).unwrap();
+    let path = folder.display().to_string();
+    let (_, stdout, stderr) = holdpoint(root.path(), &["candidate", "check", &path, "--json"]);
+    let report: serde_json::Value = serde_json::from_str(&stdout).expect(&stderr);
+    assert_eq!(report["notices"][0]["notice"], "contract-old", "{report}");
+}
+
 /// Cached compiled code with a changed byte never runs, and an alarm reports it.
 #[test]
 fn a_compiled_form_that_was_changed_is_not_loaded_and_raises_an_alarm() {
@@ -105,9 +123,6 @@ fn a_compiled_form_that_was_changed_is_not_loaded_and_raises_an_alarm() {
     run_ok(&["skill", "new", "my-grasp", "--lang", "c", &path]);
     let prebuilt = Path::new(env!("CARGO_MANIFEST_DIR")).join("src/sdk/prebuilt/template-c.wasm");
     fs::copy(prebuilt, folder.join("my-grasp.wasm")).unwrap();
-    let report: serde_json::Value =
-        serde_json::from_str(&run_ok(&["candidate", "check", &path, "--json"])).unwrap();
-    assert_eq!(report["notices"][0]["notice"], "contract-old", "{report}");
     run_ok(&["candidate", "register", &path]);
     // A restarted engine compiles the code in the store and caches it.
     run_ok(&["candidate", "register", "manifests/candidates/place-robust"]);

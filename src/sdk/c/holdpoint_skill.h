@@ -1,4 +1,4 @@
-/* A skill in C: the messages of holdpoint:skill@1.0.0 (wit/skill.wit), as they lie in a component's memory, and the four
+/* A skill in C: the messages of holdpoint:skill@2.0.0 (skill.wit), as they lie in a component's memory, and the four
  * functions that a skill defines. Compile holdpoint_skill.c along; it exports them under their names.
  *
  * Units are SI: metres, radians, newtons, seconds. Poses are in the world frame, z up, the robot's base at the origin. */
@@ -12,6 +12,9 @@
 /* Ticks per second. */
 #define HOLDPOINT_RATE_HZ 240
 
+/* The most commands of one answer. */
+#define HOLDPOINT_COMMANDS_MAX 240
+
 typedef struct {
     const char *bytes; /* UTF-8, without a zero at the end */
     uint32_t length;
@@ -20,11 +23,10 @@ typedef struct {
 /* A text in a literal. */
 #define HOLDPOINT_TEXT(literal) ((holdpoint_text){ (literal), sizeof(literal) - 1 })
 
-/* One value per arm joint, base to tool: the first `count` count. */
 typedef struct {
-    uint8_t count;
-    double j[8];
-} holdpoint_joints;
+    const double *values;
+    uint32_t count;
+} holdpoint_numbers;
 
 typedef struct {
     double x, y, z;
@@ -52,12 +54,24 @@ typedef struct {
     uint32_t sequence;   /* counts the pictures: a new number is a new measurement */
 } holdpoint_estimate;
 
+/* An object that the camera saw, or a place for one. */
 typedef struct {
-    bool seen; /* false when the picture was dropped; the rest then says nothing */
+    holdpoint_text name;
     holdpoint_estimate at;
-} holdpoint_seen;
+} holdpoint_object;
 
-enum { HOLDPOINT_GRASP, HOLDPOINT_ALIGN, HOLDPOINT_PLACE };
+/* The newest numbers of a sensor that the skill asked for. */
+typedef struct {
+    holdpoint_text name;
+    uint32_t age_ticks; /* since they were measured */
+    holdpoint_numbers values;
+} holdpoint_reading;
+
+/* No cell offers images. */
+typedef struct {
+    const void *all;
+    uint32_t count;
+} holdpoint_images;
 
 /* What the guard did with the previous command. */
 enum { HOLDPOINT_ALLOWED, HOLDPOINT_CLAMPED, HOLDPOINT_DENIED };
@@ -65,18 +79,22 @@ enum { HOLDPOINT_ALLOWED, HOLDPOINT_CLAMPED, HOLDPOINT_DENIED };
 /* What a skill may see in one tick. */
 typedef struct {
     uint64_t tick; /* since the task started */
-    holdpoint_joints q;   /* rad */
-    holdpoint_joints dq;  /* rad/s */
-    holdpoint_joints tau; /* N m */
+    holdpoint_numbers q;   /* rad: one value per arm joint, base to tool */
+    holdpoint_numbers dq;  /* rad/s */
+    holdpoint_numbers tau; /* N m */
     holdpoint_pose tool;
     holdpoint_twist tool_twist;
     double gripper_width_m;
     double gripper_force_n; /* mean normal force on the pads */
     double wrist_force_n;   /* without the payload's weight */
-    holdpoint_seen object;
-    holdpoint_seen target;
+    const holdpoint_object *objects; /* without those that are not in sight; see holdpoint_named */
+    uint32_t object_count;
+    holdpoint_images images;
+    const holdpoint_reading *sensors; /* of those that it asked for, the ones that have numbers; see holdpoint_measured */
+    uint32_t sensor_count;
     bool tool_available;
-    uint8_t goal;  /* HOLDPOINT_GRASP, ... */
+    /* What is to be done: the task, the name of the object on which it works, and that of the place for it. */
+    holdpoint_text task, object, target;
     uint8_t guard; /* HOLDPOINT_ALLOWED, ... */
 } holdpoint_observation;
 
@@ -112,7 +130,7 @@ typedef struct {
             double max_speed_m_s;
         } tool_pose;
         struct {
-            holdpoint_joints q;
+            holdpoint_numbers q; /* the values last until the answer is read: keep them in a static array */
             double max_speed_rad_s;
         } joints;
         struct {
@@ -122,7 +140,7 @@ typedef struct {
     };
 } holdpoint_command;
 
-/* Entry points beside the ordinary tick: a standstill in a safe pose; or to where the predecessor can take over, then done. */
+/* Entry points beside the ordinary step: a standstill in a safe pose; or to where the predecessor can take over, then done. */
 enum { HOLDPOINT_SAFE_ABORT, HOLDPOINT_ROLLBACK };
 
 enum { HOLDPOINT_NUMBER, HOLDPOINT_FLAG, HOLDPOINT_STRING };
@@ -143,17 +161,37 @@ typedef struct {
     uint32_t count;
 } holdpoint_parameters;
 
+/* A sensor that a skill asks for. */
+typedef struct {
+    holdpoint_text name;
+    uint32_t length; /* how many numbers it has */
+} holdpoint_sensor;
+
+/* What the code offers and needs. */
+typedef struct {
+    holdpoint_text task;      /* such as `grasp` */
+    holdpoint_text interface; /* as JSON, see `description` in the WIT */
+    holdpoint_images images;
+    const holdpoint_sensor *sensors; /* those of the cell that it uses; the manifest then declares `named` */
+    uint32_t sensor_count;
+} holdpoint_description;
+
 /* What a skill defines. A text that is returned is an error; one without bytes is none. */
 
-/* What the code offers and needs: its primitive, and its interface as JSON (see `description` in the WIT). */
-holdpoint_text skill_describe(holdpoint_parameters parameters, uint8_t *task, holdpoint_text *interface);
+/* What the code offers and needs; all of it is empty until it is set. */
+holdpoint_text skill_describe(holdpoint_parameters parameters, holdpoint_description *description);
 /* Begins the one task of this instance. */
 holdpoint_text skill_start(uint64_t seed, holdpoint_parameters parameters);
-/* One decision. The command is `hold` until it is set. */
-void skill_tick(const holdpoint_observation *seen, holdpoint_command *command);
-/* Turns to a hook: the following ticks are the hook's. */
+/* One decision: the commands of this tick and of those after it. Returns how many there are, 1 to HOLDPOINT_COMMANDS_MAX. The
+ * first is `hold` until it is set. */
+uint32_t skill_step(const holdpoint_observation *seen, holdpoint_command *commands);
+/* Turns to a hook: the following steps are the hook's. */
 void skill_enter(uint8_t hook);
 
+/* Where an object was last seen; 0 if it is not in sight. */
+const holdpoint_estimate *holdpoint_named(const holdpoint_observation *seen, holdpoint_text name);
+/* What a sensor measured last; 0 if there is nothing. */
+const holdpoint_reading *holdpoint_measured(const holdpoint_observation *seen, holdpoint_text name);
 /* Reads a number of the parameter file into `value`; false if it has none of that name. */
 bool holdpoint_number(holdpoint_parameters parameters, const char *name, double *value);
 

@@ -1,7 +1,7 @@
 //! What a skill's component in Rust is written with: the messages, one trait and one macro.
 //!
-//! A component is a [`BundleSource`] that says what it offers and begins runs of a [`Skill`]; [`component!`] makes of it what
-//! the contract `holdpoint:skill@1.0.0` (`wit/skill.wit`) asks for:
+//! A component is a [`Bundle`] that says what it offers and begins runs of a [`Skill`]; [`component!`] makes of it what
+//! the contract `holdpoint:skill@2.0.0` (`wit/2/skill.wit`) asks for:
 //!
 //! ```ignore
 //! struct MyGrasp;
@@ -19,6 +19,8 @@
 //! holdpoint_sdk::component!(MyGrasp);
 //! ```
 //!
+//! A skill answers one command a tick. [`then`] adds commands for the ticks after it, in which the code is not asked.
+//!
 //! The types are those of the engine itself: a [`Skill`] compiled into it and one in a component are the same code.
 //! One instance of a component runs one task, so its run is stored in one static place.
 //!
@@ -32,6 +34,7 @@ pub use holdpoint_body::*;
 pub use holdpoint_skill::{Hook, Skill};
 pub use serde;
 
+pub use wit::then;
 #[doc(hidden)]
 pub use wit::{Adapter, bindings};
 
@@ -48,6 +51,10 @@ pub trait Bundle {
     /// The parameter file beside the manifest, as serde reads it.
     type Params: serde::de::DeserializeOwned;
 
+    /// The sensors of the cell that it uses, by name, with how many numbers each has. The manifest declares `named`, and
+    /// `Observation::sensors` has what they measured.
+    const SENSORS: &'static [(&'static str, u32)] = &[];
+
     /// What the code offers and needs with these parameters.
     ///
     /// # Errors
@@ -61,7 +68,7 @@ pub trait Bundle {
     fn start(seed: u64, params: Self::Params) -> Result<Box<dyn Skill>, String>;
 }
 
-/// Makes a component of a [`BundleSource`]; once a crate.
+/// Makes a component of a [`Bundle`]; once a crate.
 #[macro_export]
 macro_rules! component {
     ($bundle:ty) => {

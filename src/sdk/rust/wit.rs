@@ -9,7 +9,7 @@
 )]
 pub mod bindings {
     wit_bindgen::generate!({
-        path: "../wit",
+        path: "../wit/2",
         world: "component",
         pub_export_macro: true,
         default_bindings_module: "holdpoint_sdk::bindings",
@@ -17,12 +17,14 @@ pub mod bindings {
 }
 
 use std::marker::PhantomData;
+use std::mem;
 use std::sync::Mutex;
 
 use bindings::exports::holdpoint::skill::skill::{Guest, Parameter};
 use bindings::holdpoint::skill::types;
 use holdpoint_body::{
-    Command, Estimate, FailureSignal, GuardVerdict, JointVec, Observation, Pose, ReadingVec, TaskKind, Twist,
+    Command, Estimate, FailureSignal, GuardVerdict, JointVec, MAX_JOINTS, MAX_OBJECTS, MAX_SENSORS,
+    NamedReading, ObjectName, Observation, Pose, SENSOR_VALUES_MAX, SeenObject, TaskKind, Twist,
 };
 use holdpoint_skill::{Hook, Skill};
 
@@ -31,29 +33,34 @@ use crate::{Bundle, params};
 /// The one task of this instance.
 static RUN: Mutex<Option<Box<dyn Skill>>> = Mutex::new(None);
 
+/// The commands of this answer after the first.
+static THEN: Mutex<Vec<Command>> = Mutex::new(Vec::new());
+
 /// What the host calls, on behalf of a bundle.
 pub struct Adapter<B>(PhantomData<B>);
 
 impl<B: Bundle> Guest for Adapter<B> {
     fn describe(parameters: Vec<Parameter>) -> Result<types::Description, String> {
         let said = B::describe(params::read(parameters)?)?;
-        // Code can perform a task that is declared and not in the contract.
-        // It cannot be described then, so it is refused before any of its ticks.
-        let Some(task) = contract_task(said.task) else {
-            return Err(format!("the contract has no task {}", said.task));
-        };
-        Ok(types::Description { task, interface: said.interface })
+        let vector = |&(name, length): &(&str, u32)| types::VectorSpec { name: name.to_owned(), length };
+        let vectors = B::SENSORS.iter().map(vector).collect();
+        let wanted = types::Sensors { images: Vec::new(), vectors };
+        Ok(types::Description { task: said.task.name().to_owned(), interface: said.interface, wanted })
     }
 
-    fn start(seed: u64, parameters: Vec<Parameter>) -> Result<(), String> {
+    /// Every sensor that is asked for is granted, or the component does not run.
+    fn start(seed: u64, parameters: Vec<Parameter>, _granted: types::Sensors) -> Result<(), String> {
         let run = B::start(seed, params::read(parameters)?)?;
-        with_run(|place| *place = Some(run));
+        with(&RUN, |place| *place = Some(run));
         Ok(())
     }
 
-    fn tick(seen: types::Observation) -> types::Command {
-        let seen = observation(&seen);
-        command(with_run(|run| run.as_mut().map_or(Command::Hold, |run| run.tick(&seen))))
+    fn step(seen: types::Observation) -> Vec<types::Command> {
+        // The code describes a task that this kit knows, and is given no other one.
+        let Some(seen) = observation(&seen) else { return vec![types::Command::Hold] };
+        let first = with(&RUN, |run| run.as_mut().map_or(Command::Hold, |run| run.tick(&seen)));
+        let rest = with(&THEN, mem::take);
+        std::iter::once(first).chain(rest).map(command).collect()
     }
 
     fn enter(hook: types::Hook) {
@@ -61,7 +68,7 @@ impl<B: Bundle> Guest for Adapter<B> {
             types::Hook::SafeAbort => Hook::SafeAbort,
             types::Hook::Rollback => Hook::Rollback,
         };
-        with_run(|run| {
+        with(&RUN, |run| {
             if let Some(run) = run {
                 run.enter(hook);
             }
@@ -69,30 +76,22 @@ impl<B: Bundle> Guest for Adapter<B> {
     }
 }
 
-/// A component has one thread and panics end it, so the lock is never held by another and never poisoned.
-fn with_run<T>(work: impl FnOnce(&mut Option<Box<dyn Skill>>) -> T) -> T {
-    match RUN.lock() {
-        Ok(mut run) => work(&mut run),
+/// Adds a command to the answer of this tick, for the tick after its last one; an answer has at most 240. The code is asked
+/// again after them, or earlier: if the guard denies one, a hook is entered, or the robot is interrupted.
+pub fn then(command: Command) {
+    with(&THEN, |rest| rest.push(command));
+}
+
+/// A component has one thread and panics end it, so a lock is never held by another and never poisoned.
+fn with<T, R>(place: &Mutex<T>, work: impl FnOnce(&mut T) -> R) -> R {
+    match place.lock() {
+        Ok(mut value) => work(&mut value),
         Err(poisoned) => work(&mut poisoned.into_inner()),
     }
 }
 
-/// The most joints of the contract.
-const CONTRACT_JOINTS: usize = 8;
-
-fn joint_vec(joints: &types::Joints) -> JointVec {
-    let types::Joints { count, j0, j1, j2, j3, j4, j5, j6, j7 } = *joints;
-    [j0, j1, j2, j3, j4, j5, j6, j7].into_iter().take(usize::from(count)).collect()
-}
-
-/// Of more joints than the contract has, the count says so, and the host refuses the command.
-fn joints(values: &JointVec) -> types::Joints {
-    let mut all = [0.0; CONTRACT_JOINTS];
-    all.iter_mut().zip(values).for_each(|(place, value)| *place = *value);
-    let [j0, j1, j2, j3, j4, j5, j6, j7] = all;
-    #[allow(clippy::cast_possible_truncation, reason = "at most MAX_JOINTS, 16")]
-    let count = values.len() as u8;
-    types::Joints { count, j0, j1, j2, j3, j4, j5, j6, j7 }
+fn joint_vec(values: &[f64]) -> JointVec {
+    values.iter().copied().take(MAX_JOINTS).collect()
 }
 
 const fn numbers(vector: types::Vector) -> [f64; 3] {
@@ -108,13 +107,16 @@ const fn estimate(seen: types::Estimate) -> Estimate {
     Estimate { pose: pose(&seen.pose), age_ticks: seen.age_ticks, sequence: seen.sequence }
 }
 
-fn observation(seen: &types::Observation) -> Observation {
-    let goal = match seen.goal {
-        types::Task::Grasp => TaskKind::Grasp,
-        types::Task::Align => TaskKind::Align,
-        types::Task::Place => TaskKind::Place,
+/// `None` if this kit does not know the task.
+fn observation(seen: &types::Observation) -> Option<Observation> {
+    let object = |one: &types::SeenObject| {
+        Some(SeenObject { name: ObjectName::from(&one.name).ok()?, estimate: estimate(one.estimate) })
     };
-    Observation {
+    let reading = |one: &types::NamedVector| {
+        let values = one.values.iter().copied().take(SENSOR_VALUES_MAX).collect();
+        Some(NamedReading { name: ObjectName::from(&one.name).ok()?, age_ticks: one.age_ticks, values })
+    };
+    Some(Observation {
         tick: seen.tick,
         q: joint_vec(&seen.q),
         dq: joint_vec(&seen.dq),
@@ -127,16 +129,16 @@ fn observation(seen: &types::Observation) -> Observation {
         gripper_width_m: seen.gripper_width_m,
         gripper_force_n: seen.gripper_force_n,
         wrist_force_n: seen.wrist_force_n,
-        objects: goal.seen_objects(seen.object.map(estimate), seen.target.map(estimate)),
-        sensors: ReadingVec::new(),
+        objects: seen.objects.iter().filter_map(object).take(MAX_OBJECTS).collect(),
+        sensors: seen.vectors.iter().filter_map(reading).take(MAX_SENSORS).collect(),
         tool_available: seen.tool_available,
-        goal,
+        goal: TaskKind::named(&seen.goal.task)?,
         guard: match seen.guard {
             types::Verdict::Allowed => GuardVerdict::Allowed,
             types::Verdict::Clamped => GuardVerdict::Clamped,
             types::Verdict::Denied => GuardVerdict::Denied,
         },
-    }
+    })
 }
 
 fn command(asked: Command) -> types::Command {
@@ -154,7 +156,7 @@ fn command(asked: Command) -> types::Command {
             })
         }
         Command::Joints { q, max_speed_rad_s } => {
-            types::Command::Joints(types::JointMove { q: joints(&q), max_speed_rad_s })
+            types::Command::Joints(types::JointMove { q: q.to_vec(), max_speed_rad_s })
         }
         Command::Gripper { width_m, speed_m_s, force_n } => {
             types::Command::Gripper(types::Grip { width_m, speed_m_s, force_n })
@@ -175,13 +177,88 @@ fn command(asked: Command) -> types::Command {
     }
 }
 
-/// `None` for a task that the contract does not have.
-#[allow(unreachable_patterns, reason = "a task can be declared before the contract has it")]
-const fn contract_task(task: TaskKind) -> Option<types::Task> {
-    match task {
-        TaskKind::Grasp => Some(types::Task::Grasp),
-        TaskKind::Align => Some(types::Task::Align),
-        TaskKind::Place => Some(types::Task::Place),
-        _ => None,
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::Description;
+
+    /// Answers with a grip at the force on the first pad, then with `done`.
+    struct Tested;
+
+    #[derive(serde::Deserialize)]
+    struct NoParams {}
+
+    impl Bundle for Tested {
+        type Params = NoParams;
+        const SENSORS: &'static [(&'static str, u32)] = &[("pad-forces", 2)];
+
+        fn describe(_: NoParams) -> Result<Description, String> {
+            Ok(Description { task: TaskKind::Align, interface: "{}".to_owned() })
+        }
+
+        fn start(_: u64, _: NoParams) -> Result<Box<dyn Skill>, String> {
+            Ok(Box::new(Self))
+        }
+    }
+
+    impl Skill for Tested {
+        fn tick(&mut self, seen: &Observation) -> Command {
+            then(Command::Done);
+            let force_n = seen.sensors[0].values[0];
+            Command::Gripper { width_m: seen.object().unwrap().pose.position[0], speed_m_s: 0.1, force_n }
+        }
+
+        fn enter(&mut self, _: Hook) {}
+    }
+
+    fn seen(task: &str) -> types::Observation {
+        let zero = types::Vector { x: 0.0, y: 0.0, z: 0.0 };
+        let rotation = types::Quaternion { x: 0.0, y: 0.0, z: 0.0, w: 1.0 };
+        let pose = types::Pose { position: types::Vector { x: 0.25, ..zero }, rotation };
+        let estimate = types::Estimate { pose, age_ticks: 3, sequence: 9 };
+        types::Observation {
+            tick: 7,
+            q: vec![0.5; 7],
+            dq: Vec::new(),
+            tau: Vec::new(),
+            tool: pose,
+            tool_twist: types::Twist { linear: zero, angular: zero },
+            gripper_width_m: 0.05,
+            gripper_force_n: 1.0,
+            wrist_force_n: 2.0,
+            objects: vec![types::SeenObject { name: "object".to_owned(), estimate }],
+            images: Vec::new(),
+            vectors: vec![types::NamedVector {
+                name: "pad-forces".to_owned(),
+                age_ticks: 0,
+                values: vec![18.5, 17.5],
+            }],
+            tool_available: true,
+            goal: types::Goal {
+                task: task.to_owned(),
+                object: "object".to_owned(),
+                target: "tray".to_owned(),
+            },
+            guard: types::Verdict::Allowed,
+        }
+    }
+
+    #[test]
+    fn objects_and_sensors_arrive_and_an_answer_has_the_commands_that_follow() {
+        let described = <Adapter<Tested> as Guest>::describe(Vec::new()).unwrap();
+        assert_eq!(described.task, "align");
+        let wanted = &described.wanted;
+        assert_eq!((wanted.vectors[0].name.as_str(), wanted.vectors[0].length), ("pad-forces", 2));
+        assert!(wanted.images.is_empty());
+        <Adapter<Tested> as Guest>::start(1, Vec::new(), described.wanted).unwrap();
+        for _ in 0..2 {
+            let answer = <Adapter<Tested> as Guest>::step(seen("align"));
+            let [types::Command::Gripper(grip), types::Command::Done] = &answer[..] else {
+                panic!("{answer:?}")
+            };
+            assert_eq!((grip.width_m, grip.force_n), (0.25, 18.5));
+        }
+        let other = <Adapter<Tested> as Guest>::step(seen("juggle"));
+        assert!(matches!(&other[..], [types::Command::Hold]), "{other:?}");
     }
 }

@@ -2,7 +2,7 @@
 
 mod native;
 
-use holdpoint_sdk::{Bundle, Description, Skill};
+use holdpoint_sdk_1::{Bundle, Description, Skill};
 
 struct Controllers;
 
@@ -18,4 +18,4 @@ impl Bundle for Controllers {
     }
 }
 
-holdpoint_sdk::component!(Controllers);
+holdpoint_sdk_1::component!(Controllers);

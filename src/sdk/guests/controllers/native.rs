@@ -1,6 +1,6 @@
 //! A controller with its parameters, and what it says of itself: the same as the engine says of it when it is compiled in.
 
-use holdpoint_sdk::{Description, Skill, TaskKind};
+use holdpoint_sdk_1::{Description, Skill, TaskKind};
 use holdpoint_skill::motion::{AbortStyle, RollbackStyle};
 use holdpoint_skill::phases::PhaseRunner;
 use holdpoint_skill::{align, grasp, place};

@@ -1,6 +1,6 @@
 //! A run with a fault around its controller.
 
-use holdpoint_sdk::{Command, Hook, Observation, Skill, TICK_SECS};
+use holdpoint_sdk_1::{Command, Hook, Observation, Skill, TICK_SECS};
 use holdpoint_skill::motion::holds_something;
 
 use crate::block::Kind;

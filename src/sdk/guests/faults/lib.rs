@@ -8,7 +8,7 @@ mod native;
 use std::sync::atomic::{AtomicU32, AtomicU64, Ordering};
 
 use block::{BYTES, Kind, MAGIC};
-use holdpoint_sdk::{Bundle, Description, Skill};
+use holdpoint_sdk_1::{Bundle, Description, Skill};
 
 const fn word(at: usize) -> AtomicU64 {
     let mut bytes = [0; 8];
@@ -58,4 +58,4 @@ impl Bundle for Faults {
     }
 }
 
-holdpoint_sdk::component!(Faults);
+holdpoint_sdk_1::component!(Faults);

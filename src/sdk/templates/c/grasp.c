@@ -53,21 +53,21 @@ static double magnitude(double x, double y, double z)
     return __builtin_sqrt(x * x + y * y + z * z);
 }
 
-static void look(const holdpoint_seen *object)
+static void look(const holdpoint_estimate *object)
 {
-    if (!object->seen || object->at.sequence == sequence)
+    if (!object || object->sequence == sequence)
         return;
-    double c = object->at.pose.rotation.w, s = object->at.pose.rotation.z, root = 0.7071067811865476;
+    double c = object->pose.rotation.w, s = object->pose.rotation.z, root = 0.7071067811865476;
     /* The object is square: turned by quarters until it is within an eighth of a turn. */
     for (int i = 0; i < 4 && (c < 0 || __builtin_fabs(s) > 0.41421356237309503 * c); i++) {
         double turned = s > 0 ? c + s : c - s;
         s = root * (s > 0 ? s - c : s + c);
         c = root * turned;
     }
-    double seen[5] = { object->at.pose.position.x, object->at.pose.position.y, object->at.pose.position.z, c, s };
+    double seen[5] = { object->pose.position.x, object->pose.position.y, object->pose.position.z, c, s };
     for (int i = 0; i < 5; i++)
         sum[i] += seen[i];
-    sequence = object->at.sequence;
+    sequence = object->sequence;
     pictures++;
 }
 
@@ -90,10 +90,10 @@ static void retry(const holdpoint_observation *seen, int signal, holdpoint_comma
     go(FAILED);
 }
 
-void skill_tick(const holdpoint_observation *seen, holdpoint_command *command)
+static void tick(const holdpoint_observation *seen, holdpoint_command *command)
 {
     const holdpoint_vector at = seen->tool.position, v = seen->tool_twist.linear, to = sent.position;
-    look(&seen->object);
+    look(holdpoint_named(seen, seen->object));
     double secs = (double)++ticks / HOLDPOINT_RATE_HZ;
     bool arrived = magnitude(v.x, v.y, v.z) < 0.02 && magnitude(at.x - to.x, at.y - to.y, at.z - to.z) < 0.004;
     bool holds = seen->gripper_width_m > 0.012 && seen->gripper_force_n > 1;
@@ -180,6 +180,13 @@ void skill_tick(const holdpoint_observation *seen, holdpoint_command *command)
     }
 }
 
+/* One command a tick. A skill that plans ahead answers more of them. */
+uint32_t skill_step(const holdpoint_observation *seen, holdpoint_command *commands)
+{
+    tick(seen, commands);
+    return 1;
+}
+
 void skill_enter(uint8_t hook)
 {
     go(hook == HOLDPOINT_SAFE_ABORT ? ABORT : ROLLBACK);
@@ -206,9 +213,9 @@ holdpoint_text skill_start(uint64_t seed, holdpoint_parameters parameters)
     return (holdpoint_text){ 0, 0 };
 }
 
-holdpoint_text skill_describe(holdpoint_parameters parameters, uint8_t *task, holdpoint_text *interface)
+holdpoint_text skill_describe(holdpoint_parameters parameters, holdpoint_description *description)
 {
-    *task = HOLDPOINT_GRASP;
-    *interface = HOLDPOINT_TEXT(INTERFACE);
+    description->task = HOLDPOINT_TEXT("grasp");
+    description->interface = HOLDPOINT_TEXT(INTERFACE);
     return skill_start(0, parameters);
 }
