@@ -106,7 +106,7 @@ pub fn section(costs: &Costs) -> Section {
             "share of all",
             "paper (table 5)",
         ],
-        "The active version's episodes are worked anew for each candidate; an engine at work keeps them. The paper's times are of \
+        "The active version's episodes are run again for each candidate; a running engine caches them. The paper's times are of \
          an abstract environment; it gives 2 to 5 s a candidate for its physics.",
     );
     let all: f64 = found.iter().map(|(_, times)| total(times)).sum();

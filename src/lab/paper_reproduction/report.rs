@@ -193,7 +193,7 @@ fn body(section: &Section) -> String {
 }
 
 fn markdown(first: &[String], all: &[Section]) -> String {
-    let mut text = "# The paper's evaluation, worked anew\n\n".to_owned();
+    let mut text = "# The paper's evaluation, re-run\n\n".to_owned();
     for line in first {
         text.push_str(&format!("- {line}\n"));
     }
@@ -209,8 +209,7 @@ fn markdown(first: &[String], all: &[Section]) -> String {
 
 fn html(first: &[String], all: &[Section]) -> String {
     let mut text = format!(
-        "<!doctype html>\n<html lang=\"en\">\n<head><meta charset=\"utf-8\">\n<title>The paper's evaluation, worked \
-         anew</title>\n<style>{STYLE}</style></head>\n<body>\n<h1>The paper's evaluation, worked anew</h1>\n<ul>\n"
+        "<!doctype html>\n<html lang=\"en\">\n<head><meta charset=\"utf-8\">\n<title>The paper's evaluation, re-run</title>\n<style>{STYLE}</style></head>\n<body>\n<h1>The paper's evaluation, re-run</h1>\n<ul>\n"
     );
     for line in first {
         text.push_str(&format!("<li>{}</li>\n", escaped(line)));

@@ -318,7 +318,7 @@ fn direction(test: &ArmComparison, wanted: f64) -> (&'static str, String) {
     };
     let interval = test
         .interval
-        .map_or_else(|| "no spread".to_owned(), |ends| format!("[{:.1}, {:.1}]", ends.lower, ends.upper));
+        .map_or_else(|| "no variation".to_owned(), |ends| format!("[{:.1}, {:.1}]", ends.lower, ends.upper));
     (verdict, format!("mean difference {:+.1} points, 95 % {interval}, p = {}", test.mean, p_value(p)))
 }
 

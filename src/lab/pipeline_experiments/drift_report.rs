@@ -97,8 +97,8 @@ pub(super) fn markdown(report: &DriftReport) -> String {
     let mut text = format!(
         "# Rollback under drift\n\n{} runs from seed {}, {} of them without an activated candidate (they count \
          nowhere); horizon {} sequences, twins of {} sequences; setting {}.\n\n\
-         | drift | magnitude | n | worsened | came off of those | came off of the others | recovered of those off | \
-         worsened and recovered | safe-stopped of those off | warned first | tasks to response, median (max) | \
+         | drift | magnitude | n | worsened | rolled back of those | rolled back of the others | recovered of those rolled back | \
+         worsened and recovered | safe-stopped of those rolled back | warned first | tasks to response, median (max) | \
          tasks to rollback | safe, ms | restored, ms | moved on, ms | good before / under / after |\n\
          | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- |\n",
         report.runs,

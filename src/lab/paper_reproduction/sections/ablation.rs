@@ -60,15 +60,15 @@ pub fn ablation(
             "derived from the whole way",
             "difference",
             "faulty activated",
-            "of those taken off",
+            "of those rolled back",
             "benign lost",
             "paper: BADR",
             "accepted",
             "rollback",
         ],
-        "Detected: stopped before activation or taken off again. Derived: what the whole way's record gives when the part's \
+        "Detected: stopped before activation or rolled back. Derived: what the whole way's record gives when the part's \
          rejections are read as passes, which is how the paper made six of its rows; ours are run. Without a monitor or \
-         without rollback nothing comes off.",
+         without rollback no version is rolled back.",
     );
     let percent = |value: f64| if value.is_nan() { "-".to_owned() } else { format!("{value:.1}") };
     for (row, paper) in ABLATION.iter().zip(papers) {
@@ -186,8 +186,7 @@ fn ablation_directions(
         "The paper's claims of direction",
         &["claim", "verdict", "because"],
         "Paired over the same candidates: held or not held where the difference is established at a one-sided 5 % (exact, by \
-         the candidates of which only one of the two says it), not shown otherwise. What comes off of what was activated is of \
-         other candidates in each variant: a 95 % interval of the difference (Newcombe). Success: held where the 95 % interval \
+         the candidates of which only one of the two says it), not shown otherwise. The versions rolled back after activation are of other candidates in each variant: a 95 % interval of the difference (Newcombe). Success: held where the 95 % interval \
          of the mean over seeds (BCa) is within five points.",
     );
     let mut all = of_detection(pools)?;
@@ -217,7 +216,7 @@ fn of_detection(pools: &[ScreenRow]) -> Result<Vec<AblationClaim>, ExperimentErr
         ("without shadow fewer faults are detected", no_shadow, full),
         ("without kappa_R fewer faults are detected", no_recovery, full),
         ("without a monitor fewer faults are detected", no_monitor, full),
-        ("without rollback fewer faults come off", no_rollback, full),
+        ("without rollback fewer faults are rolled back", no_rollback, full),
         ("without the sandbox fewer faults are detected", no_sandbox, full),
         ("the sandbox is worth less than the monitor", no_monitor, no_sandbox),
         ("validation alone detects fewer than the whole way", validation, full),
@@ -252,11 +251,11 @@ fn of_rollback(pools: &[ScreenRow]) -> Result<Vec<AblationClaim>, ExperimentErro
     let with = full.rolled_back(pools)?;
     let mut all = Vec::new();
     for (text, without) in [
-        ("without kappa_R less of what is activated comes off", no_recovery),
-        ("without rollback less of what is activated comes off", no_rollback),
+        ("without kappa_R fewer activated versions are rolled back", no_recovery),
+        ("without rollback fewer activated versions are rolled back", no_rollback),
     ] {
         let without = without.rolled_back(pools)?;
-        let counts = format!("faulty ones taken off {}, and {}", counted(&with), counted(&without));
+        let counts = format!("faulty ones rolled back {}, and {}", counted(&with), counted(&without));
         let (verdict, because) = if with.total == 0 || without.total == 0 {
             (AblationVerdict::NotShown, counts)
         } else {
@@ -336,7 +335,7 @@ fn of_success(rounds: &[RoundRow]) -> Vec<AblationClaim> {
             {
                 (AblationVerdict::Held, "the same on every seed".to_owned())
             }
-            Err(_) => (AblationVerdict::NotShown, "no spread".to_owned()),
+            Err(_) => (AblationVerdict::NotShown, "no variation".to_owned()),
         };
         let because =
             format!("{:+.1} points over {} seeds, {interval}", mean(&differences), differences.len());
@@ -376,7 +375,7 @@ fn radar(rounds: &[RoundRow], pools: &[ScreenRow]) -> Result<Vec<(String, String
             ],
         ));
     }
-    let axes = ["detected", "not accepted", "safe activation", "success", "taken off", "no violation"];
+    let axes = ["detected", "not accepted", "safe activation", "success", "rolled back", "no violation"];
     let plot = Radar {
         title: "Six measures, outer is better (the paper's figure 1)".to_owned(),
         axes: axes.map(str::to_owned).to_vec(),

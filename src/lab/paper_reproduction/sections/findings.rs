@@ -93,7 +93,7 @@ fn evolves(rounds: &[RoundRow]) -> Result<FindingRow, ExperimentError> {
         Some(ends) if ends.lower > 0.0 => (HELD, format!("[{:.1}, {:.1}]", ends.lower, ends.upper)),
         Some(ends) if ends.upper < 0.0 => (NOT_HELD, format!("[{:.1}, {:.1}]", ends.lower, ends.upper)),
         Some(ends) => (NOT_SHOWN, format!("[{:.1}, {:.1}]", ends.lower, ends.upper)),
-        None => (NOT_SHOWN, "no spread".to_owned()),
+        None => (NOT_SHOWN, "no variation".to_owned()),
     };
     Ok([
         "governance admits beneficial upgrades and performance grows".to_owned(),
@@ -143,7 +143,7 @@ fn provisional(pools: &[ScreenRow]) -> Result<FindingRow, ExperimentError> {
     }
     Ok([
         "activation is provisional: some faults show only after it, or under one profile".to_owned(),
-        format!("of the faulty ones taken off after activation: {}", counts.join(", ")),
+        format!("of the faulty ones rolled back after activation: {}", counts.join(", ")),
         if shown { HELD } else { NOT_SHOWN }.to_owned(),
     ])
 }

@@ -36,8 +36,8 @@ const AFTERWARDS: [(&str, &str, LayerFailure); 5] = [
     (BLIND_SPOT, "the monitor does not see whether tasks are done", LayerFailure::BlindToFailures),
     (BLIND_SPOT, "the monitor sees no rate, and safety events alone", LayerFailure::BlindToRates),
     (BLIND_SPOT, "no telemetry reaches the monitor", LayerFailure::Silent),
-    (NO_ROLLBACK, "the profile was closed to the version to go back to", LayerFailure::PredecessorClosed),
-    (NO_ROLLBACK, "the version to go back to was changed in the store", LayerFailure::PredecessorChanged),
+    (NO_ROLLBACK, "the rollback target was blocked under the profile", LayerFailure::PredecessorClosed),
+    (NO_ROLLBACK, "the rollback target was changed in the store", LayerFailure::PredecessorChanged),
 ];
 
 const BLIND_SPOT: &str = "monitor blind spot";
@@ -143,7 +143,7 @@ fn after_activation(layers: &[LayerRow]) -> Result<(ReportTable, String), Experi
             "more in control, at least",
             "the rest of the layer",
         ],
-        "Every failure under the same drifts, from the same activation, until the version came off or the horizon. Fails open: it \
+        "Every failure under the same drifts, from the same activation, until the rollback or the horizon. Fails open: it \
          is established (exact, over the same drifts, one-sided 5 %) that more versions are in control as before than with \
          nothing failing. Another alarm: of health over the cell, of a shift, or of a violation.",
     );

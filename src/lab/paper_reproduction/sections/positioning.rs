@@ -9,7 +9,7 @@ const DEVOPS: [[&str; 4]; 7] = [
     [
         "compatibility",
         "API schema diff; accuracy on a held-out set",
-        "four dimensions: interface, policy, behaviour, recovery",
+        "four dimensions: interface, policy, behavior, recovery",
         "src/governance/{interface,policy,behavior,recovery}",
     ],
     [
@@ -33,7 +33,7 @@ const DEVOPS: [[&str; 4]; 7] = [
     [
         "rollback semantics",
         "route to the old container",
-        "arm to rest, predecessor from the store by digest, policies compiled anew",
+        "arm to standstill, rollback target from the store by digest, policies compiled again",
         "src/engine/decide/stages/rollback.rs",
     ],
     ["environment", "region", "profiles sim, real, human, and own ones", "profiles/*.toml"],
@@ -93,7 +93,7 @@ const COMMUNITIES: [[&str; 10]; 6] = [
 
 /// Faults, and where each is handled: package, validate (I, P, B, R), sandbox, shadow, activate, monitor.
 const COVERAGE: [[&str; 10]; 7] = [
-    ["callers break", "exports are read", "yes", "", "", "", "runs", "runs", "neighbours", ""],
+    ["callers break", "exports are read", "yes", "", "", "", "runs", "runs", "neighbors", ""],
     [
         "more is permitted",
         "declared use",
@@ -101,7 +101,7 @@ const COVERAGE: [[&str; 10]; 7] = [
         "yes",
         "",
         "",
-        "use is held against it",
+        "use is compared with it",
         "guard",
         "site policies",
         "guard",
@@ -128,7 +128,7 @@ const COVERAGE: [[&str; 10]; 7] = [
         "declared",
         "drills in every phase",
         "",
-        "predecessor kept",
+        "rollback target kept",
         "ladder",
     ],
     [
@@ -139,12 +139,12 @@ const COVERAGE: [[&str; 10]; 7] = [
         "",
         "",
         "bound to digests",
-        "held against sandbox",
+        "compared with sandbox",
         "stale evidence closes",
-        "held against shadow",
+        "compared with shadow",
     ],
     [
-        "nobody answers for it",
+        "no person is accountable for it",
         "author, provenance",
         "",
         "",
@@ -171,7 +171,7 @@ pub fn positioning() -> Section {
     let mut position = ReportTable::new(
         "Position (the paper's table 2)",
         &["dimension", "middleware and skills", "capability learning", "runtime governance", "here", "where"],
-        "The three middle columns are the paper's judgement of others; ours says where to look.",
+        "The three middle columns are the paper's judgment of others; ours says where to look.",
     );
     for row in POSITION {
         position.row(row);
@@ -190,7 +190,7 @@ pub fn positioning() -> Section {
             "activate",
             "monitor",
         ],
-        "The kappas are those of validation: what can be said without running anything.",
+        "The kappas are those of validation: estimates without a run.",
     );
     for row in COVERAGE {
         coverage.row(row);
@@ -209,7 +209,7 @@ pub fn positioning() -> Section {
             "activate",
             "monitor",
         ],
-        "The paper draws it; these are the words below its drawing, and its judgement of others. Empty: not said to be covered. \
+        "The paper draws it; these are the words below its drawing, and its judgment of others. Empty: not named as covered. \
          What is done here in each cell of the last row stands in the next table, by what goes wrong.",
     );
     for row in COMMUNITIES {

@@ -26,7 +26,7 @@ fn sum(rows: &[ScreenRow], profile: ProfileName, count: fn(&PostRunCheck) -> u64
 /// The record of the activated versions while they were in control.
 fn in_control(rows: &[ScreenRow], printed: &PublishedNumbers) -> Result<ReportTable, ExperimentError> {
     let mut table = ReportTable::new(
-        "What was let in, while it was in control",
+        "The activated versions, while they were in control",
         &[
             "profile",
             "activated / candidates",
@@ -67,9 +67,9 @@ fn in_control(rows: &[ScreenRow], printed: &PublishedNumbers) -> Result<ReportTa
 fn consistency(rows: &[ScreenRow]) -> Result<ReportTable, ExperimentError> {
     let mut table = ReportTable::new(
         "Who is activated under two profiles",
-        &["profiles", "candidates", "both", "the looser alone", "the stricter alone", "neither"],
+        &["profiles", "candidates", "both", "the less strict alone", "the stricter alone", "neither"],
         "The same candidates on the same seeds. In the profile human people who are asked always agree, so that a candidate which \
-         the rules refuse under real may be let in there.",
+         the rules refuse under real may be activated there.",
     );
     let activated = |profile: ProfileName, benign: bool| -> BTreeMap<(u64, &str), bool> {
         variant_rows(rows, profile, Variant::Full)
@@ -139,7 +139,7 @@ pub fn profiles(rows: &[ScreenRow], printed: &PublishedNumbers) -> Result<Sectio
         &[
             "profile",
             "faulty stopped before activation",
-            "or taken off again",
+            "or rolled back",
             "benign rejected",
             "benign not active in the end",
             "paper: BADR",

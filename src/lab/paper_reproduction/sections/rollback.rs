@@ -36,8 +36,8 @@ pub fn rollback(report: &DriftReport, printed: &PublishedNumbers) -> Result<Sect
         &[
             "drift",
             "worsened the version",
-            "came off",
-            "recovered of those that came off",
+            "rolled back",
+            "recovered of those rolled back",
             "end to end",
             "success after",
             "paper: recovered",

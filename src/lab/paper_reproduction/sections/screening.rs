@@ -34,11 +34,11 @@ pub fn screening(rows: &[ScreenRow], printed: &PublishedNumbers) -> Result<Secti
             "by the sandbox",
             "by shadow",
             "by the gate",
-            "taken off",
+            "rolled back",
             "kept",
             "paper (table 6)",
         ],
-        "The paper's 75 % is its validation alone, with an estimated kappa_B; here behaviour is measured in the sandbox. \
+        "The paper's 75 % is its validation alone, with an estimated kappa_B; here behavior is measured in the sandbox. \
          Its eight faulty kinds have no overt fault of recovery; ours have two a family besides (readings X19).",
     );
     let of_dimension = |dimension: Dimension| {
@@ -60,7 +60,7 @@ pub fn screening(rows: &[ScreenRow], printed: &PublishedNumbers) -> Result<Secti
     for (name, dimension, published) in [
         ("interface", Dimension::Interface, blocked_text(t6.interface)),
         ("policy", Dimension::Policy, blocked_text(t6.policy)),
-        ("behaviour", Dimension::Behavior, blocked_text(t6.behavior)),
+        ("behavior", Dimension::Behavior, blocked_text(t6.behavior)),
         ("recovery", Dimension::Recovery, "not in the paper's pool".to_owned()),
     ] {
         row(name, all.iter().filter(of_dimension(dimension)).collect(), published);
@@ -144,7 +144,7 @@ fn kappas(rows: &[&ScreenRow], printed: &PublishedNumbers) -> ReportTable {
     for (name, dimension, published) in [
         ("interface", Dimension::Interface, range_text(&t11.interface)),
         ("policy", Dimension::Policy, range_text(&t11.policy)),
-        ("behaviour", Dimension::Behavior, range_text(&t11.behavior)),
+        ("behavior", Dimension::Behavior, range_text(&t11.behavior)),
         ("recovery", Dimension::Recovery, "no such fault".to_owned()),
     ] {
         let overt = rows.iter().filter(|row| row.class == Class::Faulty && row.dimension == Some(dimension));
@@ -194,7 +194,7 @@ fn marginal(rows: &[&ScreenRow], printed: &PublishedNumbers) -> ReportTable {
     let [before, after] = published.recovery;
     for (name, dimension, paper_text) in [
         (
-            "behaviour",
+            "behavior",
             Dimension::Behavior,
             format!("anomalies {:+.2}, found by shadow or monitor", published.anomaly_rise),
         ),
@@ -210,7 +210,7 @@ fn marginal(rows: &[&ScreenRow], printed: &PublishedNumbers) -> ReportTable {
             ("stopped by shadow or gate", |fate| {
                 matches!(fate, Fate::Blocked { stage: Stage::Shadow | Stage::Activation })
             }),
-            ("taken off", |fate| fate == Fate::Contained),
+            ("rolled back", |fate| fate == Fate::Contained),
             ("kept", |fate| fate == Fate::Kept),
         ];
         for (end, is_there) in ends {

@@ -113,7 +113,7 @@ fn of_pools(
         &[
             "thresholds",
             "stopped by validation or sandbox",
-            "stopped or taken off",
+            "stopped or rolled back",
             "benign rejected",
             "otherwise decided than as they are",
             "paper: BADR",

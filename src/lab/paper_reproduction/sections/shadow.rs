@@ -91,7 +91,7 @@ fn avoided_regressions(
     let mut table = ReportTable::new(
         "Activated without a shadow (the counterfactual of equation 19)",
         &["then", "shadow had shown it before"],
-        "Regressed: taken off again, or seen unsafe while in control. What shadow stops and nothing is seen of later is either \
+        "Regressed: rolled back, or seen unsafe while in control. What shadow stops and nothing is seen of later is either \
          spared for another day or stopped for nothing.",
     );
     table.row(["regressed while in control".to_owned(), counted(&rate)]);
@@ -120,7 +120,7 @@ pub fn shadow(rows: &[ScreenRow], printed: &PublishedNumbers) -> Result<Section,
     );
     let mut total = [0_u64; 4];
     for (name, class, dimension) in [
-        ("behaviour", Class::Faulty, Some(Dimension::Behavior)),
+        ("behavior", Class::Faulty, Some(Dimension::Behavior)),
         ("recovery", Class::Faulty, Some(Dimension::Recovery)),
         ("marginal", Class::Marginal, None),
         ("benign", Class::Benign, None),
