@@ -19,6 +19,7 @@ pub mod parameter_search;
 pub mod pipeline_experiments;
 pub mod same_code;
 pub mod throwers;
+mod wording;
 
 #[cfg(test)]
 mod harm_cases;

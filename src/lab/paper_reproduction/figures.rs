@@ -14,8 +14,8 @@ use crate::candidate_pool::Class;
 use crate::ground_truth::HarmClass;
 
 /// Resamples of an interval, and their seed.
-pub const RESAMPLES: usize = 10_000;
-pub const RESAMPLE_SEED: u64 = 20_250;
+const RESAMPLES: usize = 10_000;
+const RESAMPLE_SEED: u64 = 20_250;
 
 /// The rate of some sequences, percent.
 fn rate_percent(score: &HeldOutScore, of: fn(&HeldOutScore) -> u64) -> f64 {
@@ -76,10 +76,26 @@ pub fn by_seed(rows: &[RoundRow], arm: Arm, round: u32, of: RowMeasure) -> Vec<f
     values.into_iter().map(|(_, value)| value).collect()
 }
 
+/// The mean of some values; 0 of none.
+pub(super) fn mean_of(values: &[f64]) -> f64 {
+    values.iter().sum::<f64>() / values.len().max(1) as f64
+}
+
 /// Mean and standard deviation over seeds (ddof 1); the deviation is 0 for one seed.
 #[must_use]
-pub fn mean_std_dev(values: &[f64]) -> (f64, f64) {
-    mean_and_deviation(values).unwrap_or((values.iter().sum::<f64>() / values.len().max(1) as f64, 0.0))
+pub fn mean_std_dev(values: &[f64]) -> [f64; 2] {
+    mean_and_deviation(values).map_or_else(|| [mean_of(values), 0.0], Into::into)
+}
+
+/// A measure of the first arm minus that of the second in the last round, a value a seed.
+pub(super) fn differences(rows: &[RoundRow], arms: [Arm; 2], of: RowMeasure) -> Vec<f64> {
+    let [first, second] = arms.map(|arm| by_seed(rows, arm, last_round(rows), of));
+    first.iter().zip(&second).map(|(first, second)| first - second).collect()
+}
+
+/// The BCa bootstrap of the mean; an error without variation.
+pub(super) fn interval_of_mean(values: &[f64]) -> Result<Interval, StatsError> {
+    bca(values, mean_of, SHOWN_LEVEL, RESAMPLES, RESAMPLE_SEED)
 }
 
 /// One paired comparison of two arms over seeds.
@@ -103,19 +119,16 @@ pub struct ArmComparison {
 /// As [`holm`].
 pub fn compare(
     rows: &[RoundRow],
-    (first, second): (Arm, Arm),
+    [first, second]: [Arm; 2],
     measures: &[(&str, RowMeasure)],
 ) -> Result<Vec<ArmComparison>, StatsError> {
-    let round = last_round(rows);
     let mut found = Vec::new();
     for (name, of) in measures {
-        let (a, b) = (by_seed(rows, first, round, *of), by_seed(rows, second, round, *of));
-        let differences: Vec<f64> = a.iter().zip(&b).map(|(a, b)| a - b).collect();
-        let mean = |values: &[f64]| values.iter().sum::<f64>() / values.len().max(1) as f64;
+        let differences = differences(rows, [first, second], *of);
         found.push(ArmComparison {
             name: format!("{name}: {first} - {second}"),
-            mean: mean(&differences),
-            interval: bca(&differences, mean, SHOWN_LEVEL, RESAMPLES, RESAMPLE_SEED).ok(),
+            mean: mean_of(&differences),
+            interval: interval_of_mean(&differences).ok(),
             test: signed_rank(&differences).ok(),
             differences,
             p_holm: 1.0,
@@ -384,7 +397,7 @@ mod tests {
         }
         assert_eq!(by_seed(&rows, Arm::Governed, 1, SUCCESS), [90.0, 40.0, 80.0, 88.0, 100.0]);
         let found =
-            compare(&rows, (Arm::Governed, Arm::Naive), &[("success", SUCCESS), ("same", DAMAGE)]).unwrap();
+            compare(&rows, [Arm::Governed, Arm::Naive], &[("success", SUCCESS), ("same", DAMAGE)]).unwrap();
         let [success, same] = found.as_slice() else { panic!("{found:?}") };
         assert_eq!(success.differences, [30.0, 0.0, 20.0, 48.0, 80.0]);
         let test = success.test.as_ref().unwrap();

@@ -18,6 +18,7 @@ use crate::pipeline_experiments::candidate_run::{
 };
 use crate::pipeline_experiments::drift::Quantiles;
 use crate::pipeline_experiments::{ExperimentError, ProgressFn, scratch};
+use crate::wording::{number, report as wording, report_tables as tables};
 use holdpoint::bench::{TaskCost, task_costs};
 use holdpoint_engine::Experiment;
 
@@ -69,7 +70,7 @@ pub fn measure(
             thresholds: ThresholdScale::AsTheyAre,
         };
         found.push(run_candidate_timed(&setting, &upgrade.name, upgrade.package.clone())?);
-        tell(&progress(&format!("cost of {}", upgrade.name), finished + 1, chosen.len(), began));
+        tell(&progress(&wording::cost_of(&upgrade.name), finished + 1, chosen.len(), began));
     }
     let tasks =
         task_costs(TASKS).map_err(|error| ExperimentError::Unexpected(format!("no task runs: {error}")))?;
@@ -96,44 +97,29 @@ fn total(times: &StageTimes) -> f64 {
 #[must_use]
 pub fn section(costs: &Costs) -> Section {
     let Costs { candidates: found, tasks } = costs;
-    let mut table = ReportTable::new(
-        "Processor time a candidate, all threads (profile sim)",
-        &[
-            "stage",
-            "candidates that it decided on",
-            "median ms",
-            "greatest ms",
-            "share of all",
-            "paper (table 5)",
-        ],
-        "The active version's episodes are run again for each candidate; a running engine caches them. The paper's times are of \
-         an abstract environment; it gives 2 to 5 s a candidate for its physics.",
-    );
+    let mut table = ReportTable::new(tables::STAGE_COSTS);
     let all: f64 = found.iter().map(|(_, times)| total(times)).sum();
-    let mut row = |name: &str, of: fn(&StageTimes) -> f64, paper: &str| {
+    let stages: [fn(&StageTimes) -> f64; 5] = [
+        |times| times.validation,
+        |times| times.sandbox,
+        |times| times.shadow,
+        |times| times.activation,
+        |times| times.monitoring,
+    ];
+    for ([name, paper], of) in wording::STAGE_COSTS.into_iter().zip(stages) {
         let times: Vec<f64> = found.iter().map(|(_, times)| of(times)).filter(|time| *time > 0.0).collect();
         let share = 100.0 * times.iter().sum::<f64>() / all.max(f64::MIN_POSITIVE);
-        let spread = Quantiles::of(times.iter().copied());
-        let number = |value: f64| format!("{:.2}", 1_000.0 * value);
+        let of_times = Quantiles::of(times.iter().map(|secs| 1_000.0 * secs));
         table.row([
             name.to_owned(),
             times.len().to_string(),
-            spread.map_or_else(|| "-".to_owned(), |spread| number(spread.median)),
-            spread.map_or_else(|| "-".to_owned(), |spread| number(spread.max)),
+            number(of_times.map(|times| times.median), 2),
+            number(of_times.map(|times| times.max), 2),
             format!("{share:.2} %"),
             paper.to_owned(),
         ]);
-    };
-    row("registration and validation", |times| times.validation, "0.06 ms");
-    row("sandbox", |times| times.sandbox, "about 3 ms");
-    row("shadow", |times| times.shadow, "about 4 ms");
-    row("gate and activation", |times| times.activation, "< 0.01 ms");
-    row("provisional window", |times| times.monitoring, "about 2 ms a rollback");
-    let mut fits = ReportTable::new(
-        "How it grows",
-        &["against", "points", "a unit, ms", "R²"],
-        "Least squares. Tasks: of the active versions, by how long they took in the world, the world's reset included.",
-    );
+    }
+    let mut fits = ReportTable::new(tables::COST_GROWTH);
     let episodes: Vec<(f64, f64)> = found
         .iter()
         .map(|(end, times)| (end.effort.sandbox as f64, times.sandbox))
@@ -149,31 +135,25 @@ pub fn section(costs: &Costs) -> Section {
         })
         .collect();
     let lengths: Vec<(f64, f64)> = tasks.iter().map(|task| (task.simulated_secs, task.cpu_secs)).collect();
-    for (name, points) in [
-        ("seconds of a task", &lengths),
-        ("sandbox episodes of a candidate", &episodes),
-        ("candidates, one after another", &candidates),
-    ] {
-        let cells = line(points).map_or_else(
-            || ["-".to_owned(), "-".to_owned()],
-            |[slope, _, explained]| [format!("{:.2}", 1_000.0 * slope), format!("{explained:.3}")],
-        );
-        fits.row([name.to_owned(), points.len().to_string()].into_iter().chain(cells));
+    for (name, points) in wording::COST_UNITS.into_iter().zip([&lengths, &episodes, &candidates]) {
+        let fit = line(points);
+        fits.row([
+            name.to_owned(),
+            points.len().to_string(),
+            number(fit.map(|[slope, ..]| 1_000.0 * slope), 2),
+            number(fit.map(|[.., explained]| explained), 3),
+        ]);
     }
     let evaluation: f64 =
         found.iter().map(|(_, times)| times.sandbox + times.shadow + times.monitoring).sum();
-    let line = format!(
-        "Overhead: {:.1} s of processor time a candidate (mean of {}), {:.2} % of it in evaluation and watching",
-        all / found.len().max(1) as f64,
-        found.len(),
-        100.0 * evaluation / all.max(f64::MIN_POSITIVE)
-    );
+    let each = all / found.len().max(1) as f64;
+    let line = wording::overhead(each, found.len(), 100.0 * evaluation / all.max(f64::MIN_POSITIVE));
     Section {
-        title: "Overhead".to_owned(),
-        text: vec!["The paper claims that the cost is that of evaluation and grows with tasks and batch, not with stages.".to_owned()],
+        title: wording::OVERHEAD.to_owned(),
+        text: vec![wording::OVERHEAD_CLAIM.to_owned()],
         tables: vec![table, fits],
-        plots: Vec::new(),
         lines: vec![line],
+        ..Section::default()
     }
 }
 

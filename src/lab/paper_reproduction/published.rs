@@ -94,6 +94,14 @@ pub struct PublishedRollback {
     pub overall: PublishedMeanStd,
 }
 
+impl PublishedDetections {
+    /// The share of shadow alone in all detections, percent.
+    #[must_use]
+    pub fn shadow_only_percent(&self) -> f64 {
+        100.0 * f64::from(self.shadow_only) / f64::from(self.shadow_only + self.sandbox)
+    }
+}
+
 /// Kappas of overt faults, from lowest to highest.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]

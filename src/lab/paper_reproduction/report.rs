@@ -12,6 +12,7 @@ use super::published::PublishedNumbers;
 use super::raw_rows::{RawRows, ReportProvenance};
 use super::sections::{self, Section, seeds_in};
 use crate::pipeline_experiments::{ExperimentError, write_atomically};
+use crate::wording::report as wording;
 
 /// How the page looks, and how its tables are sorted by a click.
 const STYLE: &str = "body{font:15px/1.5 sans-serif;max-width:70rem;margin:2rem auto;padding:0 1rem;color:#111}\
@@ -24,31 +25,6 @@ up=th.dataset.up!=='1';th.dataset.up=up?'1':'0';var value=function(row){var text
 n=parseFloat(text);return isNaN(n)?text:n};Array.prototype.slice.call(body.rows).sort(function(a,b){var x=value(a),\
 y=value(b);return (x<y?-1:x>y?1:0)*(up?1:-1)}).forEach(function(row){body.appendChild(row)})})});\
 document.documentElement.dataset.ready='1';";
-
-/// The limits of the numbers, in the four categories of the paper's section 10.
-const VALIDITY: [(&str, &str); 4] = [
-    (
-        "Internal",
-        "Arms meet the same candidates and the same held-out sequences, and what decides knows neither what was planted nor \
-         what the referee says. Thresholds were set on calibration seeds; the seeds here were used for nothing before. \
-         Candidates of a seed share the episodes of the version in force, and so its luck.",
-    ),
-    (
-        "Construct",
-        "What is unsafe is the referee's word over some hundred pairs of episodes against a published scale; rare harm below \
-         its resolution counts as none. A planted fault need do no physical harm, so both counts stand side by side.",
-    ),
-    (
-        "External",
-        "One simulated cell, one arm, three skills, parameters and wrappers as upgrades. Levels are not those of another \
-         robot; directions may not be either.",
-    ),
-    (
-        "Conclusion",
-        "Seeds are the unit of the tests of rounds, candidates that of the pools. Tests are exact, corrected by Holm within \
-         their family; \"not shown\" says that the numbers do not decide.",
-    ),
-];
 
 /// Writes the report of a folder's raw rows: `report.md`, `report.html`, plots, `tests.csv`. Returns the
 /// lines of the first page.
@@ -90,7 +66,7 @@ pub fn write(folder: &Path) -> Result<Vec<String>, ExperimentError> {
     put("report.md", &markdown(&first, &all))?;
     put("report.html", &html(&first, &all))?;
     let mut lines: Vec<String> = all.iter().flat_map(|section| section.lines.clone()).collect();
-    lines.push(format!("report.md, report.html and the raw rows are in {}", display_path(folder)));
+    lines.push(wording::written_to(folder));
     Ok(lines)
 }
 
@@ -110,12 +86,8 @@ pub fn write_section_page(out: &Path, name: &str, section: Section) -> Result<Ve
     let path = out.join(name);
     write_atomically(&path, body(&section).as_bytes())?;
     let mut lines = section.lines;
-    lines.push(format!("{} is written", display_path(&path)));
+    lines.push(wording::written(&path));
     Ok(lines)
-}
-
-fn display_path(path: &Path) -> String {
-    path.display().to_string()
 }
 
 /// The question, the subjects, and the results.
@@ -125,56 +97,31 @@ fn first_page(about: &ReportProvenance, rows: &RawRows, all: &[Section]) -> Vec<
     let mut parts = Vec::new();
     if let Some(row) = rounds.first() {
         let arms: BTreeSet<&str> = rounds.iter().map(|row| row.arm.name()).collect();
-        parts.push(format!(
-            "rounds of {} of {of} seeds ({}), {} arms, {} rounds of {} held-out sequences, {} rows",
-            seeds_in(rounds, |row| row.seed),
-            from_to(rounds.iter().map(|row| row.seed)),
-            arms.len(),
-            last_round(rounds),
-            row.score.sequences,
-            rounds.len()
-        ));
+        let held_out = (last_round(rounds), row.score.sequences);
+        let seeds = preset_seeds(of, rounds, |row| row.seed);
+        parts.push(wording::rounds(&seeds, arms.len(), held_out, rounds.len()));
     }
     if !pools.is_empty() {
         let left_out: Vec<&ScreenRow> = pools.iter().filter(|row| row.variant != Variant::Full).collect();
-        parts.push(format!(
-            "pools of {} of {of} seeds ({}), of {} with parts left out, {} rows",
-            seeds_in(pools, |row| row.seed),
-            from_to(pools.iter().map(|row| row.seed)),
-            seeds_in(&left_out, |row| row.seed),
-            pools.len()
-        ));
+        let left_out = seeds_in(&left_out, |row| row.seed);
+        parts.push(wording::pools(&preset_seeds(of, pools, |row| row.seed), left_out, pools.len()));
     }
-    if let Some(drift) = drift {
-        parts.push(format!("{} runs of twelve drifts, from seed {}", drift.runs, drift.seed));
-    }
+    parts.extend(drift.as_ref().map(|drift| wording::drifts(drift.runs, drift.seed)));
     if !layers.is_empty() {
-        parts.push(format!("{} rows of failures of the layer", layers.len()));
+        parts.push(wording::layers(layers.len()));
     }
-    let mut lines = vec![format!(
-        "Asked: what the paper's evaluation asks, on our own cell. Preset {}: {}.",
-        about.preset,
-        parts.join("; ")
-    )];
+    let mut lines = vec![wording::asked(about.preset, &parts)];
     lines.extend(all.iter().flat_map(|section| section.lines.clone()));
-    let short = |digest: &str| digest.get(..16).unwrap_or(digest).to_owned();
-    lines.push(format!(
-        "Version {}, computed by {}, decided by {}. Everything below is computed from the raw rows beside this page.",
-        about.version,
-        short(&about.computed_by),
-        short(&about.decided_by)
-    ));
+    let [computed_by, decided_by] =
+        [&about.computed_by, &about.decided_by].map(|digest| digest.get(..16).unwrap_or(digest));
+    lines.push(wording::provenance(&about.version, computed_by, decided_by));
     lines
 }
 
-/// The lowest and the highest of some seeds.
-fn from_to(seeds: impl Iterator<Item = u64>) -> String {
-    let seeds: BTreeSet<u64> = seeds.collect();
-    match (seeds.first(), seeds.last()) {
-        (Some(first), Some(last)) if first != last => format!("{first} to {last}"),
-        (Some(one), _) => one.to_string(),
-        _ => "none".to_owned(),
-    }
+/// The rows' seeds of those of the preset: their number, and the lowest and the highest.
+fn preset_seeds<T>(of: u64, rows: &[T], seed: fn(&T) -> u64) -> String {
+    let seeds: BTreeSet<u64> = rows.iter().map(seed).collect();
+    wording::seeds(seeds.len(), of, seeds.first().copied().zip(seeds.last().copied()))
 }
 
 /// A section in Markdown.
@@ -193,23 +140,25 @@ fn body(section: &Section) -> String {
 }
 
 fn markdown(first: &[String], all: &[Section]) -> String {
-    let mut text = "# The paper's evaluation, re-run\n\n".to_owned();
+    let mut text = format!("# {}\n\n", wording::TITLE);
     for line in first {
         text.push_str(&format!("- {line}\n"));
     }
     for section in all {
         text.push_str(&body(section));
     }
-    text.push_str("\n## What limits what this shows\n\n");
-    for (name, words) in VALIDITY {
-        text.push_str(&format!("- **{name}.** {words}\n"));
+    text.push_str(&format!("\n## {}\n\n", wording::LIMITS));
+    for [name, limit] in wording::VALIDITY {
+        text.push_str(&format!("- **{name}.** {limit}\n"));
     }
     text
 }
 
 fn html(first: &[String], all: &[Section]) -> String {
     let mut text = format!(
-        "<!doctype html>\n<html lang=\"en\">\n<head><meta charset=\"utf-8\">\n<title>The paper's evaluation, re-run</title>\n<style>{STYLE}</style></head>\n<body>\n<h1>The paper's evaluation, re-run</h1>\n<ul>\n"
+        "<!doctype html>\n<html lang=\"en\">\n<head><meta charset=\"utf-8\">\n<title>{0}</title>\n<style>{STYLE}</style>\
+         </head>\n<body>\n<h1>{0}</h1>\n<ul>\n",
+        wording::TITLE
     );
     for line in first {
         text.push_str(&format!("<li>{}</li>\n", escaped(line)));
@@ -227,9 +176,9 @@ fn html(first: &[String], all: &[Section]) -> String {
             text.push_str(svg);
         }
     }
-    text.push_str("<h2>What limits what this shows</h2>\n<ul>\n");
-    for (name, words) in VALIDITY {
-        text.push_str(&format!("<li><b>{name}.</b> {}</li>\n", escaped(words)));
+    text.push_str(&format!("<h2>{}</h2>\n<ul>\n", wording::LIMITS));
+    for [name, limit] in wording::VALIDITY {
+        text.push_str(&format!("<li><b>{name}.</b> {}</li>\n", escaped(limit)));
     }
     text.push_str(&format!("</ul>\n<script>{SCRIPT}</script>\n</body>\n</html>\n"));
     text

@@ -2,6 +2,11 @@
 
 use holdpoint_plot::escaped;
 
+/// The cells of a line.
+fn cells(line: &str) -> impl Iterator<Item = &str> {
+    line.split('|').map(str::trim)
+}
+
 /// See the module's head.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct ReportTable {
@@ -15,15 +20,25 @@ pub struct ReportTable {
 }
 
 impl ReportTable {
+    /// A table without rows: its title, its columns separated by `|`, and its note.
     #[must_use]
-    pub fn new(title: &str, columns: &[&str], note: &str) -> Self {
+    pub fn new([title, columns, note]: [&str; 3]) -> Self {
         Self {
             title: title.to_owned(),
-            columns: columns.iter().map(|&column| column.to_owned()).collect(),
-            rows: Vec::new(),
+            columns: cells(columns).map(str::to_owned).collect(),
             note: note.to_owned(),
-            seeds: None,
+            ..Self::default()
         }
+    }
+
+    /// A table of fixed texts; the cells of a row are separated by `|`.
+    #[must_use]
+    pub fn fixed(head: [&str; 3], rows: &[&str]) -> Self {
+        let mut table = Self::new(head);
+        for row in rows {
+            table.row(cells(row));
+        }
+        table
     }
 
     /// Its heading: the title, and the finished part of the plan.
@@ -83,7 +98,7 @@ mod tests {
 
     #[test]
     fn table_cells_are_escaped() {
-        let mut table = ReportTable::new("a < b", &["what", "n"], "see \"x\" & y");
+        let mut table = ReportTable::new(["a < b", "what | n", "see \"x\" & y"]);
         table.row(["a|b", "<script>"]);
         assert_eq!(table.markdown().lines().filter(|line| line.starts_with('|')).count(), 3);
         assert!(table.markdown().contains("a\\|b"));
@@ -94,7 +109,7 @@ mod tests {
 
     #[test]
     fn a_table_shows_its_number_of_seeds() {
-        let mut table = ReportTable::new("arms", &["arm"], "");
+        let mut table = ReportTable::new(["arms", "arm", ""]);
         assert!(table.markdown().starts_with("### arms\n") && table.html().starts_with("<h3>arms</h3>"));
         table.seeds = Some((15, 40));
         assert!(table.markdown().starts_with("### arms (15 of 40 seeds)\n"));

@@ -12,8 +12,7 @@ mod shadow;
 
 use std::collections::BTreeSet;
 
-use holdpoint_governance::metrics::Proportion;
-use holdpoint_governance::stats::normal_quantile;
+use holdpoint_governance::stats::{Interval, normal_quantile};
 use holdpoint_plot::{Curve, Curves};
 
 pub use self::ablation::ablation;
@@ -34,6 +33,9 @@ use super::published::PublishedNumbers;
 use super::report_table::ReportTable;
 use super::{Arm, RoundRow};
 use crate::pipeline_experiments::ExperimentError;
+use crate::wording::{
+    counted, number, or_dash, p_value, plus_minus, range, report as wording, report_tables as tables,
+};
 
 /// A part of the report.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -68,52 +70,57 @@ pub fn seeds_in<T>(rows: &[T], seed: fn(&T) -> u64) -> usize {
 /// The arms that the paper compares.
 const ARMS_OF_THE_PAPER: [Arm; 3] = [Arm::Static, Arm::Naive, Arm::Governed];
 
-/// A count with its share and interval.
-#[must_use]
-pub fn counted(proportion: &Proportion) -> String {
-    let Proportion { count, total, interval } = proportion;
-    interval.map_or_else(
-        || format!("{count}/{total}"),
-        |ends| {
-            let share = 100.0 * *count as f64 / *total as f64;
-            format!("{count}/{total} = {share:.1} % [{:.1}, {:.1}]", 100.0 * ends.lower, 100.0 * ends.upper)
-        },
-    )
+/// Whether a claim of direction holds.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Verdict {
+    Held,
+    NotHeld,
+    NotShown,
 }
 
+impl Verdict {
+    /// Of a test in the wanted direction: held if the test says so after correction and the mean agrees, not held if it
+    /// says the opposite.
+    fn of_test(test: &ArmComparison, wanted: f64) -> Self {
+        match (test.p_holm < 0.05, test.mean * wanted > 0.0) {
+            (true, true) => Self::Held,
+            (true, false) => Self::NotHeld,
+            (false, _) => Self::NotShown,
+        }
+    }
+
+    /// Of a difference that has to lie above zero.
+    const fn above_zero(lower: f64, upper: f64) -> Self {
+        match (lower > 0.0, upper < 0.0) {
+            (true, _) => Self::Held,
+            (false, true) => Self::NotHeld,
+            (false, false) => Self::NotShown,
+        }
+    }
+
+    /// Of a difference that has to lie within a margin on either side of zero.
+    const fn within(margin: f64, ends: Interval) -> Self {
+        if ends.lower >= -margin && ends.upper <= margin {
+            Self::Held
+        } else if ends.lower > margin || ends.upper < -margin {
+            Self::NotHeld
+        } else {
+            Self::NotShown
+        }
+    }
+}
+
+/// Mean and standard deviation of values over seeds.
 fn mean(values: &[f64]) -> String {
-    let (mean, deviation) = mean_std_dev(values);
-    format!("{mean:.1} ± {deviation:.1}")
-}
-
-fn p_value(p: f64) -> String {
-    if p < 0.001 { format!("{p:.1e}") } else { format!("{p:.3}") }
+    plus_minus(mean_std_dev(values))
 }
 
 /// Success and unsafe versions round by round, beside the paper's figure 4.
 fn by_round(rows: &[RoundRow], printed: &PublishedNumbers) -> ReportTable {
-    let mut table = ReportTable::new(
-        "Figure 4 beside ours, round by round, percent",
-        &[
-            "round",
-            "success: static",
-            "naive",
-            "governed",
-            "paper: static",
-            "naive",
-            "governed",
-            "unsafe version in force: naive",
-            "governed",
-            "paper: naive",
-            "governed",
-        ],
-        "The paper's means are of five seeds and six rounds; it counts unsafe activations of a round, ours is who is in force.",
-    );
+    let mut table = ReportTable::new(tables::BY_ROUND);
     let f4 = &printed.f4;
     for round in 0..=last_round(rows) {
-        let published = |by_round: &[f64; 6]| {
-            by_round.get(round as usize).map_or_else(|| "-".to_owned(), |value| format!("{value:.1}"))
-        };
+        let published = |by_round: &[f64; 6]| number(by_round.get(round as usize).copied(), 1);
         let mut cells = vec![round.to_string()];
         cells.extend(ARMS_OF_THE_PAPER.map(|arm| mean(&by_seed(rows, arm, round, SUCCESS))));
         cells.extend([&f4.success_static, &f4.success_naive, &f4.success_governed].map(published));
@@ -126,21 +133,10 @@ fn by_round(rows: &[RoundRow], printed: &PublishedNumbers) -> ReportTable {
 
 /// The paper's measures of how sequences run, last round.
 fn task_measures(rows: &[RoundRow]) -> ReportTable {
-    let mut table = ReportTable::new(
-        "Time, retries and motion after a stop, last round",
-        &[
-            "arm",
-            "time of a sequence done, s",
-            "retries a sequence",
-            "moved on, percent",
-            "went on, ms a sequence",
-        ],
-        "Moved on: sequences in which the arm moved when it had to stand, by the referee. Went on: motion after declared failures \
-         and stops, which the arm needs some of to come to rest. Mean ± standard deviation over seeds.",
-    );
+    let mut table = ReportTable::new(tables::TASK_MEASURES);
     for arm in arms_of(rows) {
         let measured = |measure: RowMeasure, digits: usize| {
-            let (mean, deviation) = mean_std_dev(&by_seed(rows, arm, last_round(rows), measure));
+            let [mean, deviation] = mean_std_dev(&by_seed(rows, arm, last_round(rows), measure));
             format!("{mean:.digits$} ± {deviation:.digits$}")
         };
         table.row([
@@ -174,39 +170,13 @@ pub fn deployment(rows: &[RoundRow], printed: &PublishedNumbers) -> Result<Secti
     }
     let last = last_round(rows);
     let seeds = by_seed(rows, Arm::Governed, last, SUCCESS).len();
-    let mut table = ReportTable::new(
-        &format!("After the last of {last} rounds, mean ± standard deviation over {seeds} seeds, percent"),
-        &[
-            "arm",
-            "success",
-            "violations",
-            "near a limit",
-            "anomalies",
-            "damage by the referee",
-            "unsafe version in force",
-            "faulty version in force",
-        ],
-        "Success, violations, near, anomalies and damage are shares of held-out sequences (three tasks each). A version is \
-         unsafe where the referee settles damage or danger against it beside the one it replaced.",
-    );
-    let measures: [(&str, RowMeasure); 7] = [
-        ("success", SUCCESS),
-        ("violations", VIOLATION),
-        ("near", NEAR),
-        ("anomalies", ANOMALY),
-        ("damage", DAMAGE),
-        ("unsafe in force", LIVE_UNSAFE),
-        ("faulty in force", LIVE_FAULTY),
-    ];
+    let mut table = tables::after_last_round(last, seeds);
     for arm in arms_of(rows) {
-        let cells = measures.iter().map(|(_, measure)| mean(&by_seed(rows, arm, last, *measure)));
+        let cells = [SUCCESS, VIOLATION, NEAR, ANOMALY, DAMAGE, LIVE_UNSAFE, LIVE_FAULTY]
+            .map(|measure| mean(&by_seed(rows, arm, last, measure)));
         table.row(std::iter::once(arm.to_string()).chain(cells));
     }
-    let mut activations = ReportTable::new(
-        "What the arms let in over all rounds",
-        &["arm", "unsafe / activated (referee)", "faulty activated / offered", "benign refused / offered"],
-        "",
-    );
+    let mut activations = ReportTable::new(tables::ACTIVATIONS);
     for arm in arms_of(rows).into_iter().filter(|arm| *arm != Arm::Static) {
         activations.row([
             arm.to_string(),
@@ -217,22 +187,7 @@ pub fn deployment(rows: &[RoundRow], printed: &PublishedNumbers) -> Result<Secti
     }
     let tests = deployment_tests(rows)?;
     let t7 = &printed.t7;
-    let mut beside = ReportTable::new(
-        "Table 7 beside ours, last round",
-        &[
-            "measure",
-            "static",
-            "naive",
-            "governed",
-            "p (governed, naive)",
-            "paper: static",
-            "naive",
-            "governed",
-            "p",
-        ],
-        "The paper's success is of its own tasks and simulator; levels cannot be compared, directions can. p: two-sided \
-         exact signed-rank test, corrected by Holm within the family of the tests below.",
-    );
+    let mut beside = ReportTable::new(tables::TABLE_7);
     for (name, measure, paper, p) in [
         ("success", SUCCESS, t7.success, t7.success_p),
         ("unsafe version in force", LIVE_UNSAFE, t7.unsafe_activation, t7.unsafe_activation_p),
@@ -240,44 +195,28 @@ pub fn deployment(rows: &[RoundRow], printed: &PublishedNumbers) -> Result<Secti
     ] {
         let ours = ARMS_OF_THE_PAPER.map(|arm| mean(&by_seed(rows, arm, last, measure)));
         let test = tests.iter().find(|test| test.name.starts_with(name));
-        let p_ours = test.map_or_else(|| "-".to_owned(), |test| p_value(test.p_holm));
-        let published = paper.map(|[mean, deviation]| format!("{mean:.1} ± {deviation:.1}"));
-        let cells =
-            [vec![name.to_owned()], ours.to_vec(), vec![p_ours], published.to_vec(), vec![p_value(p)]];
+        let p_ours = or_dash(test.map(|test| p_value(test.p_holm)));
+        let published = paper.map(plus_minus).to_vec();
+        let cells = [vec![name.to_owned()], ours.to_vec(), vec![p_ours], published, vec![p_value(p)]];
         beside.row(cells.concat());
     }
-    let mut directions =
-        ReportTable::new("The paper's claims of direction", &["claim", "verdict", "because"], "");
-    let mut lines = Vec::new();
-    for (claim, name, wanted) in [
-        ("governed has fewer unsafe versions in force than naive", "unsafe version in force", -1.0),
-        ("governed violates less than naive", "violations", -1.0),
-        ("governance costs no success (governed at least naive's)", "success", 1.0),
-    ] {
+    let mut directions = ReportTable::new(tables::DEPLOYMENT_CLAIMS);
+    let unsafe_of = |arm| unsafe_activations(rows, arm, None);
+    let mut lines =
+        vec![wording::unsafe_activations(seeds, &unsafe_of(Arm::Naive)?, &unsafe_of(Arm::Governed)?)];
+    let wanted = [("unsafe version in force", -1.0), ("violations", -1.0), ("success", 1.0)];
+    for (claim, (name, wanted)) in wording::DEPLOYMENT_CLAIMS.into_iter().zip(wanted) {
         let is_of_claim = |test: &&ArmComparison| test.name.starts_with(name) && test.name.ends_with("naive");
         if let Some(test) = tests.iter().find(is_of_claim) {
-            let (verdict, because) = direction(test, wanted);
-            lines.push(format!("E2: {claim}: {verdict} ({because})"));
-            directions.row([claim.to_owned(), verdict.to_owned(), because]);
+            let verdict = wording::verdict(Verdict::of_test(test, wanted));
+            let because = wording::mean_difference(test);
+            lines.push(wording::deployment_claim(claim, verdict, &because));
+            directions.row([claim, verdict, because.as_str()]);
         }
     }
-    let unsafe_naive = unsafe_activations(rows, Arm::Naive, None)?;
-    let unsafe_governed = unsafe_activations(rows, Arm::Governed, None)?;
-    lines.insert(
-        0,
-        format!(
-            "E2, {seeds} seeds: unsafe activations naive {}, governed {}",
-            counted(&unsafe_naive),
-            counted(&unsafe_governed)
-        ),
-    );
     Ok(Section {
-        title: "E2: performance and safety over rounds of upgrades".to_owned(),
-        text: vec![
-            "In every round one family yields a candidate, drawn from the pool of the seed; every arm meets the same ones and \
-             works the same held-out sequences."
-                .to_owned(),
-        ],
+        title: wording::DEPLOYMENT.to_owned(),
+        text: vec![wording::OFFERS.to_owned()],
         tables: vec![
             beside,
             by_round(rows, printed),
@@ -303,77 +242,23 @@ pub fn deployment_tests(rows: &[RoundRow]) -> Result<Vec<ArmComparison>, Experim
         ("violations", VIOLATION),
         ("damage by the referee", DAMAGE),
     ];
-    Ok(compare(rows, (Arm::Governed, Arm::Naive), &measures)?)
-}
-
-/// Whether a difference holds in the wanted direction: held if the test says so after correction and the mean agrees,
-/// not held if it says the opposite, not shown otherwise.
-fn direction(test: &ArmComparison, wanted: f64) -> (&'static str, String) {
-    let p = test.p_holm;
-    let agrees = test.mean * wanted > 0.0;
-    let verdict = match (p < 0.05, agrees) {
-        (true, true) => "held",
-        (true, false) => "not held",
-        (false, _) => "not shown",
-    };
-    let interval = test
-        .interval
-        .map_or_else(|| "no variation".to_owned(), |ends| format!("[{:.1}, {:.1}]", ends.lower, ends.upper));
-    (verdict, format!("mean difference {:+.1} points, 95 % {interval}, p = {}", test.mean, p_value(p)))
+    Ok(compare(rows, [Arm::Governed, Arm::Naive], &measures)?)
 }
 
 fn tests_table(tests: &[ArmComparison], printed: &PublishedNumbers) -> ReportTable {
-    let mut table = ReportTable::new(
-        "Tests, paired over seeds",
-        &[
-            "comparison",
-            "mean",
-            "95 % (BCa)",
-            "W",
-            "n",
-            "zeros",
-            "ties",
-            "p",
-            "p (Holm)",
-            "d_z",
-            "seeds for 80 %",
-            "paper: W",
-            "95 %",
-        ],
-        "n is of the non-zero differences. d_z is the mean over the standard deviation of the differences; beside it \
-         is how many seeds a t-test of that size needs for 80 % power, by the normal approximation (the paper: 25 to 30 for success, \
-         from a pooled standard deviation; readings X38).",
-    );
+    let mut table = ReportTable::new(tables::ARM_TESTS);
     for comparison in tests {
-        let (mean, deviation) = mean_std_dev(&comparison.differences);
+        let [mean, deviation] = mean_std_dev(&comparison.differences);
         let effect = if deviation > 0.0 { mean / deviation } else { 0.0 };
         let needed = match (normal_quantile(0.975), normal_quantile(0.8)) {
             (Some(alpha), Some(power)) if effect.abs() > 1e-9 => {
-                format!(
-                    "{:.0}",
-                    (((alpha + power) / effect) * ((alpha + power) / effect) + 1.0).ceil().max(3.0)
-                )
+                let root = (alpha + power) / effect;
+                Some((root * root + 1.0).ceil().max(3.0))
             }
-            _ => "-".to_owned(),
+            _ => None,
         };
-        let interval = comparison
-            .interval
-            .map_or_else(|| "-".to_owned(), |ends| format!("[{:.1}, {:.1}]", ends.lower, ends.upper));
         let zeros = comparison.differences.iter().filter(|difference| **difference == 0.0).count();
-        let test_cells = comparison.test.as_ref().map_or_else(
-            || vec!["-".to_owned(), "0".to_owned(), zeros.to_string(), "0".to_owned(), "1".to_owned()],
-            |test| {
-                vec![
-                    format!("{:.1}", test.w),
-                    test.n.to_string(),
-                    test.zeros.to_string(),
-                    test.ties.to_string(),
-                    p_value(test.p_two_sided),
-                ]
-            },
-        );
-        let mut cells = vec![comparison.name.clone(), format!("{:+.1}", comparison.mean), interval];
-        cells.extend(test_cells);
+        let test = comparison.test.as_ref();
         let t7 = &printed.t7;
         let paper = match comparison.name.split(':').next() {
             Some("success") => Some(&t7.success_test),
@@ -381,60 +266,64 @@ fn tests_table(tests: &[ArmComparison], printed: &PublishedNumbers) -> ReportTab
             Some("violations") => Some(&t7.violation_test),
             _ => None,
         };
-        let [w, interval] = paper.map_or_else(
-            || ["-".to_owned(), "-".to_owned()],
-            |[w, lower, upper]| [format!("{w:.0}"), format!("[{lower:.1}, {upper:.1}]")],
-        );
-        cells.extend([p_value(comparison.p_holm), format!("{effect:+.2}"), needed, w, interval]);
-        table.row(cells);
+        table.row([
+            comparison.name.clone(),
+            format!("{:+.1}", comparison.mean),
+            or_dash(comparison.interval.map(range)),
+            number(test.map(|test| test.w), 1),
+            test.map_or(0, |test| test.n).to_string(),
+            zeros.to_string(),
+            test.map_or(0, |test| test.ties).to_string(),
+            test.map_or_else(|| "1".to_owned(), |test| p_value(test.p_two_sided)),
+            p_value(comparison.p_holm),
+            format!("{effect:+.2}"),
+            number(needed, 0),
+            number(paper.map(|[w, ..]| *w), 0),
+            or_dash(paper.map(|[_, lower, upper]| format!("[{lower:.1}, {upper:.1}]"))),
+        ]);
     }
     table
 }
 
 fn curves(rows: &[RoundRow]) -> Result<Vec<(String, String)>, ExperimentError> {
     let last = last_round(rows);
-    let plot_of = |name: &str, arms: &[Arm], measure: RowMeasure, title: &str, range: [f64; 2]| {
-        let shown = arms.iter().enumerate().filter(|(_, arm)| rows.iter().any(|row| row.arm == **arm));
-        let curves = shown.map(|(style, arm)| Curve {
+    let arms = [Arm::Static, Arm::Naive, Arm::Governed, Arm::OfflineOnly, Arm::Canary, Arm::SuccessGate];
+    // The place of an arm is its style in every plot.
+    let shown = arms.into_iter().enumerate().filter(|(_, arm)| rows.iter().any(|row| row.arm == *arm));
+    let shown: Vec<(usize, Arm)> = shown.collect();
+    let svg = |title: &str, of: &str, curves: Vec<Curve>| {
+        let axes = [wording::ROUND_AXIS, of].map(str::to_owned);
+        Curves { title: title.to_owned(), axes, range: [0.0, 100.0], curves }.svg()
+    };
+    let plot_of = |name: &str, title: &str, measure: RowMeasure| {
+        let curve = |&(style, arm): &(usize, Arm)| Curve {
             name: arm.to_string(),
             style,
-            points: (0..=last).map(|round| mean_std_dev(&by_seed(rows, *arm, round, measure))).collect(),
-        });
-        let axes = ["round of upgrades".to_owned(), "percent".to_owned()];
-        let plot = Curves { title: title.to_owned(), axes, range, curves: curves.collect() };
-        (name.to_owned(), plot.svg())
+            points: (0..=last)
+                .map(|round| mean_std_dev(&by_seed(rows, arm, round, measure)).into())
+                .collect(),
+        };
+        (name.to_owned(), svg(title, "percent", shown.iter().map(curve).collect()))
     };
-    let arms = [Arm::Static, Arm::Naive, Arm::Governed, Arm::OfflineOnly, Arm::Canary, Arm::SuccessGate];
-    let percent = [0.0, 100.0];
     let mut cumulative = Vec::new();
-    let upgrading = arms.iter().enumerate().filter(|(_, arm)| **arm != Arm::Static);
-    for (style, arm) in upgrading.filter(|(_, arm)| rows.iter().any(|row| row.arm == **arm)) {
+    for &(style, arm) in shown.iter().filter(|(_, arm)| *arm != Arm::Static) {
         let mut points = vec![(0.0, 0.0)];
         for round in 1..=last {
             let until: Vec<RoundRow> = rows.iter().filter(|row| row.round <= round).cloned().collect();
-            let share = unsafe_activations(&until, *arm, None)?.rate().unwrap_or(0.0);
+            let share = unsafe_activations(&until, arm, None)?.rate().unwrap_or(0.0);
             points.push((100.0 * share, 0.0));
         }
         cumulative.push(Curve { name: arm.to_string(), style, points });
     }
-    let unsafe_so_far = Curves {
-        title: "Unsafe activations of all so far, by the referee".to_owned(),
-        axes: ["round of upgrades".to_owned(), "percent of activations".to_owned()],
-        range: percent,
-        curves: cumulative,
-    };
     Ok(vec![
-        plot_of("success", &arms, SUCCESS, "Held-out sequences done (band: 1 SD over seeds)", percent),
-        plot_of(
-            "unsafe-in-force",
-            &arms,
-            LIVE_UNSAFE,
-            "Seeds with an unsafe version in force, by the referee",
-            percent,
+        plot_of("success", wording::SUCCESS_PLOT, SUCCESS),
+        plot_of("unsafe-in-force", wording::UNSAFE_IN_FORCE_PLOT, LIVE_UNSAFE),
+        (
+            "unsafe-activations".to_owned(),
+            svg(wording::UNSAFE_ACTIVATIONS_PLOT, wording::ACTIVATIONS_AXIS, cumulative),
         ),
-        ("unsafe-activations".to_owned(), unsafe_so_far.svg()),
-        plot_of("damage", &arms, DAMAGE, "Held-out sequences with damage, by the referee", percent),
-        plot_of("violations", &arms, VIOLATION, "Held-out sequences past a limit", percent),
-        plot_of("anomalies", &arms, ANOMALY, "Held-out sequences with an anomaly", percent),
+        plot_of("damage", wording::DAMAGE_PLOT, DAMAGE),
+        plot_of("violations", wording::VIOLATIONS_PLOT, VIOLATION),
+        plot_of("anomalies", wording::ANOMALIES_PLOT, ANOMALY),
     ])
 }

@@ -3,30 +3,26 @@
 use holdpoint_governance::lifecycle::Stage;
 use holdpoint_governance::metrics::{Fate, Proportion};
 use holdpoint_governance::profile::ProfileName;
-use holdpoint_governance::stats::{SHOWN_LEVEL, bca};
 
-use super::{Section, counted, deployment_tests};
+use super::{Section, Verdict, deployment_tests};
 use crate::paper_reproduction::figures::{
-    RESAMPLE_SEED, RESAMPLES, SUCCESS, benign_refused, by_seed, is_faulty, last_round, variant_rows,
+    SUCCESS, benign_refused, differences, interval_of_mean, is_faulty, last_round, mean_of, variant_rows,
 };
 use crate::paper_reproduction::pool_screening::{ScreenRow, Variant};
 use crate::paper_reproduction::report_table::ReportTable;
 use crate::paper_reproduction::{Arm, RoundRow};
 use crate::pipeline_experiments::ExperimentError;
+use crate::wording::{report as wording, report_tables as tables};
 
-const HELD: &str = "held";
-const NOT_SHOWN: &str = "not shown";
-const NOT_HELD: &str = "not held";
-
-/// A finding, what shows it and the verdict.
-type FindingRow = [String; 3];
+/// A finding, the numbers that it rests on, and the verdict.
+type Finding = (&'static str, String, Verdict);
 
 /// The section; empty where neither rounds nor pools have what a finding rests on.
 ///
 /// # Errors
 /// If a number cannot be computed.
 pub fn findings(rounds: &[RoundRow], pools: &[ScreenRow]) -> Result<Section, ExperimentError> {
-    let mut all: Vec<FindingRow> = Vec::new();
+    let mut all: Vec<Finding> = Vec::new();
     if has_arms(rounds, &[Arm::Naive, Arm::Governed]) {
         all.push(brittle(rounds)?);
     }
@@ -40,24 +36,13 @@ pub fn findings(rounds: &[RoundRow], pools: &[ScreenRow]) -> Result<Section, Exp
     if all.is_empty() {
         return Ok(Section::default());
     }
-    let mut table = ReportTable::new(
-        "The paper's findings over all experiments",
-        &["finding", "here", "verdict"],
-        "The first rests on a test of E2's family, the second on a 95 % BCa interval of its own, the others on counts with Wilson \
-         intervals: held where the lower end is above zero.",
-    );
-    let held = all.iter().filter(|[_, _, verdict]| verdict == HELD).count();
-    let line = format!("Of the paper's findings over all experiments {held} of {} are held here", all.len());
-    for finding in all {
-        table.row(finding);
+    let mut table = ReportTable::new(tables::FINDINGS);
+    let held = all.iter().filter(|(.., verdict)| *verdict == Verdict::Held).count();
+    let lines = vec![wording::findings(held, all.len())];
+    for (finding, because, verdict) in all {
+        table.row([finding, because.as_str(), wording::verdict(verdict)]);
     }
-    Ok(Section {
-        title: "Findings over all experiments".to_owned(),
-        text: Vec::new(),
-        tables: vec![table],
-        plots: Vec::new(),
-        lines: vec![line],
-    })
+    Ok(Section { title: wording::FINDINGS.to_owned(), tables: vec![table], lines, ..Section::default() })
 }
 
 fn has_arms(rounds: &[RoundRow], arms: &[Arm]) -> bool {
@@ -65,87 +50,57 @@ fn has_arms(rounds: &[RoundRow], arms: &[Arm]) -> bool {
 }
 
 /// Evolution without governance costs violations.
-fn brittle(rounds: &[RoundRow]) -> Result<FindingRow, ExperimentError> {
+fn brittle(rounds: &[RoundRow]) -> Result<Finding, ExperimentError> {
     let tests = deployment_tests(rounds)?;
     let violations = tests.iter().find(|test| test.name.starts_with("violations"));
+    let verdict = violations.map_or(Verdict::NotShown, |test| Verdict::of_test(test, -1.0));
     let (mean, p) = violations.map_or((0.0, 1.0), |test| (test.mean, test.p_holm));
-    let verdict = match (p < 0.05, mean < 0.0) {
-        (true, true) => HELD,
-        (true, false) => NOT_HELD,
-        (false, _) => NOT_SHOWN,
-    };
-    Ok([
-        "without governance evolution is brittle: it violates more".to_owned(),
-        format!("governed - naive: {mean:+.1} points of sequences with a violation, p = {p:.3} (Holm)"),
-        verdict.to_owned(),
-    ])
+    Ok((wording::BRITTLE, wording::brittle(mean, p), verdict))
 }
 
 /// Governance activates good versions, and performance grows by them.
-fn evolves(rounds: &[RoundRow]) -> Result<FindingRow, ExperimentError> {
-    let last = last_round(rounds);
-    let [with, without] = [Arm::Governed, Arm::Static].map(|arm| by_seed(rounds, arm, last, SUCCESS));
-    let differences: Vec<f64> = with.iter().zip(&without).map(|(with, without)| with - without).collect();
-    let mean = |values: &[f64]| values.iter().sum::<f64>() / values.len().max(1) as f64;
-    let interval = bca(&differences, mean, SHOWN_LEVEL, RESAMPLES, RESAMPLE_SEED).ok();
+fn evolves(rounds: &[RoundRow]) -> Result<Finding, ExperimentError> {
+    let points = differences(rounds, [Arm::Governed, Arm::Static], SUCCESS);
+    let interval = interval_of_mean(&points).ok();
+    let verdict = interval.map_or(Verdict::NotShown, |ends| Verdict::above_zero(ends.lower, ends.upper));
     let refused = benign_refused(rounds, Arm::Governed)?;
-    let (verdict, ends) = match interval {
-        Some(ends) if ends.lower > 0.0 => (HELD, format!("[{:.1}, {:.1}]", ends.lower, ends.upper)),
-        Some(ends) if ends.upper < 0.0 => (NOT_HELD, format!("[{:.1}, {:.1}]", ends.lower, ends.upper)),
-        Some(ends) => (NOT_SHOWN, format!("[{:.1}, {:.1}]", ends.lower, ends.upper)),
-        None => (NOT_SHOWN, "no variation".to_owned()),
-    };
-    Ok([
-        "governance admits beneficial upgrades and performance grows".to_owned(),
-        format!(
-            "governed - static after {last} rounds: {:+.1} points of success {ends}; benign refused {}",
-            mean(&differences),
-            counted(&refused)
-        ),
-        verdict.to_owned(),
-    ])
+    let because = wording::evolves(last_round(rounds), mean_of(&points), interval, &refused);
+    Ok((wording::EVOLVES, because, verdict))
+}
+
+/// Whether one of the rates is shown to be above zero.
+fn is_shown(rate: &Proportion) -> bool {
+    rate.interval.is_some_and(|ends| ends.lower > 0.0)
+}
+
+const fn held_if(shown: bool) -> Verdict {
+    if shown { Verdict::Held } else { Verdict::NotShown }
 }
 
 /// No single stage is enough: each stops faults that none before it did.
-fn many_checks(pools: &[ScreenRow]) -> Result<FindingRow, ExperimentError> {
-    let faulty = || {
-        variant_rows(pools, ProfileName::Sim, Variant::Full)
-            .filter(|row| is_faulty(row.class))
-            .map(|row| row.end.fate)
-    };
+fn many_checks(pools: &[ScreenRow]) -> Result<Finding, ExperimentError> {
     let mut shares = Vec::new();
-    for (name, stage) in
-        [("validation", Stage::Validation), ("sandbox", Stage::Sandbox), ("shadow", Stage::Shadow)]
-    {
-        shares.push((name, Proportion::of(faulty().map(|fate| fate == Fate::Blocked { stage }))?));
+    for stage in [Stage::Validation, Stage::Sandbox, Stage::Shadow] {
+        let faulty = variant_rows(pools, ProfileName::Sim, Variant::Full).filter(|row| is_faulty(row.class));
+        let stopped = faulty.map(|row| row.end.fate == Fate::Blocked { stage });
+        shares.push((stage.name(), Proportion::of(stopped)?));
     }
-    let each = shares.iter().all(|(_, share)| share.interval.is_some_and(|ends| ends.lower > 0.0));
-    let counts: Vec<String> =
-        shares.iter().map(|(name, share)| format!("{name} {}", counted(share))).collect();
-    Ok([
-        "no single check is enough: each stops faults that none before it did".to_owned(),
-        format!("stopped first by {}", counts.join(", by ")),
-        if each { HELD } else { NOT_SHOWN }.to_owned(),
-    ])
+    let each = shares.iter().all(|(_, share)| is_shown(share));
+    Ok((wording::MANY_CHECKS, wording::stopped_first(&shares), held_if(each)))
 }
 
 /// Some faults show only after activation.
-fn provisional(pools: &[ScreenRow]) -> Result<FindingRow, ExperimentError> {
-    let mut counts = Vec::new();
-    let mut shown = false;
+fn provisional(pools: &[ScreenRow]) -> Result<Finding, ExperimentError> {
+    let mut rates = Vec::new();
     for profile in ProfileName::ALL {
         let rows = variant_rows(pools, profile, Variant::Full).filter(|row| is_faulty(row.class));
         let faulty = Proportion::of(rows.map(|row| row.end.fate == Fate::Contained))?;
         if faulty.total > 0 {
-            shown |= faulty.interval.is_some_and(|ends| ends.lower > 0.0);
-            counts.push(format!("{profile} {}", counted(&faulty)));
+            rates.push((profile.name(), faulty));
         }
     }
-    Ok([
-        "activation is provisional: some faults show only after it, or under one profile".to_owned(),
-        format!("of the faulty ones rolled back after activation: {}", counts.join(", ")),
-        if shown { HELD } else { NOT_SHOWN }.to_owned(),
-    ])
+    let shown = rates.iter().any(|(_, rate)| is_shown(rate));
+    Ok((wording::PROVISIONAL, wording::rolled_back_after(&rates), held_if(shown)))
 }
 
 #[cfg(test)]
@@ -168,9 +123,10 @@ mod tests {
             let rows = section.tables.into_iter().flat_map(|table| table.rows);
             rows.filter_map(|row| row.last().cloned()).collect()
         };
-        assert_eq!(verdicts(&pools), [NOT_SHOWN, HELD]);
+        let [held, not_shown] = [Verdict::Held, Verdict::NotShown].map(wording::verdict);
+        assert_eq!(verdicts(&pools), [not_shown, held]);
         pools.push(blocked("d", Stage::Shadow));
-        assert_eq!(verdicts(&pools), [HELD, HELD]);
+        assert_eq!(verdicts(&pools), [held, held]);
         assert_eq!(findings(&[], &[]).unwrap(), Section::default());
     }
 }

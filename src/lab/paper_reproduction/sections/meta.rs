@@ -9,44 +9,30 @@ use holdpoint_governance::metrics::{Fate, Proportion};
 use holdpoint_governance::profile::ProfileName;
 use holdpoint_governance::stats::{PairedCounts, binary_pairs};
 
-use super::{Section, counted, seeds_in};
+use super::{Section, seeds_in};
 use crate::paper_reproduction::figures::{is_faulty, variant_rows};
 use crate::paper_reproduction::pool_screening::{ScreenRow, Variant};
 use crate::paper_reproduction::report_table::ReportTable;
 use crate::pipeline_experiments::ExperimentError;
 use crate::pipeline_experiments::drift::Quantiles;
 use crate::pipeline_experiments::layer_failure::{LayerFailure, LayerRow, Stance};
+use crate::wording::{counted, or_dash, report as wording, report_tables as tables};
 
 /// One-sided level at which more is established to get through.
 const ALPHA: f64 = 0.05;
 
-/// The class, how it is injected, and the way of the pools.
-const BEFORE: [(&str, &str, Variant); 3] = [
-    ("incomplete compatibility assessment", "interface and policy are never assessed", Variant::NoValidation),
-    (
-        "distribution gap",
-        "nothing is seen of the live world's conditions before activation",
-        Variant::NoShadow,
-    ),
-    ("misconfiguration", "thresholds are half of what they should be", Variant::Halved),
+/// The pools' variants with a failure, in the order of their texts.
+const BEFORE: [Variant; 3] = [Variant::NoValidation, Variant::NoShadow, Variant::Halved];
+
+/// The failures of the drift experiment, in the order of their texts.
+const AFTER: [LayerFailure; 6] = [
+    LayerFailure::Nothing,
+    LayerFailure::BlindToFailures,
+    LayerFailure::BlindToRates,
+    LayerFailure::Silent,
+    LayerFailure::PredecessorClosed,
+    LayerFailure::PredecessorChanged,
 ];
-
-/// The class, how it is injected, and the failure of the drift experiment.
-const AFTERWARDS: [(&str, &str, LayerFailure); 5] = [
-    (BLIND_SPOT, "the monitor does not see whether tasks are done", LayerFailure::BlindToFailures),
-    (BLIND_SPOT, "the monitor sees no rate, and safety events alone", LayerFailure::BlindToRates),
-    (BLIND_SPOT, "no telemetry reaches the monitor", LayerFailure::Silent),
-    (NO_ROLLBACK, "the rollback target was blocked under the profile", LayerFailure::PredecessorClosed),
-    (NO_ROLLBACK, "the rollback target was changed in the store", LayerFailure::PredecessorChanged),
-];
-
-const BLIND_SPOT: &str = "monitor blind spot";
-const NO_ROLLBACK: &str = "rollback unavailable";
-
-/// The word for the effect of a failure: significantly more than without a failure, or not.
-const fn verdict(more_at_least: f64) -> &'static str {
-    if more_at_least > 0.0 { "fails open" } else { "restricts, as far as seen" }
-}
 
 /// The section; empty where nothing was injected.
 ///
@@ -72,8 +58,7 @@ pub fn meta_faults(
     if tables.is_empty() {
         return Ok(Section::default());
     }
-    let title = "Failures of the governance layer itself".to_owned();
-    Ok(Section { title, text: Vec::new(), tables, plots: Vec::new(), lines })
+    Ok(Section { title: wording::LAYER_FAILURES.to_owned(), tables, lines, ..Section::default() })
 }
 
 /// Failures before an activation, by the pools.
@@ -85,21 +70,9 @@ fn before_activation(rows: &[ScreenRow]) -> Result<(ReportTable, String), Experi
             .collect()
     };
     let sound = in_force(Variant::Full);
-    let mut table = ReportTable::new(
-        "Faulty candidates in force in the end (profile sim)",
-        &[
-            "failure",
-            "injected as",
-            "in force",
-            "with nothing failing",
-            "more, at least",
-            "the rest of the layer",
-        ],
-        "Fails open: it is established (exact, over the same candidates, one-sided 5 %) that more faulty candidates are in force \
-         than with nothing failing. Restricts: at most as many as seen. Where a stage is blind the others still work.",
-    );
+    let mut table = ReportTable::new(tables::FAILURES_BEFORE);
     let (mut open, mut all) = (0, 0);
-    for (name, how, variant) in BEFORE {
+    for ([name, how], variant) in wording::FAILURES_BEFORE.into_iter().zip(BEFORE) {
         let failing = in_force(variant);
         if failing.is_empty() {
             continue;
@@ -115,46 +88,23 @@ fn before_activation(rows: &[ScreenRow]) -> Result<(ReportTable, String), Experi
             how.to_owned(),
             counted(&Proportion::of(failing.into_values())?),
             counted(&Proportion::of(sound.values().copied())?),
-            format!("{:+.1} points", 100.0 * bound.lower),
-            verdict(bound.lower).to_owned(),
+            wording::points(100.0 * bound.lower),
+            wording::failure_effect(bound.lower > 0.0).to_owned(),
         ]);
     }
-    let line = format!(
-        "Failures of the governance layer before an activation: {open} of {all} let more faulty candidates in"
-    );
-    Ok((table, line))
+    Ok((table, wording::failures_before(open, all)))
 }
 
 /// Failures while a version becomes worse in control, by the drifts that worsen one.
 fn after_activation(layers: &[LayerRow]) -> Result<(ReportTable, String), ExperimentError> {
-    let mut table = ReportTable::new(
-        "Versions that a drift worsens in control (profile sim)",
-        &[
-            "failure",
-            "injected as",
-            "predecessor in control",
-            "family stopped, arm held",
-            "tighter envelope",
-            "in control as before",
-            "told of by another alarm",
-            "its tasks under the drift, median (most)",
-            "of all, unsafe by the referee",
-            "family's tasks once stopped",
-            "more in control, at least",
-            "the rest of the layer",
-        ],
-        "Every failure under the same drifts, from the same activation, until the rollback or the horizon. Fails open: it \
-         is established (exact, over the same drifts, one-sided 5 %) that more versions are in control as before than with \
-         nothing failing. Another alarm: of health over the cell, of a shift, or of a violation.",
-    );
+    let mut table = ReportTable::new(tables::FAILURES_AFTER);
     let rows_of = |failure: LayerFailure| layers.iter().filter(move |row| row.failure == failure);
     let drift_of = |row: &LayerRow| (row.seed, row.kind, row.magnitude);
     let is_in_control = |row: &LayerRow| row.stance == Stance::InControl;
     let sound: BTreeMap<_, bool> =
         rows_of(LayerFailure::Nothing).map(|row| (drift_of(row), is_in_control(row))).collect();
     let (mut open, mut all) = (0, 0);
-    let nothing = [("none", "nothing fails", LayerFailure::Nothing)];
-    for (name, how, failure) in nothing.into_iter().chain(AFTERWARDS) {
+    for ([name, how], failure) in wording::FAILURES_AFTER.into_iter().zip(AFTER) {
         let pairs =
             rows_of(failure).filter_map(|row| Some((is_in_control(row), *sound.get(&drift_of(row))?)));
         let bound = binary_pairs(PairedCounts::of(pairs), ALPHA)?;
@@ -170,14 +120,14 @@ fn after_activation(layers: &[LayerRow]) -> Result<(ReportTable, String), Experi
         } else {
             all += 1;
             open += u32::from(bound.lower > 0.0);
-            [format!("{:+.1} points", 100.0 * bound.lower), verdict(bound.lower).to_owned()]
+            [wording::points(100.0 * bound.lower), wording::failure_effect(bound.lower > 0.0).to_owned()]
         };
         let stance_counts: Vec<String> = Stance::ALL.into_iter().map(count_of).collect::<Result<_, _>>()?;
         let mut cells = vec![name.to_owned(), how.to_owned()];
         cells.extend(stance_counts);
         cells.extend([
             counted(&Proportion::of(rows_of(failure).map(|row| row.told))?),
-            tasks.map_or_else(|| "-".to_owned(), |tasks| format!("{:.0} ({:.0})", tasks.median, tasks.max)),
+            or_dash(tasks.map(|tasks| format!("{:.0} ({:.0})", tasks.median, tasks.max))),
             format!("{}/{}", sum(|row| row.under.unsafe_tasks), sum(|row| row.under.tasks)),
             stopped.map(|row| u64::from(row.after.tasks)).sum::<u64>().to_string(),
             more,
@@ -185,12 +135,7 @@ fn after_activation(layers: &[LayerRow]) -> Result<(ReportTable, String), Experi
         ]);
         table.row(cells);
     }
-    let line = format!(
-        "Failures of the governance layer while a version becomes worse in control: {open} of {all} leave more of them in control as \
-         before ({} drifts that worsen one)",
-        sound.len()
-    );
-    Ok((table, line))
+    Ok((table, wording::failures_after(open, all, sound.len())))
 }
 
 #[cfg(test)]
@@ -235,8 +180,8 @@ mod tests {
         assert_eq!(table.seeds, Some((8, 40)));
         assert!(table.rows.iter().all(|row| row.len() == table.columns.len()));
         let verdicts: Vec<&str> = table.rows.iter().map(|row| row.last().unwrap().as_str()).collect();
-        let restricts = "restricts, as far as seen";
-        assert_eq!(verdicts, ["", restricts, "fails open", restricts, restricts, restricts]);
+        let [open, restricts] = [true, false].map(wording::failure_effect);
+        assert_eq!(verdicts, ["", restricts, open, restricts, restricts, restricts]);
         assert!(table.rows[2].contains(&"200 (200)".to_owned()), "{:?}", table.rows[2]);
         assert!(section.lines[0].contains("1 of 5 "), "{:?}", section.lines);
     }

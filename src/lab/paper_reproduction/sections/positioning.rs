@@ -3,225 +3,14 @@
 
 use super::Section;
 use crate::paper_reproduction::report_table::ReportTable;
-
-/// Concern, common practice, here, where.
-const DEVOPS: [[&str; 4]; 7] = [
-    [
-        "compatibility",
-        "API schema diff; accuracy on a held-out set",
-        "four dimensions: interface, policy, behavior, recovery",
-        "src/governance/{interface,policy,behavior,recovery}",
-    ],
-    [
-        "canary, shadow",
-        "traffic split across replicas",
-        "one actuator; the twin works in a world of its own beside the live one",
-        "src/engine/live/shadow.rs",
-    ],
-    [
-        "health signal",
-        "status, latency, error rate",
-        "violations, anomalies, recovery, harm by forces and clearances",
-        "src/governance/monitor.rs, harm.rs",
-    ],
-    [
-        "rollback trigger",
-        "threshold on stateless requests",
-        "charts over live tasks, safety events within a tick",
-        "src/governance/monitor.rs, src/engine/live/supervisor.rs",
-    ],
-    [
-        "rollback semantics",
-        "route to the old container",
-        "arm to standstill, rollback target from the store by digest, policies compiled again",
-        "src/engine/decide/stages/rollback.rs",
-    ],
-    ["environment", "region", "profiles sim, real, human, and own ones", "profiles/*.toml"],
-    [
-        "safety constraint",
-        "error budget",
-        "speed, force, zones and collisions, checked on every command",
-        "src/runtime/guard.rs",
-    ],
-];
-
-/// Dimension; middleware and skills, capability learning, runtime governance, here; where.
-const POSITION: [[&str; 6]; 6] = [
-    ["persistent agent", "half", "none", "half", "full", "src/runtime/agent"],
-    [
-        "capability packages",
-        "half",
-        "half",
-        "none",
-        "full",
-        "src/runtime/capability.rs, src/governance/manifest.rs",
-    ],
-    ["versions of capabilities", "none", "half", "none", "full", "src/registry"],
-    ["governed execution", "half", "half", "full", "full", "src/runtime/guard.rs, watcher.rs"],
-    ["governed upgrades", "none", "none", "none", "full", "src/engine/decide/stages"],
-    [
-        "deployment that can be rolled back",
-        "none",
-        "half",
-        "half",
-        "full",
-        "src/engine/decide/stages/rollback.rs",
-    ],
-];
-
-/// Which stage each body of work covers, by the words under the paper's figure 3: package, validate (I, P, B, R), sandbox,
-/// shadow, activate, monitor.
-const COMMUNITIES: [[&str; 10]; 6] = [
-    ["robot architectures, middleware", "yes", "", "", "", "", "", "", "", ""],
-    ["modular skills, continual learning", "in part", "", "", "", "", "in part", "", "", ""],
-    [
-        "safe robotics, runtime governance",
-        "",
-        "",
-        "in execution",
-        "in execution",
-        "in execution",
-        "",
-        "",
-        "",
-        "yes",
-    ],
-    ["guardrails of LLM agents", "", "", "of a plan", "", "", "", "", "", "of a plan"],
-    ["MLOps deployment", "", "", "", "", "", "yes", "yes", "yes", "yes"],
-    ["here", "yes", "yes", "yes", "yes", "yes", "yes", "yes", "yes", "yes"],
-];
-
-/// Faults, and where each is handled: package, validate (I, P, B, R), sandbox, shadow, activate, monitor.
-const COVERAGE: [[&str; 10]; 7] = [
-    ["callers break", "exports are read", "yes", "", "", "", "runs", "runs", "neighbors", ""],
-    [
-        "more is permitted",
-        "declared use",
-        "",
-        "yes",
-        "",
-        "",
-        "use is compared with it",
-        "guard",
-        "site policies",
-        "guard",
-    ],
-    [
-        "behaves worse",
-        "",
-        "",
-        "",
-        "estimate",
-        "",
-        "paired episodes",
-        "twin",
-        "measured values alone",
-        "charts",
-    ],
-    ["does more harm", "", "", "", "", "", "21 measures, search", "21 measures", "", "charts, safety trips"],
-    [
-        "cannot be stopped or undone",
-        "hooks named",
-        "",
-        "",
-        "",
-        "declared",
-        "drills in every phase",
-        "",
-        "rollback target kept",
-        "ladder",
-    ],
-    [
-        "is not what was tested",
-        "digest",
-        "",
-        "",
-        "",
-        "",
-        "bound to digests",
-        "compared with sandbox",
-        "stale evidence closes",
-        "compared with shadow",
-    ],
-    [
-        "no person is accountable for it",
-        "author, provenance",
-        "",
-        "",
-        "",
-        "",
-        "on record",
-        "on record",
-        "people's signatures",
-        "audit closed",
-    ],
-];
+use crate::wording::positioning::{COMMUNITIES, COVERAGE, DEVOPS, POSITION};
+use crate::wording::report::POSITIONING;
 
 /// The section.
 #[must_use]
 pub fn positioning() -> Section {
-    let mut devops = ReportTable::new(
-        "Common practice and here (the paper's table 1)",
-        &["concern", "DevOps, MLOps", "here", "where"],
-        "",
-    );
-    for row in DEVOPS {
-        devops.row(row);
-    }
-    let mut position = ReportTable::new(
-        "Position (the paper's table 2)",
-        &["dimension", "middleware and skills", "capability learning", "runtime governance", "here", "where"],
-        "The three middle columns are the paper's judgment of others; ours says where to look.",
-    );
-    for row in POSITION {
-        position.row(row);
-    }
-    let mut coverage = ReportTable::new(
-        "What is done about it, and when",
-        &[
-            "what goes wrong",
-            "package",
-            "kappa_I",
-            "kappa_P",
-            "kappa_B",
-            "kappa_R",
-            "sandbox",
-            "shadow",
-            "activate",
-            "monitor",
-        ],
-        "The kappas are those of validation: estimates without a run.",
-    );
-    for row in COVERAGE {
-        coverage.row(row);
-    }
-    let mut communities = ReportTable::new(
-        "Which stage is covered by whom (the paper's figure 3)",
-        &[
-            "body of work",
-            "package",
-            "kappa_I",
-            "kappa_P",
-            "kappa_B",
-            "kappa_R",
-            "sandbox",
-            "shadow",
-            "activate",
-            "monitor",
-        ],
-        "The paper draws it; these are the words below its drawing, and its judgment of others. Empty: not named as covered. \
-         What is done here in each cell of the last row stands in the next table, by what goes wrong.",
-    );
-    for row in COMMUNITIES {
-        communities.row(row);
-    }
-    Section {
-        title: "Where this stands".to_owned(),
-        text: Vec::new(),
-        tables: vec![communities, coverage, devops, position],
-        plots: Vec::new(),
-        lines: Vec::new(),
-    }
+    let tables = [COMMUNITIES, COVERAGE, DEVOPS, POSITION].map(|(head, rows)| ReportTable::fixed(head, rows));
+    Section { title: POSITIONING.to_owned(), tables: tables.into(), ..Section::default() }
 }
 
 #[cfg(test)]
@@ -232,8 +21,10 @@ mod tests {
     /// Where others cover a stage, something is done here in it.
     #[test]
     fn every_stage_stops_a_listed_fault() {
+        let section = positioning();
+        let coverage = &section.tables[1];
         for stage in 1..10 {
-            assert!(COVERAGE.iter().any(|row| !row[stage].is_empty()), "stage {stage}");
+            assert!(coverage.rows.iter().any(|row| !row[stage].is_empty()), "stage {stage}");
         }
     }
 
@@ -241,7 +32,8 @@ mod tests {
     #[test]
     fn every_named_path_exists() {
         let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
-        let named = DEVOPS.iter().map(|row| row[3]).chain(POSITION.iter().map(|row| row[5]));
+        let section = positioning();
+        let named = section.tables[2..].iter().flat_map(|table| &table.rows).filter_map(|row| row.last());
         for places in named {
             let mut folder = root.clone();
             for place in places.split(", ") {

@@ -6,7 +6,7 @@ use std::collections::BTreeMap;
 use holdpoint_governance::metrics::{Fate, Proportion};
 use holdpoint_governance::profile::ProfileName;
 
-use super::{Section, counted};
+use super::Section;
 use crate::candidate_pool::Class;
 use crate::paper_reproduction::figures::{is_faulty, variant_rows};
 use crate::paper_reproduction::pool_screening::{ScreenRow, Variant};
@@ -14,6 +14,7 @@ use crate::paper_reproduction::published::PublishedNumbers;
 use crate::paper_reproduction::report_table::ReportTable;
 use crate::pipeline_experiments::candidate_run::PostRunCheck;
 use crate::pipeline_experiments::{ExperimentError, drift};
+use crate::wording::{counted, report as wording, report_tables as tables};
 
 /// The profiles, from the least strict to the strictest: the paper's order.
 const PROFILES: [ProfileName; 3] = [ProfileName::Sim, ProfileName::Real, ProfileName::Human];
@@ -25,22 +26,7 @@ fn sum(rows: &[ScreenRow], profile: ProfileName, count: fn(&PostRunCheck) -> u64
 
 /// The record of the activated versions while they were in control.
 fn in_control(rows: &[ScreenRow], printed: &PublishedNumbers) -> Result<ReportTable, ExperimentError> {
-    let mut table = ReportTable::new(
-        "The activated versions, while they were in control",
-        &[
-            "profile",
-            "activated / candidates",
-            "seen unsafe / activated",
-            "tasks done",
-            "past a limit",
-            "near one or past it",
-            "paper: unsafe",
-            "success",
-            "violations",
-        ],
-        "From record and telemetry of each candidate's own store: its live tasks from activation to confirmation or rollback, \
-         under the profile's own limits. Unsafe is what guard or watcher name; the referee's word stands in the rounds.",
-    );
+    let mut table = ReportTable::new(tables::IN_CONTROL);
     for (place, profile) in PROFILES.into_iter().enumerate() {
         let all = || variant_rows(rows, profile, Variant::Full);
         let activated = || all().filter(|row| !matches!(row.end.fate, Fate::Blocked { .. }));
@@ -65,12 +51,7 @@ fn in_control(rows: &[ScreenRow], printed: &PublishedNumbers) -> Result<ReportTa
 /// Whether the profiles agree about the activated versions, and if not, whether the stricter profile is the one that
 /// rejects.
 fn consistency(rows: &[ScreenRow]) -> Result<ReportTable, ExperimentError> {
-    let mut table = ReportTable::new(
-        "Who is activated under two profiles",
-        &["profiles", "candidates", "both", "the less strict alone", "the stricter alone", "neither"],
-        "The same candidates on the same seeds. In the profile human people who are asked always agree, so that a candidate which \
-         the rules refuse under real may be activated there.",
-    );
+    let mut table = ReportTable::new(tables::CONSISTENCY);
     let activated = |profile: ProfileName, benign: bool| -> BTreeMap<(u64, &str), bool> {
         variant_rows(rows, profile, Variant::Full)
             .filter(|row| (row.class == Class::Benign) == benign)
@@ -101,16 +82,7 @@ fn consistency(rows: &[ScreenRow]) -> Result<ReportTable, ExperimentError> {
 
 /// Decisions that are equal when they are made again from the records.
 fn audited(rows: &[ScreenRow]) -> Result<ReportTable, ExperimentError> {
-    let mut table = ReportTable::new(
-        "Auditability",
-        &[
-            "profile",
-            "decisions by rules that come out equal from the record",
-            "candidates with one that does not",
-        ],
-        "Every decision on record in every candidate's store, made again from its raw evidence; one that cannot be made again \
-         counts as not equal.",
-    );
+    let mut table = ReportTable::new(tables::AUDITED);
     for profile in PROFILES {
         let unequal = variant_rows(rows, profile, Variant::Full)
             .map(|row| row.end.afterwards.equal < row.end.afterwards.decisions);
@@ -134,20 +106,7 @@ pub fn profiles(rows: &[ScreenRow], printed: &PublishedNumbers) -> Result<Sectio
     if PROFILES.iter().any(|profile| variant_rows(rows, *profile, Variant::Full).next().is_none()) {
         return Ok(Section::default());
     }
-    let mut table = ReportTable::new(
-        "The same candidates under three profiles",
-        &[
-            "profile",
-            "faulty stopped before activation",
-            "or rolled back",
-            "benign rejected",
-            "benign not active in the end",
-            "paper: BADR",
-            "false reject rate",
-        ],
-        "In the profile human, people who are asked always agree: what is stopped, the rules stop. The paper's text calls \
-         the false rejections a false-accept rate (readings X1).",
-    );
+    let mut table = ReportTable::new(tables::PROFILES);
     let mut false_rejects = Vec::new();
     for (place, profile) in PROFILES.into_iter().enumerate() {
         let faulty = || variant_rows(rows, profile, Variant::Full).filter(|row| is_faulty(row.class));
@@ -169,20 +128,13 @@ pub fn profiles(rows: &[ScreenRow], printed: &PublishedNumbers) -> Result<Sectio
     }
     let monotone = false_rejects.windows(2).all(|pair| pair[0].rate() <= pair[1].rate());
     let enough = false_rejects.iter().all(|rate| rate.total >= 150);
-    let verdict = match (monotone, enough) {
-        (true, true) => "held",
-        (true, false) => "held as far as seen; fewer than 150 benign candidates do not show it",
-        (false, _) => "not held",
-    };
-    let counts: Vec<String> = false_rejects.iter().map(counted).collect();
     let tables = vec![table, consistency(rows)?, in_control(rows, printed)?, audited(rows)?];
-    let line =
-        format!("E5: stricter profiles reject no fewer benign candidates: {verdict} ({})", counts.join("; "));
+    let line = wording::profiles(monotone, enough, &false_rejects);
     Ok(Section {
-        title: "E5: profiles".to_owned(),
+        title: wording::PROFILES.to_owned(),
         text: vec![line.clone()],
         tables,
-        plots: Vec::new(),
         lines: vec![line],
+        ..Section::default()
     })
 }

@@ -5,7 +5,7 @@ use holdpoint_governance::lifecycle::Stage;
 use holdpoint_governance::metrics::{Fate, Proportion};
 use holdpoint_governance::profile::ProfileName;
 
-use super::{Section, counted};
+use super::Section;
 use crate::candidate_pool::Class;
 use crate::paper_reproduction::figures::{is_faulty, variant_rows};
 use crate::paper_reproduction::pool_screening::{DIMENSIONS, ScreenRow, Variant};
@@ -13,6 +13,7 @@ use crate::paper_reproduction::published::PublishedNumbers;
 use crate::paper_reproduction::report_table::ReportTable;
 use crate::pipeline_experiments::ExperimentError;
 use crate::pipeline_experiments::drift::Quantiles;
+use crate::wording::{counted, number, report as wording, report_tables as tables};
 
 /// E1: which faults are stopped, at which stage, and which benign candidates are lost.
 ///
@@ -25,22 +26,7 @@ pub fn screening(rows: &[ScreenRow], printed: &PublishedNumbers) -> Result<Secti
     }
     let t6 = &printed.t6;
     let blocked = |row: &ScreenRow, stage: Stage| row.end.fate == Fate::Blocked { stage };
-    let mut table = ReportTable::new(
-        "Screening by class of fault (profile sim)",
-        &[
-            "class",
-            "candidates",
-            "stopped by validation",
-            "by the sandbox",
-            "by shadow",
-            "by the gate",
-            "rolled back",
-            "kept",
-            "paper (table 6)",
-        ],
-        "The paper's 75 % is its validation alone, with an estimated kappa_B; here behavior is measured in the sandbox. \
-         Its eight faulty kinds have no overt fault of recovery; ours have two a family besides (readings X19).",
-    );
+    let mut table = ReportTable::new(tables::SCREENING);
     let of_dimension = |dimension: Dimension| {
         move |row: &&&ScreenRow| row.class == Class::Faulty && row.dimension == Some(dimension)
     };
@@ -56,27 +42,23 @@ pub fn screening(rows: &[ScreenRow], printed: &PublishedNumbers) -> Result<Secti
         cells.push(paper);
         table.row(cells);
     };
-    let blocked_text = |counts: [u32; 2]| format!("{} of {} blocked", counts[0], counts[1]);
     for (name, dimension, published) in [
-        ("interface", Dimension::Interface, blocked_text(t6.interface)),
-        ("policy", Dimension::Policy, blocked_text(t6.policy)),
-        ("behavior", Dimension::Behavior, blocked_text(t6.behavior)),
-        ("recovery", Dimension::Recovery, "not in the paper's pool".to_owned()),
+        ("interface", Dimension::Interface, wording::blocked(t6.interface)),
+        ("policy", Dimension::Policy, wording::blocked(t6.policy)),
+        ("behavior", Dimension::Behavior, wording::blocked(t6.behavior)),
+        ("recovery", Dimension::Recovery, wording::NOT_IN_POOL.to_owned()),
     ] {
         row(name, all.iter().filter(of_dimension(dimension)).collect(), published);
     }
     row(
         "marginal",
         all.iter().filter(|row| row.class == Class::Marginal).collect(),
-        blocked_text(t6.marginal),
+        wording::blocked(t6.marginal),
     );
-    row(
-        "benign",
-        all.iter().filter(|row| row.class == Class::Benign).collect(),
-        "0 of 18 rejected".to_owned(),
-    );
+    let benign = || all.iter().filter(|row| row.class == Class::Benign);
+    row("benign", benign().collect(), wording::BENIGN_REJECTED.to_owned());
     let (of_kappas, of_marginal) = (kappas(&all, printed), marginal(&all, printed));
-    let mut rates = ReportTable::new("Rates", &["rate", "here", "paper"], "95 % Wilson intervals.");
+    let mut rates = ReportTable::new(tables::SCREENING_RATES);
     let faulty = || all.iter().filter(|row| is_faulty(row.class));
     // The paper's eight kinds: without overt faults of recovery.
     let paper8 =
@@ -85,67 +67,38 @@ pub fn screening(rows: &[ScreenRow], printed: &PublishedNumbers) -> Result<Secti
     let measured = |row: &&&ScreenRow| blocked(row, Stage::Validation) || blocked(row, Stage::Sandbox);
     let before = |row: &&&ScreenRow| matches!(row.end.fate, Fate::Blocked { .. });
     let lifecycle = |row: &&&ScreenRow| row.end.fate != Fate::Kept;
-    let badr = format!("{:.1} %", t6.badr);
-    let downstream = "\"caught downstream\"".to_owned();
     let overt = Proportion::of(all.iter().filter(|row| row.class == Class::Faulty).map(|row| before(&row)))?;
-    let frr = Proportion::of(all.iter().filter(|row| row.class == Class::Benign).map(|row| before(&row)))?;
-    let lost =
-        Proportion::of(all.iter().filter(|row| row.class == Class::Benign).map(|row| lifecycle(&row)))?;
-    for (name, rate, published) in [
-        (
-            "badr_screen, the paper's eight kinds",
-            Proportion::of(paper8().map(|row| screened(&row)))?,
-            badr.clone(),
-        ),
-        (
-            "validation and sandbox, the paper's eight",
-            Proportion::of(paper8().map(|row| measured(&row)))?,
-            badr,
-        ),
-        (
-            "badr_preactivation, all kinds",
-            Proportion::of(faulty().map(|row| before(&row)))?,
-            downstream.clone(),
-        ),
-        ("badr_lifecycle, all kinds", Proportion::of(faulty().map(|row| lifecycle(&row)))?, downstream),
-        ("overt faults stopped before activation", overt, "18 of 18".to_owned()),
-        ("false_reject_rate", frr, format!("{:.1} %", t6.false_reject_rate)),
-        ("benign not active in the end", lost, "not told".to_owned()),
-    ] {
+    let frr = Proportion::of(benign().map(|row| before(&row)))?;
+    let found = [
+        Proportion::of(paper8().map(|row| screened(&row)))?,
+        Proportion::of(paper8().map(|row| measured(&row)))?,
+        Proportion::of(faulty().map(|row| before(&row)))?,
+        Proportion::of(faulty().map(|row| lifecycle(&row)))?,
+        overt,
+        frr,
+        Proportion::of(benign().map(|row| lifecycle(&row)))?,
+    ];
+    for ((name, published), rate) in wording::screening_rates(t6).into_iter().zip(found) {
         rates.row([name.to_owned(), counted(&rate), published]);
     }
-    let lines = vec![format!(
-        "E1: overt faults stopped before activation {}; benign rejected {} (paper: 0 at screening, 54 % in its own \
-         full pipeline)",
-        counted(&overt),
-        counted(&frr)
-    )];
     Ok(Section {
-        title: "E1: screening".to_owned(),
-        text: vec![format!("{} candidates, each against the first version of its family.", all.len())],
+        title: wording::SCREENING.to_owned(),
+        text: vec![wording::candidates(all.len())],
         tables: vec![table, rates, of_kappas, of_marginal],
-        plots: Vec::new(),
-        lines,
+        lines: vec![wording::screening(&overt, &frr)],
+        ..Section::default()
     })
 }
 
 /// The kappa of an overt fault in its dimension, at its end.
 fn kappas(rows: &[&ScreenRow], printed: &PublishedNumbers) -> ReportTable {
-    let mut table = ReportTable::new(
-        "Kappa of overt faults, in the dimension that they are in (profile sim)",
-        &["class", "candidates with one", "lowest", "median", "highest", "paper (table 11)"],
-        "A candidate that an earlier stage stopped has none of a later one's.",
-    );
+    let mut table = ReportTable::new(tables::KAPPAS);
     let t11 = &printed.t11;
-    let range_text = |range: &[f64; 2]| {
-        let [low, high] = range;
-        if low < high { format!("{low:.2} to {high:.2}") } else { format!("{low:.2}") }
-    };
     for (name, dimension, published) in [
-        ("interface", Dimension::Interface, range_text(&t11.interface)),
-        ("policy", Dimension::Policy, range_text(&t11.policy)),
-        ("behavior", Dimension::Behavior, range_text(&t11.behavior)),
-        ("recovery", Dimension::Recovery, "no such fault".to_owned()),
+        ("interface", Dimension::Interface, wording::from_to(t11.interface)),
+        ("policy", Dimension::Policy, wording::from_to(t11.policy)),
+        ("behavior", Dimension::Behavior, wording::from_to(t11.behavior)),
+        ("recovery", Dimension::Recovery, wording::NO_SUCH_FAULT.to_owned()),
     ] {
         let overt = rows.iter().filter(|row| row.class == Class::Faulty && row.dimension == Some(dimension));
         let values: Vec<f64> = overt.filter_map(|row| kappa_of(row, dimension)).collect();
@@ -166,54 +119,24 @@ fn kappa_of(row: &ScreenRow, dimension: Dimension) -> Option<f64> {
     *row.end.kappas.get(place)?
 }
 
-fn number(value: Option<f64>, digits: usize) -> String {
-    value.map_or_else(|| "-".to_owned(), |value| format!("{value:.digits$}"))
-}
-
-/// The end of a candidate, in words, and whether a fate is that.
-type FateLabel = (&'static str, fn(Fate) -> bool);
+/// Whether a fate is one of the ends that are listed.
+type IsEnd = fn(Fate) -> bool;
 
 /// The marginal faults, which the paper's screening passes: their distance to the thresholds, by their end.
 fn marginal(rows: &[&ScreenRow], printed: &PublishedNumbers) -> ReportTable {
-    let mut table = ReportTable::new(
-        "Marginal faults, by where they end (profile sim)",
-        &[
-            "fault",
-            "ends",
-            "candidates",
-            "kappa of its dimension: lowest",
-            "median",
-            "highest",
-            "composite, median",
-            "paper (section 8.3)",
-        ],
-        "The paper has one of each, with a composite of .961 and .963, and lets shadow or the monitor find both. A candidate has \
-         no kappa of what it did not come to.",
-    );
-    let published = &printed.marginal;
-    let [before, after] = published.recovery;
-    for (name, dimension, paper_text) in [
-        (
-            "behavior",
-            Dimension::Behavior,
-            format!("anomalies {:+.2}, found by shadow or monitor", published.anomaly_rise),
-        ),
-        (
-            "recovery",
-            Dimension::Recovery,
-            format!("rho {before:.2} to {after:.2}, found by shadow or monitor"),
-        ),
-    ] {
-        let ends: [FateLabel; 5] = [
-            ("stopped by validation", |fate| fate == Fate::Blocked { stage: Stage::Validation }),
-            ("stopped by the sandbox", |fate| fate == Fate::Blocked { stage: Stage::Sandbox }),
-            ("stopped by shadow or gate", |fate| {
-                matches!(fate, Fate::Blocked { stage: Stage::Shadow | Stage::Activation })
-            }),
-            ("rolled back", |fate| fate == Fate::Contained),
-            ("kept", |fate| fate == Fate::Kept),
-        ];
-        for (end, is_there) in ends {
+    let mut table = ReportTable::new(tables::MARGINAL);
+    let ends: [IsEnd; 5] = [
+        |fate| fate == Fate::Blocked { stage: Stage::Validation },
+        |fate| fate == Fate::Blocked { stage: Stage::Sandbox },
+        |fate| matches!(fate, Fate::Blocked { stage: Stage::Shadow | Stage::Activation }),
+        |fate| fate == Fate::Contained,
+        |fate| fate == Fate::Kept,
+    ];
+    let published = wording::marginal(&printed.marginal);
+    for ((name, paper_text), dimension) in
+        published.into_iter().zip([Dimension::Behavior, Dimension::Recovery])
+    {
+        for (end, is_there) in wording::MARGINAL_ENDS.into_iter().zip(ends) {
             let here: Vec<&&ScreenRow> = rows
                 .iter()
                 .filter(|row| row.class == Class::Marginal && row.dimension == Some(dimension))

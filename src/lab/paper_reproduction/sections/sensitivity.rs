@@ -4,7 +4,7 @@ use holdpoint_governance::lifecycle::Stage;
 use holdpoint_governance::metrics::{Fate, Proportion};
 use holdpoint_governance::profile::ProfileName;
 
-use super::{Section, counted, mean, seeds_in};
+use super::{Section, mean, seeds_in};
 use crate::candidate_pool::Class;
 use crate::paper_reproduction::figures::{
     LIVE_UNSAFE, RowMeasure, SUCCESS, VIOLATION, by_seed, is_faulty, last_round, unsafe_activations,
@@ -15,6 +15,7 @@ use crate::paper_reproduction::published::PublishedNumbers;
 use crate::paper_reproduction::report_table::ReportTable;
 use crate::paper_reproduction::{Arm, RoundRow};
 use crate::pipeline_experiments::ExperimentError;
+use crate::wording::{counted, plus_minus, report as wording, report_tables as tables};
 
 /// The section; empty where they were not moved. `of`: the seeds that the preset has.
 ///
@@ -31,13 +32,7 @@ pub fn sensitivity(
         return Ok(Section::default());
     }
     let (tables, lines) = in_pools.into_iter().chain(in_rounds).unzip();
-    Ok(Section {
-        title: "Sensitivity to the thresholds".to_owned(),
-        text: Vec::new(),
-        tables,
-        plots: Vec::new(),
-        lines,
-    })
+    Ok(Section { title: wording::SENSITIVITY.to_owned(), tables, lines, ..Section::default() })
 }
 
 /// The results of the whole pipeline over rounds of upgrades, and their lines.
@@ -51,29 +46,15 @@ fn of_rounds(
         return Ok(None);
     }
     let last = last_round(rows);
-    let mut table = ReportTable::new(
-        "Rounds with the thresholds moved by a tenth, last round, percent",
-        &[
-            "thresholds",
-            "success",
-            "unsafe version in force",
-            "violations",
-            "unsafe / activated, all rounds",
-            "another version in force than as they are",
-            "paper: success",
-            "unsafe",
-            "violations",
-        ],
-        "Governed in each row, on the same candidates and held-out sequences. The paper's numbers are of five seeds and six rounds.",
-    );
+    let mut table = ReportTable::new(tables::SCALED_ROUNDS);
     table.seeds = Some((seeds_in(rows, |row| row.seed), preset_seeds));
     let t12 = &printed.t12;
     let papers = t12.success.iter().zip(&t12.unsafe_activation).zip(&t12.violation);
-    let names = ["a tenth lower", "as they are", "a tenth higher"];
     let mut changed = Vec::new();
-    for ((name, arm), ((success, unsafe_activation), violation)) in names.iter().zip(arms).zip(papers) {
+    for ((name, arm), ((success, unsafe_activation), violation)) in
+        wording::THRESHOLDS.iter().zip(arms).zip(papers)
+    {
         let ours = |measure: RowMeasure| mean(&by_seed(rows, arm, last, measure));
-        let published = |[mean, deviation]: &[f64; 2]| format!("{mean:.1} ± {deviation:.1}");
         let differing = Proportion::of(rows.iter().filter(|row| row.arm == arm).filter_map(|row| {
             let is_same =
                 |base: &&RoundRow| (base.arm, base.seed, base.round) == (Arm::Governed, row.seed, row.round);
@@ -86,18 +67,14 @@ fn of_rounds(
             ours(LIVE_UNSAFE),
             ours(VIOLATION),
             counted(&unsafe_activations(rows, arm, None)?),
-            format!("{} of {} rounds", differing.count, differing.total),
-            published(success),
-            published(unsafe_activation),
-            published(violation),
+            wording::of_rounds(&differing),
+            plus_minus(*success),
+            plus_minus(*unsafe_activation),
+            plus_minus(*violation),
         ]);
     }
-    let line = format!(
-        "Sensitivity in rounds: other versions are in force in {} rounds with thresholds a tenth lower, in {} a tenth higher",
-        changed.first().copied().unwrap_or(0),
-        changed.last().copied().unwrap_or(0)
-    );
-    Ok(Some((table, line)))
+    let [lower, _, higher] = changed[..] else { return Ok(None) };
+    Ok(Some((table, wording::changed_rounds(lower, higher))))
 }
 
 /// The ends of the pools' candidates, and their lines.
@@ -108,29 +85,18 @@ fn of_pools(
     if variant_rows(rows, ProfileName::Sim, Variant::Relaxed).next().is_none() {
         return Ok(None);
     }
-    let mut table = ReportTable::new(
-        "Thresholds moved by a tenth (profile sim)",
-        &[
-            "thresholds",
-            "stopped by validation or sandbox",
-            "stopped or rolled back",
-            "benign rejected",
-            "otherwise decided than as they are",
-            "paper: BADR",
-            "false reject rate",
-        ],
-        "Every setting is run. A threshold above 1 is read as 1: the paper's kappa_I of 1.045 would reject everything (readings X24).",
-    );
+    let mut table = ReportTable::new(tables::SCALED_POOLS);
     let settings = [
-        ("a tenth lower", Variant::Relaxed),
-        ("as they are", Variant::Full),
-        ("a tenth higher", Variant::Strict),
-        ("kappa_B .88, a tenth lower", Variant::B88Relaxed),
-        ("kappa_B .88", Variant::B88),
-        ("kappa_B .88, a tenth higher", Variant::B88Strict),
+        Variant::Relaxed,
+        Variant::Full,
+        Variant::Strict,
+        Variant::B88Relaxed,
+        Variant::B88,
+        Variant::B88Strict,
     ];
+    let settings = wording::THRESHOLDS.into_iter().chain(wording::THRESHOLDS_B88).zip(settings);
     let was_run = |variant: Variant| variant_rows(rows, ProfileName::Sim, variant).next().is_some();
-    let settings = settings.into_iter().filter(|(_, variant)| was_run(*variant));
+    let settings = settings.filter(|(_, variant)| was_run(*variant));
     // The paper prints one table; the second reading is of the same (readings 2.3).
     let papers = printed.t12.badr.iter().zip(&printed.t12.false_reject_rate).cycle();
     let mut changed = Vec::new();
@@ -160,12 +126,7 @@ fn of_pools(
         ]);
     }
     let [lower, _, higher, ..] = changed.as_slice() else { return Ok(None) };
-    let line = format!(
-        "Sensitivity: with thresholds a tenth lower {} end otherwise, a tenth higher {}",
-        counted(lower),
-        counted(higher)
-    );
-    Ok(Some((table, line)))
+    Ok(Some((table, wording::changed_candidates(lower, higher))))
 }
 
 #[cfg(test)]

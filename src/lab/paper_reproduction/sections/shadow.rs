@@ -8,7 +8,7 @@ use holdpoint_governance::lifecycle::Stage;
 use holdpoint_governance::metrics::{Fate, srdr};
 use holdpoint_governance::profile::ProfileName;
 
-use super::{Section, counted};
+use super::Section;
 use crate::candidate_pool::Class;
 use crate::paper_reproduction::figures::{is_faulty, variant_rows};
 use crate::paper_reproduction::pool_screening::{ScreenRow, Variant};
@@ -16,6 +16,7 @@ use crate::paper_reproduction::published::PublishedNumbers;
 use crate::paper_reproduction::regression::Regression;
 use crate::paper_reproduction::report_table::ReportTable;
 use crate::pipeline_experiments::{ExperimentError, drift};
+use crate::wording::{counted, or_dash, report as wording, report_tables as tables};
 
 type FullPipelineRows<'a> = BTreeMap<(u64, &'a str), &'a ScreenRow>;
 
@@ -39,19 +40,13 @@ fn by_category(
             *if sandbox.contains(category) { by_sandbox } else { by_shadow_only } += 1;
         }
     }
-    let mut table = ReportTable::new(
-        "Detections by category of regression",
-        &["category", "sandbox", "shadow only", "paper: sandbox", "shadow only"],
-        "A detection is a faulty candidate and a category that the reasons of the stage that stopped it name; shadow only: \
-         named by shadow alone and not by the sandbox. The last row is not among the paper's categories.",
-    );
+    let mut table = ReportTable::new(tables::BY_CATEGORY);
     let (mut sandbox_all, mut shadow_all) = (0, 0);
     for category in Regression::ALL {
         let [sandbox, shadow] = counts.get(&category).copied().unwrap_or_default();
         sandbox_all += sandbox;
         shadow_all += shadow;
-        let published =
-            |list: &[u32; 5]| list.get(category as usize).map_or_else(|| "-".to_owned(), u32::to_string);
+        let published = |list: &[u32; 5]| or_dash(list.get(category as usize).map(u32::to_string));
         table.row([
             category.to_string(),
             sandbox.to_string(),
@@ -61,15 +56,7 @@ fn by_category(
         ]);
     }
     let share = drift::counted(shadow_all, sandbox_all + shadow_all)?;
-    let f5 = &printed.f5;
-    let paper = 100.0 * f64::from(f5.shadow_only) / f64::from(f5.shadow_only + f5.sandbox);
-    Ok((
-        table,
-        format!(
-            "of detections (candidate and category) shadow alone makes {} (paper: {paper:.0} %)",
-            counted(&share)
-        ),
-    ))
+    Ok((table, wording::detections(&share, printed.f5.shadow_only_percent())))
 }
 
 /// Equation 19 with the counterfactual really run: of the regressions that show once a version is activated without a
@@ -88,15 +75,11 @@ fn avoided_regressions(
     };
     let rate = srdr(activated.iter().filter(regressed).map(shown))?;
     let quiet = srdr(activated.iter().filter(|row| !regressed(row)).map(shown))?;
-    let mut table = ReportTable::new(
-        "Activated without a shadow (the counterfactual of equation 19)",
-        &["then", "shadow had shown it before"],
-        "Regressed: rolled back, or seen unsafe while in control. What shadow stops and nothing is seen of later is either \
-         spared for another day or stopped for nothing.",
-    );
-    table.row(["regressed while in control".to_owned(), counted(&rate)]);
-    table.row(["showed nothing until confirmed".to_owned(), counted(&quiet)]);
-    Ok((table, format!("true SRDR {}", counted(&rate))))
+    let mut table = ReportTable::new(tables::COUNTERFACTUAL);
+    let [regressed, unseen] = wording::AFTER_ACTIVATION;
+    table.row([regressed.to_owned(), counted(&rate)]);
+    table.row([unseen.to_owned(), counted(&quiet)]);
+    Ok((table, wording::true_srdr(&rate)))
 }
 
 /// E3: the findings of shadow that the sandbox does not have.
@@ -111,13 +94,7 @@ pub fn shadow(rows: &[ScreenRow], printed: &PublishedNumbers) -> Result<Section,
     if whole.is_empty() || alone.is_empty() {
         return Ok(Section::default());
     }
-    let mut table = ReportTable::new(
-        "Faults that measuring finds, by class",
-        &["class", "candidates", "sandbox", "shadow alone", "both", "shadow only", "neither"],
-        "Sandbox: rejected or held there in the whole way. Shadow alone: rejected or held at shadow or the gate where \
-         validation and sandbox are left out, so that every candidate reaches it. Faults that validation stops are not \
-         counted: they never reach the sandbox.",
-    );
+    let mut table = ReportTable::new(tables::SHADOW_BY_CLASS);
     let mut total = [0_u64; 4];
     for (name, class, dimension) in [
         ("behavior", Class::Faulty, Some(Dimension::Behavior)),
@@ -153,21 +130,14 @@ pub fn shadow(rows: &[ScreenRow], printed: &PublishedNumbers) -> Result<Section,
     }
     let [_, sandbox, shadow_only, both] = total;
     let share = drift::counted(shadow_only, sandbox + shadow_only + both)?;
-    let f5 = &printed.f5;
-    let paper = 100.0 * f64::from(f5.shadow_only) / f64::from(f5.shadow_only + f5.sandbox);
+    let paper = printed.f5.shadow_only_percent();
     let (categories, detections) = by_category(&whole, &alone, printed)?;
     let (counterfactual, discovered) = avoided_regressions(rows, &whole)?;
-    let line =
-        format!("E3: found by shadow and not by the sandbox {}; {detections}; {discovered}", counted(&share));
     Ok(Section {
-        title: "E3: shadow".to_owned(),
-        text: vec![format!(
-            "Of the faults that either finds, shadow alone finds {}. The paper counts {paper:.0} %, by a unit \
-                     of its own (candidate and category; readings X10, X34).",
-            counted(&share)
-        )],
+        title: wording::SHADOW.to_owned(),
+        text: vec![wording::shadow_alone(&share, paper)],
         tables: vec![table, categories, counterfactual],
-        plots: Vec::new(),
-        lines: vec![line],
+        lines: vec![wording::shadow(&share, &detections, &discovered)],
+        ..Section::default()
     })
 }
