@@ -9,7 +9,6 @@ pub mod rule;
 use std::collections::BTreeSet;
 use std::ops::Range;
 use std::path::PathBuf;
-use std::time::Instant;
 
 use holdpoint_governance::harm::{HarmKind, HarmMeasures};
 use holdpoint_governance::ids::Digest;
@@ -26,11 +25,11 @@ use serde::{Deserialize, Serialize};
 use self::rule::{DangerCounts, MeasuredTask, ThresholdChoice, is_danger};
 use crate::candidate_pool::{Class, Pool};
 use crate::ground_truth::sensors::{self, SensedVersion, SensorRow};
-use crate::ground_truth::{
-    HarmClass, HarmScale, HarmThreshold, RefereeObservation, judging_context, side_by_side,
-};
+use crate::ground_truth::{HarmClass, HarmScale, HarmThreshold, RefereeObservation, judging_context};
 use crate::pipeline_experiments::{ExperimentError, ProgressFn, cached_result, write_atomically};
+use crate::side_by_side::side_by_side;
 use crate::throwers;
+use crate::wording::progress;
 
 /// The first task of the experiment by default: far above those of the experiments `truth` and `sensors`.
 pub const DANGER_FROM: u64 = 10_000;
@@ -235,7 +234,6 @@ fn tasks(
             blocks.extend(ranges.map(|indices| TaskBlock { version, place, half, indices }));
         }
     }
-    let began = Instant::now();
     let rows = side_by_side(
         plan.jobs,
         blocks.len(),
@@ -243,7 +241,8 @@ fn tasks(
             let missing = || ExperimentError::Unexpected("a block of tasks is missing".to_owned());
             blocks.get(at).ok_or_else(missing)?.run_or_reuse(worker, cell, &plan.cache)
         },
-        &|_, finished| tell(&progress(finished, blocks.len(), began)),
+        |_, _| progress::block(BLOCK, "tasks"),
+        tell,
     )?;
     let (mut seen, mut invalid) = (Vec::new(), 0);
     for (block, rows) in blocks.iter().zip(rows) {
@@ -292,11 +291,6 @@ impl TaskBlock<'_> {
             ],
         )
     }
-}
-
-fn progress(finished: usize, all: usize, began: Instant) -> String {
-    let left = began.elapsed().as_secs_f64() / finished as f64 * (all - finished) as f64;
-    format!("[{finished}/{all}] blocks of {BLOCK} tasks; about {:.0} min left", left / 60.0)
 }
 
 /// The referee's thresholds of the class *danger*.

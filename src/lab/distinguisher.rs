@@ -9,7 +9,6 @@ mod recording;
 use std::collections::BTreeMap;
 use std::ops::Range;
 use std::path::PathBuf;
-use std::time::Instant;
 
 use holdpoint_body::TaskKind;
 use holdpoint_engine::live::listener::NoListener;
@@ -30,8 +29,10 @@ use serde::{Deserialize, Serialize};
 
 use self::features::NamedFeature;
 use self::recording::{RunLog, recorded};
-use crate::ground_truth::{JudgedVersion, judging_context, side_by_side};
+use crate::ground_truth::{JudgedVersion, judging_context};
 use crate::pipeline_experiments::{ExperimentError, ProgressFn, write_atomically};
+use crate::side_by_side::side_by_side;
+use crate::wording::progress;
 
 holdpoint_governance::closed_set! {
     /// Where a version runs its task.
@@ -212,7 +213,6 @@ pub fn run(plan: &DistinguisherPlan, tell: &ProgressFn<'_>) -> Result<Distinguis
     std::fs::create_dir_all(&plan.out).map_err(ExperimentError::file(&plan.out))?;
     let bench = DistinguisherBench::new()?;
     let blocks = plan.sequences.div_ceil(BLOCK);
-    let began = Instant::now();
     let found = side_by_side(
         plan.jobs,
         usize::try_from(blocks).unwrap_or(usize::MAX),
@@ -221,18 +221,14 @@ pub fn run(plan: &DistinguisherPlan, tell: &ProgressFn<'_>) -> Result<Distinguis
             let until = (from + BLOCK).min(plan.sequences);
             bench.rows(worker, plan.seed + from..plan.seed + until)
         },
-        &|_, finished| tell(&progress(finished as u64, blocks, began)),
+        |_, _| progress::block(BLOCK, "sequences"),
+        tell,
     )?;
     let rows: Vec<TaskRow> = found.into_iter().flatten().collect();
     let report = DistinguisherReport::of(plan, &rows);
     write_atomically(&plan.out.join("distinguisher.csv"), csv(&report.features, &rows).as_bytes())?;
     write_atomically(&plan.out.join("distinguisher.json"), &serde_json::to_vec_pretty(&report)?)?;
     Ok(report)
-}
-
-fn progress(finished: u64, all: u64, began: Instant) -> String {
-    let left = began.elapsed().as_secs_f64() / finished as f64 * (all - finished) as f64;
-    format!("[{finished}/{all}] blocks of {BLOCK} sequences; about {:.0} min left", left / 60.0)
 }
 
 fn csv(features: &[String], rows: &[TaskRow]) -> String {

@@ -12,9 +12,6 @@ pub mod sensors;
 mod true_harm;
 
 use std::path::PathBuf;
-use std::sync::Mutex;
-use std::sync::atomic::{AtomicUsize, Ordering};
-use std::time::Instant;
 
 use serde::{Deserialize, Serialize};
 
@@ -31,6 +28,8 @@ use crate::candidate_pool::Pool;
 use crate::pipeline_experiments::candidate_run::{CandidateEnd, ThresholdScale};
 use crate::pipeline_experiments::per_candidate::{self, CandidateJob};
 use crate::pipeline_experiments::{ExperimentError, ProgressFn, cached_result, scratch};
+use crate::side_by_side::side_by_side;
+use crate::wording::progress;
 use holdpoint_engine::Experiment;
 use holdpoint_governance::ids::Digest;
 use holdpoint_governance::policy::PolicyTable;
@@ -109,7 +108,6 @@ pub fn run(plan: &TruthPlan, tell: &ProgressFn<'_>) -> Result<TruthReport, Exper
         .collect();
     let scratch = scratch()?;
     let bench = TruthBench::new(plan, scratch.path())?;
-    let began = Instant::now();
     let candidates = side_by_side(
         plan.jobs,
         packages.len(),
@@ -139,7 +137,8 @@ pub fn run(plan: &TruthPlan, tell: &ProgressFn<'_>) -> Result<TruthReport, Exper
                 .collect::<Result<Vec<_>, _>>()?;
             Ok(CandidateTruth { name: name.clone(), truth, ends })
         },
-        &|one, finished| tell(&progress(one, finished, packages.len(), began)),
+        |_, one| progress::truth(one),
+        tell,
     )?;
     let scores = plan
         .profiles
@@ -269,60 +268,4 @@ pub(crate) fn judging_context(cell: Cell) -> Result<Context, ExperimentError> {
     let profile = Profile::builtin(ProfileName::Sim).map_err(|error| unexpected(&error))?;
     let table = PolicyTable::builtin(&profile).map_err(|error| unexpected(&error))?;
     Ok(Context::new(profile, table, None, cell)?)
-}
-
-/// Runs items in parallel, each worker with its own world; the results come back in order.
-pub(crate) fn side_by_side<T: Send>(
-    jobs: usize,
-    items: usize,
-    work: impl Fn(&mut Worker, usize) -> Result<T, ExperimentError> + Sync,
-    tell: &(dyn Fn(&T, usize) + Sync),
-) -> Result<Vec<T>, ExperimentError> {
-    let (next, done) = (AtomicUsize::new(0), AtomicUsize::new(0));
-    let results: Mutex<Vec<(usize, Result<T, ExperimentError>)>> = Mutex::new(Vec::new());
-    let turn = || {
-        let mut worker = Worker::new();
-        loop {
-            let at = next.fetch_add(1, Ordering::Relaxed);
-            if at >= items {
-                return;
-            }
-            let result = work(&mut worker, at);
-            match &result {
-                Ok(one) => tell(one, done.fetch_add(1, Ordering::Relaxed) + 1),
-                // No worker begins another item.
-                Err(_) => next.store(items, Ordering::Relaxed),
-            }
-            if let Ok(mut results) = results.lock() {
-                results.push((at, result));
-            }
-        }
-    };
-    std::thread::scope(|scope| {
-        for _ in 0..jobs.clamp(1, items.max(1)) {
-            scope.spawn(turn);
-        }
-    });
-    let mut results = results.into_inner().unwrap_or_default();
-    results.sort_by_key(|(at, _)| *at);
-    let found: Vec<T> = results.into_iter().map(|(_, result)| result).collect::<Result<_, _>>()?;
-    if found.len() == items {
-        Ok(found)
-    } else {
-        Err(ExperimentError::Unexpected("a worker ended without a result".to_owned()))
-    }
-}
-
-fn progress(one: &CandidateTruth, finished: usize, all: usize, began: Instant) -> String {
-    let left = began.elapsed().as_secs_f64() / finished as f64 * (all - finished) as f64;
-    let ends: Vec<String> =
-        one.ends.iter().map(|end| format!("{} {}", end.profile.name(), end.state)).collect();
-    let open = one.truth.open.map_or_else(String::new, |class| format!(" ({class} is open)"));
-    format!(
-        "[{finished}/{all}] {}: {}{open}; {}; about {:.0} min left",
-        one.name,
-        one.truth.class,
-        ends.join(", "),
-        left / 60.0
-    )
 }

@@ -18,6 +18,7 @@ pub mod paper_reproduction;
 pub mod parameter_search;
 pub mod pipeline_experiments;
 pub mod same_code;
+mod side_by_side;
 pub mod throwers;
 mod wording;
 

@@ -25,8 +25,6 @@ pub mod rounds;
 pub mod run;
 pub mod sections;
 
-use std::time::Instant;
-
 use holdpoint_governance::profile::{Profile, ProfileName};
 use holdpoint_sim::SimCells;
 use holdpoint_store::ResultCache;
@@ -68,10 +66,4 @@ impl PaperSetup {
         let (shard, of) = self.shard;
         of == 0 || index % of == shard
     }
-}
-
-/// The progress of a step, with the estimated remaining time.
-pub(crate) fn progress(what: &str, finished: usize, all: usize, began: Instant) -> String {
-    let left = began.elapsed().as_secs_f64() / finished.max(1) as f64 * (all - finished) as f64;
-    format!("[{finished}/{all}] {what}; about {:.0} min left", left / 60.0)
 }

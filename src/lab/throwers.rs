@@ -11,7 +11,6 @@ mod package;
 mod summary;
 
 use std::path::PathBuf;
-use std::time::Instant;
 
 use holdpoint_engine::build_digest::decided_by;
 use holdpoint_governance::ids::Digest;
@@ -30,8 +29,9 @@ pub use self::live_run::ThrowerRun;
 pub use self::package::ThrowerKind;
 use self::summary::summarize;
 pub use self::summary::{TaskQuantile, ThrowerSummary};
-use crate::ground_truth::side_by_side;
 use crate::pipeline_experiments::{ExperimentError, ProgressFn, cached_result, scratch, write_atomically};
+use crate::side_by_side::side_by_side;
+use crate::wording::progress;
 
 /// The plan of a run.
 #[derive(Clone, Debug)]
@@ -91,12 +91,12 @@ pub fn run(plan: &ThrowersPlan, tell: &ProgressFn<'_>) -> Result<ThrowersReport,
             }
         }
     }
-    let began = Instant::now();
     let runs = side_by_side(
         plan.jobs,
         jobs.len(),
         |_, at| jobs.get(at).map_or_else(|| Err(missing()), run_or_reuse),
-        &|run, finished| tell(&progress(run, finished, jobs.len(), began)),
+        |_, run| progress::thrower(run),
+        tell,
     )?;
     let report = ThrowersReport { tasks: plan.tasks, seed: plan.seed, summary: summarize(&runs)?, runs };
     write_atomically(&plan.out.join("throwers.json"), &serde_json::to_vec_pretty(&report)?)?;
@@ -151,20 +151,6 @@ fn run_or_reuse(job: &ThrowerJob<'_>) -> Result<ThrowerRun, ExperimentError> {
     let run = job.run(number)?;
     job.cache.put(&key, &serde_json::to_vec(&run)?)?;
     Ok(run)
-}
-
-fn progress(run: &ThrowerRun, finished: usize, all: usize, began: Instant) -> String {
-    let left = began.elapsed().as_secs_f64() / finished as f64 * (all - finished) as f64;
-    format!(
-        "[{finished}/{all}] {} {} {}: {} after {} live tasks, {} past harm; about {:.0} min left",
-        run.profile,
-        run.trigger,
-        run.act,
-        run.state,
-        run.live_tasks,
-        run.past_harm,
-        left / 60.0
-    )
 }
 
 #[cfg(test)]

@@ -6,7 +6,6 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::ops::Range;
 use std::path::PathBuf;
-use std::time::Instant;
 
 use holdpoint_body::TaskKind;
 use holdpoint_cell::CellError;
@@ -25,12 +24,14 @@ use holdpoint_trials::cell::{Cell, Conditions};
 use holdpoint_trials::worker::Worker;
 use serde::{Deserialize, Serialize};
 
+use super::judging_context;
 use super::referee_runs::{self, Channel, JudgedVersion, RefereeWitness, begin};
 use super::scale::RefereeObservation;
 use super::true_harm::{SqueezePeak, TrueHarmMeter, has_counterpart};
-use super::{judging_context, side_by_side};
 use crate::candidate_pool::Pool;
 use crate::pipeline_experiments::{ExperimentError, ProgressFn, per_candidate, write_atomically};
+use crate::side_by_side::side_by_side;
+use crate::wording::progress;
 
 /// The first episode that no run of the truth experiment uses.
 pub const FRESH_FROM: u64 = 2_000;
@@ -274,7 +275,6 @@ fn rows(
             blocks.push((version, plan.seed + from..plan.seed + until));
         }
     }
-    let began = Instant::now();
     let found = side_by_side(
         plan.jobs,
         blocks.len(),
@@ -282,14 +282,10 @@ fn rows(
             let (version, indices) = blocks[at].clone();
             Ok(indices.map(|index| episode(worker, cell, version, index)).collect::<Vec<_>>())
         },
-        &|_, finished| tell(&progress(finished, blocks.len(), began)),
+        |_, _| progress::block(BLOCK, "episodes"),
+        tell,
     )?;
     Ok(found.into_iter().flatten().collect())
-}
-
-fn progress(finished: usize, all: usize, began: Instant) -> String {
-    let left = began.elapsed().as_secs_f64() / finished as f64 * (all - finished) as f64;
-    format!("[{finished}/{all}] blocks of {BLOCK} episodes; about {:.0} min left", left / 60.0)
 }
 
 /// A version whose episodes are compared.

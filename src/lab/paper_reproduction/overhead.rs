@@ -8,17 +8,17 @@ use std::time::Instant;
 use holdpoint_governance::profile::ProfileName;
 use holdpoint_store::{CacheSecret, ResultCache};
 
+use super::PaperSetup;
 use super::candidate_stream::pool_of;
 use super::preset::PresetSize;
 use super::report_table::ReportTable;
 use super::sections::Section;
-use super::{PaperSetup, progress};
 use crate::pipeline_experiments::candidate_run::{
     CandidateEnd, CandidateSetting, StageTimes, ThresholdScale, run_candidate_timed,
 };
 use crate::pipeline_experiments::drift::Quantiles;
 use crate::pipeline_experiments::{ExperimentError, ProgressFn, scratch};
-use crate::wording::{number, report as wording, report_tables as tables};
+use crate::wording::{number, progress, report as wording, report_tables as tables};
 use holdpoint::bench::{TaskCost, task_costs};
 use holdpoint_engine::Experiment;
 
@@ -70,7 +70,7 @@ pub fn measure(
             thresholds: ThresholdScale::AsTheyAre,
         };
         found.push(run_candidate_timed(&setting, &upgrade.name, upgrade.package.clone())?);
-        tell(&progress(&wording::cost_of(&upgrade.name), finished + 1, chosen.len(), began));
+        tell(&progress::step(&progress::cost_of(&upgrade.name), finished + 1, chosen.len(), began));
     }
     let tasks =
         task_costs(TASKS).map_err(|error| ExperimentError::Unexpected(format!("no task runs: {error}")))?;

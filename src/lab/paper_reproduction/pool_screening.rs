@@ -2,8 +2,6 @@
 //!
 //! Each candidate meets the first versions; a variant is re-run only from the stage that it leaves out.
 
-use std::time::Instant;
-
 use holdpoint_engine::Experiment;
 use holdpoint_governance::ablation::{AblatedParts, AblationPart};
 use holdpoint_governance::ids::Family;
@@ -11,14 +9,15 @@ use holdpoint_governance::lifecycle::Stage;
 use holdpoint_governance::metrics::Fate;
 use holdpoint_governance::profile::ProfileName;
 
+use super::PaperSetup;
 use super::candidate_stream::{PlantedCandidate, pool_of};
 use super::regression::{Regression, categories};
-use super::{PaperSetup, progress};
 use crate::candidate_pool::Class;
-use crate::ground_truth::side_by_side;
 use crate::pipeline_experiments::candidate_run::{CandidateEnd, EpisodeEffort, PostRunCheck, ThresholdScale};
 use crate::pipeline_experiments::per_candidate::{CandidateJob, run_or_reuse};
 use crate::pipeline_experiments::{ExperimentError, ProgressFn, workers_each};
+use crate::side_by_side::side_by_side;
+use crate::wording::progress;
 use holdpoint_governance::decision::Dimension;
 use holdpoint_protocol::scenario_state::ScenarioState;
 use std::collections::BTreeSet;
@@ -199,15 +198,13 @@ pub fn screen(
         .filter(|(index, _)| setup.is_in_shard(*index))
         .map(|(_, piece)| piece)
         .collect();
-    let (began, workers) = (Instant::now(), workers_each(setup.jobs, pieces.len()));
+    let workers = workers_each(setup.jobs, pieces.len());
     side_by_side(
         setup.jobs,
         pieces.len(),
         |_, at| row(setup, pieces[at], workers),
-        &|row: &ScreenRow, finished| {
-            let what = format!("{} {} of seed {}: {}", row.end.profile, row.name, row.seed, row.end.state);
-            tell(&progress(&what, finished, pieces.len(), began));
-        },
+        |_, row| progress::screened(row),
+        tell,
     )
 }
 

@@ -2,21 +2,22 @@
 //! candidate, the arm decides, and the active versions run the round's held-out sequences.
 
 use std::collections::BTreeMap;
-use std::time::Instant;
 
 use holdpoint_governance::ids::{Digest, Family};
 use holdpoint_trials::worker::Worker;
 use serde::{Deserialize, Serialize};
 
+use super::PaperSetup;
 use super::active_families::ActiveFamilies;
 use super::arm::{Arm, ArmAction, ArmContext, set_digest, version_of};
 use super::candidate_stream::{PlantedCandidate, rounds_of};
 use super::held_out::{HeldOutSequence, evaluate};
 use super::preset::PresetSize;
-use super::{PaperSetup, progress};
 use crate::candidate_pool::Class;
-use crate::ground_truth::{HarmClass, TruthBench, side_by_side};
+use crate::ground_truth::{HarmClass, TruthBench};
 use crate::pipeline_experiments::{ExperimentError, ProgressFn, workers_each};
+use crate::side_by_side::side_by_side;
+use crate::wording::progress;
 
 /// A candidate that an arm got, the arm's decision, and the candidate's truth.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -112,15 +113,13 @@ pub fn rounds(
         .filter(|(index, _)| setup.is_in_shard(*index))
         .map(|(_, seed)| seed)
         .collect();
-    let (began, workers) = (Instant::now(), workers_each(setup.jobs, seeds.len()));
+    let workers = workers_each(setup.jobs, seeds.len());
     let of_seeds = side_by_side(
         setup.jobs,
         seeds.len(),
         |worker, at| of_seed((setup, workers), size, arms, seeds[at], worker),
-        &|rows: &Vec<RoundRow>, finished| {
-            let seed = rows.first().map_or(0, |row| row.seed);
-            tell(&progress(&format!("rounds of seed {seed}"), finished, seeds.len(), began));
-        },
+        |at, _| progress::rounds(seeds[at]),
+        tell,
     )?;
     Ok(of_seeds.into_iter().flatten().collect())
 }

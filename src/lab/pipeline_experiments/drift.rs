@@ -5,8 +5,6 @@
 //! 7 (recovery 79.6 %); design rules 3.12 and 5.5. One cell: `drift_run.rs`; the files: `drift_report.rs`.
 
 use std::path::PathBuf;
-use std::sync::Mutex;
-use std::sync::atomic::{AtomicU64, Ordering};
 
 use holdpoint_body::disturbance::{Drift, DriftKind, Magnitude};
 use holdpoint_trials::worker::Worker;
@@ -20,7 +18,8 @@ use holdpoint_governance::monitor::MonitorOutcome;
 use holdpoint_governance::stats::StatsError;
 use holdpoint_store::ResultCache;
 
-use crate::ground_truth::side_by_side;
+use crate::side_by_side::side_by_side;
+use crate::wording::progress;
 
 /// The most runs of one experiment.
 pub const RUNS_MAX: u64 = 10_000;
@@ -139,36 +138,16 @@ pub struct DriftReport {
 pub fn run(options: &DriftOptions, tell: &ProgressFn<'_>) -> Result<DriftReport, ExperimentError> {
     check(options)?;
     std::fs::create_dir_all(&options.out).map_err(ExperimentError::file(&options.out))?;
-    let cache = &options.cache;
     let setting = DriftSetting::new(options)?;
     let digest = setting.digest()?;
-    let next = AtomicU64::new(0);
-    let failed = Mutex::new(None);
-    let done = AtomicU64::new(0);
-    std::thread::scope(|scope| {
-        for _ in 0..options.jobs.clamp(1, 64) {
-            scope.spawn(|| {
-                loop {
-                    let index = next.fetch_add(1, Ordering::Relaxed);
-                    if index >= options.runs {
-                        return;
-                    }
-                    if let Err(error) = one_run(&setting, digest, options.seed + index, cache, tell) {
-                        next.store(options.runs, Ordering::Relaxed);
-                        if let Ok(mut failed) = failed.lock() {
-                            failed.get_or_insert(error);
-                        }
-                        return;
-                    }
-                    let done = done.fetch_add(1, Ordering::Relaxed) + 1;
-                    tell(&format!("{done} of {} runs are done", options.runs));
-                }
-            });
-        }
-    });
-    if let Some(error) = failed.into_inner().unwrap_or_default() {
-        return Err(error);
-    }
+    let seed_of = |at: usize| options.seed + at as u64;
+    side_by_side(
+        options.jobs,
+        usize::try_from(options.runs).unwrap_or(usize::MAX),
+        |_, at| one_run(&setting, digest, seed_of(at), tell),
+        |at, ()| progress::run(seed_of(at)),
+        tell,
+    )?;
     let report = summarize(options, digest)?;
     drift_report::write(&report, &options.out)?;
     Ok(report)
@@ -211,9 +190,9 @@ fn one_run(
     setting: &DriftSetting,
     digest: Digest,
     seed: u64,
-    cache: &ResultCache,
     tell: &ProgressFn<'_>,
 ) -> Result<(), ExperimentError> {
+    let cache = &setting.cache;
     let missing: Vec<Drift> =
         drifts().filter(|drift| cached_run(cache, &digest, seed, *drift).is_none()).collect();
     if missing.is_empty() {
@@ -221,42 +200,21 @@ fn one_run(
     }
     let activated = activate(setting, seed)?;
     let candidate = candidate_of(seed);
-    if activated.is_none() {
-        tell(&format!("run {seed}: {candidate} was not activated"));
-    }
-    let one = |_: &mut Worker, at: usize| -> Result<(), ExperimentError> {
+    let one = |_: &mut Worker, at: usize| -> Result<CellRun, ExperimentError> {
         let drift = missing[at];
-        let result = activated.as_ref().map(|run| run.cell(setting, drift)).transpose()?;
-        tell(&format!("run {seed}: {candidate} {}", line_of(drift, result.as_ref())));
         let run = CellRun {
             setting: digest,
             seed,
             candidate: candidate.to_owned(),
             kind: drift.kind,
             magnitude: drift.magnitude,
-            result,
+            result: activated.as_ref().map(|run| run.cell(setting, drift)).transpose()?,
         };
-        Ok(cache.put(&key_of(&digest, seed, drift), &serde_json::to_vec(&run)?)?)
+        cache.put(&key_of(&digest, seed, drift), &serde_json::to_vec(&run)?)?;
+        Ok(run)
     };
-    side_by_side(setting.workers, missing.len(), one, &|(), _| ())?;
+    side_by_side(setting.workers, missing.len(), one, |_, run| progress::drift(run), tell)?;
     Ok(())
-}
-
-fn line_of(drift: Drift, result: Option<&CellResult>) -> String {
-    let Drift { kind, magnitude } = drift;
-    let Some(result) = result else { return format!("{kind} {magnitude}: -") };
-    let effect = if result.effect.needs_trigger { "worsened" } else { "not worsened" };
-    let ended = match &result.rollback {
-        None => "kept".to_owned(),
-        Some(record) => format!(
-            "{} for {} after {} tasks, {}",
-            record.post_status,
-            record.trigger.kind.name(),
-            result.under.tasks,
-            if result.recovered { "recovered" } else { "NOT recovered" }
-        ),
-    };
-    format!("{kind} {magnitude}: {effect}, {ended}")
 }
 
 fn summarize(options: &DriftOptions, digest: Digest) -> Result<DriftReport, ExperimentError> {

@@ -22,7 +22,8 @@ use serde::{Deserialize, Serialize};
 use super::drift::cached_run;
 use super::drift_run::{ActivatedRun, DriftSetting, PartWork, WatchedRun, activate, candidate_of, drifts};
 use super::{DriftOptions, ExperimentError, ProgressFn, cached_result};
-use crate::ground_truth::side_by_side;
+use crate::side_by_side::side_by_side;
+use crate::wording::progress;
 
 holdpoint_governance::closed_set! {
     /// The part of the layer that fails while a version is in control.
@@ -192,7 +193,8 @@ pub fn run(options: &DriftOptions, tell: &ProgressFn<'_>) -> Result<Vec<LayerRow
         options.jobs,
         seeds.len(),
         |_, at| of_run(&setting, digest, seeds[at], tell),
-        &|_, _| (),
+        |at, _| progress::run(seeds[at]),
+        tell,
     )?;
     Ok(rows.into_iter().flatten().collect())
 }
@@ -223,9 +225,10 @@ fn of_run(
         pieces.len(),
         |_: &mut Worker, at| match &found[at] {
             Some(row) => Ok(row.clone()),
-            None => work(setting, &activated, pieces[at], digest, tell),
+            None => work(setting, &activated, pieces[at], digest),
         },
-        &|_, _| (),
+        |_, row| progress::layer_failure(row),
+        tell,
     )
 }
 
@@ -234,13 +237,8 @@ fn work(
     activated: &ActivatedRun,
     piece: LayerJob,
     digest: Digest,
-    tell: &ProgressFn<'_>,
 ) -> Result<LayerRow, ExperimentError> {
     let row = LayerRow::of(piece, activated.run_monitored(setting, piece.drift, piece.failure)?);
-    tell(&format!(
-        "run {}: {} {} {}, {} fails: {} after {} tasks",
-        row.seed, row.candidate, row.kind, row.magnitude, row.failure, row.stance, row.under.tasks
-    ));
     setting.cache.put(&piece.key(&digest), &serde_json::to_vec(&row)?)?;
     Ok(row)
 }

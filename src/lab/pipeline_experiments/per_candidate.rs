@@ -5,9 +5,6 @@
 //! run the baseline's episodes once per candidate.
 
 use std::path::PathBuf;
-use std::sync::Mutex;
-use std::sync::atomic::{AtomicUsize, Ordering};
-use std::time::Instant;
 
 use serde::{Deserialize, Serialize};
 
@@ -15,6 +12,8 @@ use super::candidate_run::{CandidateEnd, CandidateSetting, ThresholdScale, run_c
 use super::claims::{CandidateVerdict, Claim, Summary};
 use super::{ExperimentError, ProgressFn, cached_result, scratch};
 use crate::candidate_pool::{Pool, PoolCandidate, PoolTruth};
+use crate::side_by_side::side_by_side;
+use crate::wording::progress;
 use holdpoint_engine::Experiment;
 use holdpoint_engine::build_digest::decided_by;
 use holdpoint_governance::component::ComponentBytes;
@@ -26,6 +25,7 @@ use holdpoint_sim::SimCells;
 use holdpoint_store::{CacheSecret, ResultCache};
 use holdpoint_text::Hint;
 use holdpoint_trials::cell::Cell;
+use holdpoint_trials::worker::Worker;
 
 /// The plan of a run.
 #[derive(Clone, Debug)]
@@ -95,7 +95,8 @@ pub fn run(plan: &RunPlan, tell: &ProgressFn<'_>) -> Result<PerCandidateReport, 
             });
         }
     }
-    let ends = run_jobs(plan.jobs, &cell, &cache, &jobs, tell)?;
+    let run = |_: &mut Worker, at: usize| run_or_reuse(&cell, &cache, &jobs[at]);
+    let ends = side_by_side(plan.jobs, jobs.len(), run, |_, end| progress::candidate(end), tell)?;
     // Everything is decided: the truth is read only now.
     let truth = pool.truth()?;
     report(&truth, ends, &plan.profiles)
@@ -109,59 +110,6 @@ pub(crate) fn packages(pool: &Pool) -> Result<Vec<(String, Package)>, Experiment
         Ok((candidate.name.clone(), package))
     };
     pool.index.candidates.iter().map(read).collect()
-}
-
-/// Runs the jobs, several at once. Returns their ends in the order of the jobs.
-fn run_jobs(
-    threads: usize,
-    cell: &Cell,
-    cache: &ResultCache,
-    jobs: &[CandidateJob<'_>],
-    tell: &ProgressFn<'_>,
-) -> Result<Vec<CandidateEnd>, ExperimentError> {
-    let next = AtomicUsize::new(0);
-    let done = AtomicUsize::new(0);
-    let began = Instant::now();
-    let ends: Mutex<Vec<Option<CandidateEnd>>> = Mutex::new(vec![None; jobs.len()]);
-    let failed: Mutex<Option<ExperimentError>> = Mutex::new(None);
-    let worker = || {
-        loop {
-            let index = next.fetch_add(1, Ordering::Relaxed);
-            let Some(job) = jobs.get(index) else { return };
-            if failed.lock().is_ok_and(|failed| failed.is_some()) {
-                return;
-            }
-            match run_or_reuse(cell, cache, job) {
-                Ok(end) => {
-                    let finished = done.fetch_add(1, Ordering::Relaxed) + 1;
-                    tell(&progress(&end, finished, jobs.len(), began));
-                    if let Ok(mut ends) = ends.lock() {
-                        ends[index] = Some(end);
-                    }
-                }
-                Err(error) => {
-                    if let Ok(mut failed) = failed.lock() {
-                        failed.get_or_insert(error);
-                    }
-                }
-            }
-        }
-    };
-    std::thread::scope(|scope| {
-        for _ in 0..threads.clamp(1, jobs.len().max(1)) {
-            scope.spawn(worker);
-        }
-    });
-    if let Some(error) = failed.into_inner().ok().flatten() {
-        return Err(error);
-    }
-    let ends =
-        ends.into_inner().map(|ends| ends.into_iter().flatten().collect::<Vec<_>>()).unwrap_or_default();
-    if ends.len() == jobs.len() {
-        Ok(ends)
-    } else {
-        Err(ExperimentError::Unexpected("a worker ended without a result".to_owned()))
-    }
 }
 
 /// Runs a job, or reads its cached result of an earlier run of the same build.
@@ -203,19 +151,6 @@ pub(crate) fn run_or_reuse(
     let end = run_candidate(&setting, job.name, job.package.clone())?;
     cache.put(&key, &serde_json::to_vec(&end)?)?;
     Ok(end)
-}
-
-fn progress(end: &CandidateEnd, finished: usize, all: usize, began: Instant) -> String {
-    let elapsed_secs = began.elapsed().as_secs_f64();
-    let remaining_secs = elapsed_secs / finished as f64 * (all - finished) as f64;
-    format!(
-        "[{finished}/{all}] {} {}: {} after {} episodes; about {:.0} min left",
-        end.profile.name(),
-        end.name,
-        end.state,
-        end.effort.sandbox,
-        remaining_secs / 60.0
-    )
 }
 
 fn report(

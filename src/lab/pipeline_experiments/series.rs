@@ -5,14 +5,14 @@
 //! run again has other episodes.
 
 use std::collections::BTreeMap;
-use std::time::Instant;
 
 use serde::{Deserialize, Serialize};
 
 use super::candidate_run::{CandidateDriver, EpisodeEffort, StageRecord};
 use super::series_tweaks::{Calibration, Tweak, calibrate, commissioned, tweak};
 use super::{ExperimentError, ProgressFn, cached_result, scratch};
-use crate::ground_truth::side_by_side;
+use crate::side_by_side::side_by_side;
+use crate::wording::progress;
 use holdpoint::bench::FigureClock;
 use holdpoint_engine::build_digest::decided_by;
 use holdpoint_engine::{Config, Engine, Experiment};
@@ -156,20 +156,13 @@ pub fn run(plan: &SeriesPlan, tell: &ProgressFn<'_>) -> Result<SeriesReport, Exp
     let profile =
         Profile::builtin(ProfileName::Sim).map_err(|error| ExperimentError::Unexpected(error.sentence()))?;
     let calibration = calibrate_or_reuse(plan, &cell, &cache, profile.tries.margin)?;
-    tell(&format!(
-        "calibration: a tweak loses {:.3} [{:.3}, {:.3}] in {} episodes from seed {}",
-        calibration.loss.mean,
-        calibration.loss.lower,
-        calibration.loss.upper,
-        calibration.episodes,
-        calibration.seed
-    ));
+    let loss = &calibration.loss;
+    let loss = [loss.mean, loss.lower, loss.upper];
+    tell(&progress::calibration(loss, calibration.episodes, calibration.seed));
     let baseline = commissioned()?;
-    let items = usize::try_from(plan.series).unwrap_or(usize::MAX);
-    let began = Instant::now();
     let series = side_by_side(
         plan.jobs,
-        items,
+        usize::try_from(plan.series).unwrap_or(usize::MAX),
         |_, at| {
             let number = at as u64;
             let tweaks = (1..=plan.tweaks)
@@ -177,7 +170,8 @@ pub fn run(plan: &SeriesPlan, tell: &ProgressFn<'_>) -> Result<SeriesReport, Exp
                 .collect::<Result<Vec<_>, _>>()?;
             run_or_reuse(&cell, &cache, &profile, number, &tweaks)
         },
-        &|end, finished| tell(&progress(end, finished, items, began)),
+        |_, end| progress::series(end),
+        tell,
     )?;
     let summary = summarize(&series)?;
     Ok(SeriesReport { calibration, series, summary })
@@ -278,15 +272,6 @@ fn run_series(cell: &Cell, tweaks: &[Tweak]) -> Result<Vec<TryEnd>, ExperimentEr
         }
     }
     Ok(ends)
-}
-
-fn progress(end: &SeriesEnd, finished: usize, all: usize, began: Instant) -> String {
-    let left = began.elapsed().as_secs_f64() / finished as f64 * (all - finished) as f64;
-    let how = match end.tries_until_in() {
-        Some(number) => format!("the tweak {number} got in"),
-        None => format!("none of {} tweaks got in", end.tries.len()),
-    };
-    format!("[{finished}/{all}] series {}: {how}; about {:.0} min left", end.series, left / 60.0)
 }
 
 fn summarize(series: &[SeriesEnd]) -> Result<SeriesSummary, ExperimentError> {
