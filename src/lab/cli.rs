@@ -17,10 +17,16 @@ mod throwers;
 mod truth;
 
 use std::ffi::OsString;
+use std::path::PathBuf;
 
-use clap::{Parser, Subcommand};
+use clap::{Args, Parser, Subcommand};
+use holdpoint::cli::output::TextTable;
+use holdpoint::cli::result_cache::CacheKeyArgs;
 use holdpoint::cli::{CommandOutput, end, wants_json};
 use holdpoint::error::{CliError, Exit, print_usage};
+use holdpoint_store::ResultCache;
+
+use crate::pipeline_experiments::ExperimentError;
 
 /// Measures Holdpoint: experiments, pools of candidates, an optimizer, benchmarks.
 #[derive(Clone, Debug, Parser)]
@@ -85,6 +91,45 @@ fn run(verb: &LabVerb, out: &mut CommandOutput<'_>) -> Result<Exit, CliError> {
         LabVerb::Experiment(args) => experiment::run(args, out),
         LabVerb::Bench(args) => bench::run(args, out),
     }
+}
+
+/// Where an experiment caches its results.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Args)]
+pub struct CacheArgs {
+    /// Caches finished results here; an interrupted run continues from them.
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+    /// The key that authenticates them.
+    #[command(flatten)]
+    pub cache_key: CacheKeyArgs,
+}
+
+impl CacheArgs {
+    fn open(&self) -> Result<Option<ResultCache>, CliError> {
+        let folder = self.out.as_ref().map(|out| out.join("kept"));
+        self.cache_key.open_cache_if_named(folder.as_deref(), "--out")
+    }
+}
+
+/// The items that run at once: the asked number, or one for each core.
+fn jobs_or_cores(asked: Option<u16>) -> usize {
+    asked.map_or_else(|| std::thread::available_parallelism().map_or(1, usize::from), usize::from)
+}
+
+/// The error of an experiment: a wrong option, file or pool is a usage error.
+fn failed(error: ExperimentError) -> CliError {
+    match error {
+        ExperimentError::Option { .. }
+        | ExperimentError::File { .. }
+        | ExperimentError::Text(_)
+        | ExperimentError::Pool(_) => CliError::usage(error),
+        _ => CliError::fault(error),
+    }
+}
+
+/// A table without rows; `|` separates its columns.
+fn table(columns: &'static str) -> TextTable {
+    TextTable::new(&columns.split('|').map(str::trim).collect::<Vec<_>>())
 }
 
 #[cfg(test)]

@@ -34,6 +34,11 @@ pub fn range(ends: Interval) -> String {
     format!("[{:.1}, {:.1}]", ends.lower, ends.upper)
 }
 
+/// A value with the ends of its interval, to some digits.
+pub fn range_to(digits: usize, value: f64, lower: f64, upper: f64) -> String {
+    format!("{value:.digits$} [{lower:.digits$}, {upper:.digits$}]")
+}
+
 /// The ends of an interval that no variation may leave undefined.
 pub fn range_or_none(ends: Option<Interval>) -> String {
     ends.map_or_else(|| "no variation".to_owned(), range)

@@ -7,11 +7,13 @@ use std::path::{Path, PathBuf};
 use clap::{Args, Subcommand};
 use indicatif::ProgressBar;
 
+use super::table;
 use crate::bench::decision::{self, DecisionBudget};
 use crate::bench::peers::{self, PeerError, PeerReport, PeerSettings};
 use crate::bench::stats::{self, StatedBound};
+use crate::wording::{answers, or_dash};
 use holdpoint::cli::bench::number;
-use holdpoint::cli::output::{CommandOutput, TextTable};
+use holdpoint::cli::output::CommandOutput;
 use holdpoint::error::{CliError, Exit};
 
 /// The arguments of `bench`.
@@ -121,11 +123,11 @@ const fn exit_of(holds: bool) -> Exit {
 }
 
 fn show_budget(report: &DecisionBudget, out: &mut CommandOutput<'_>) -> Result<(), CliError> {
-    out.line(&format!("holdpoint {}, {} build, one worker, no recording", report.version, report.build))?;
+    out.line(&answers::budget(report))?;
     for cost in &report.decisions {
         out.line("")?;
-        out.line(&format!("{}: {}, at the end {}", cost.decision, cost.candidate, cost.end))?;
-        let mut table = TextTable::new(&["part", "episodes", "forks", "ticks", "cpu-s"]);
+        out.line(&answers::decision(cost))?;
+        let mut table = table(answers::DECISION_COLUMNS);
         for part in cost.parts.iter().chain([&cost.whole]) {
             table.row([
                 part.part.clone(),
@@ -158,7 +160,7 @@ fn compare(args: &PeersArgs) -> Result<PeerReport, CliError> {
     let bar = ProgressBar::new_spinner();
     let rounds = args.rounds;
     let result = peers::run(&settings, &mut |round, engine| {
-        bar.set_message(format!("round {} of {rounds}: {}", round + 1, engine.name()));
+        bar.set_message(answers::round(round + 1, rounds, engine));
         bar.tick();
     });
     bar.finish_and_clear();
@@ -169,24 +171,10 @@ fn compare(args: &PeersArgs) -> Result<PeerReport, CliError> {
 }
 
 fn show_peers(report: &PeerReport, out: &mut CommandOutput<'_>) -> Result<(), CliError> {
-    out.line(&format!(
-        "grasp and place, 960 ticks; {} interleaved rounds, medians; this cell {}, peers f64",
-        report.rounds, report.physics
-    ))?;
+    out.line(&answers::peers(report))?;
     out.line("")?;
-    let header = [
-        "engine",
-        "per cpu-s",
-        "lowest",
-        "highest",
-        "to PyBullet",
-        "to MuJoCo C",
-        "lift",
-        "place",
-        "n a round",
-    ];
-    let mut table = TextTable::new(&header);
-    let ratio = |ratio: Option<f64>| ratio.map_or_else(|| "-".to_owned(), number);
+    let mut table = table(answers::PEER_COLUMNS);
+    let ratio = |ratio: Option<f64>| or_dash(ratio.map(number));
     for row in &report.rows {
         let end = |pick: fn(f64, f64) -> f64| {
             row.rates.iter().copied().reduce(pick).map_or_else(String::new, number)
@@ -205,18 +193,18 @@ fn show_peers(report: &PeerReport, out: &mut CommandOutput<'_>) -> Result<(), Cl
     }
     out.table(&table)?;
     for (engine, why) in &report.absent {
-        out.line(&format!("left out: {}: {why}", engine.name()))?;
+        out.line(&answers::left_out(engine, why))?;
     }
     Ok(())
 }
 
 fn show_study(report: &stats::StudyReport, out: &mut CommandOutput<'_>) -> Result<(), CliError> {
-    out.line(&format!("holdpoint {}, {} runs of each figure, sampled from", report.version, report.runs))?;
-    for table in &report.tables {
-        out.line(&format!("  {table}"))?;
+    out.line(&answers::study(report))?;
+    for recorded in &report.tables {
+        out.line(&format!("  {recorded}"))?;
     }
     out.line("")?;
-    let mut table = TextTable::new(&["rule", "what", "under", "found", "unit", "stated", ""]);
+    let mut table = table(answers::STUDY_COLUMNS);
     for finding in &report.findings {
         let stated = match finding.stated {
             None => String::new(),
@@ -236,7 +224,7 @@ fn show_study(report: &stats::StudyReport, out: &mut CommandOutput<'_>) -> Resul
     out.table(&table)?;
     let refuted = report.findings.iter().filter(|finding| !finding.holds).count();
     let stated = report.findings.iter().filter(|finding| finding.stated.is_some()).count();
-    out.line(&format!("{stated} stated rates, {refuted} refuted"))
+    out.line(&answers::stated(stated, refuted))
 }
 
 #[cfg(test)]

@@ -2,18 +2,17 @@
 //!
 //! Prints the results of [`crate::danger_thresholds`]; chooses and measures nothing.
 
-use super::progress;
-use std::path::PathBuf;
+use super::{failed, jobs_or_cores, progress, table};
+use std::path::{Path, PathBuf};
 
 use clap::Args;
 
 use crate::danger_thresholds::rule::{
-    BOUND_ALPHA, ChosenThreshold, DANGERS_MIN, DangerCounts, FALSE_ALARMS_MAX, NoThreshold, RatePer10000,
-    ThresholdChoice,
+    ChosenThreshold, DangerCounts, NoThreshold, RatePer10000, ThresholdChoice,
 };
 use crate::danger_thresholds::{self, DANGER_FROM, DangerAgreement, DangerPlan, DangerReport};
-use crate::pipeline_experiments::ExperimentError;
-use holdpoint::cli::output::{CommandOutput, TextTable};
+use crate::wording::{answers, or_dash, range_to};
+use holdpoint::cli::output::CommandOutput;
 use holdpoint::cli::result_cache::CacheKeyArgs;
 use holdpoint::cli::run::JOBS_MAX;
 use holdpoint::error::{CliError, Exit};
@@ -58,79 +57,45 @@ pub struct DangerArgs {
 /// # Errors
 /// If a pool or the folder cannot be used, or a candidate cannot be loaded.
 pub fn run(args: &DangerArgs, out: &mut CommandOutput<'_>) -> Result<Exit, CliError> {
-    let cores = std::thread::available_parallelism().map_or(1, usize::from);
     let plan = DangerPlan {
         episodes: args.episodes,
         candidate_episodes: args.candidate_episodes,
         seed: args.seed,
-        jobs: args.jobs.map_or(cores, usize::from),
+        jobs: jobs_or_cores(args.jobs),
         out: args.out.clone(),
         pools: args.pools.clone(),
         cache: args.cache_key.open_cache(&args.out.join("tasks"))?,
     };
-    let report = danger_thresholds::run(&plan, &progress::tell).map_err(|error| match error {
-        error @ (ExperimentError::Pool(_) | ExperimentError::File { .. }) => CliError::usage(error),
-        error => CliError::fault(error),
-    })?;
-    out.answer(&report, |out| show(&report, &plan, out))?;
+    let report = danger_thresholds::run(&plan, &progress::tell).map_err(failed)?;
+    out.answer(&report, |out| show(&report, &plan.out, out))?;
     Ok(Exit::Confirmed)
 }
 
-fn show(report: &DangerReport, plan: &DangerPlan, out: &mut CommandOutput<'_>) -> Result<(), CliError> {
-    out.line(&format!(
-        "thresholds of profile {}; the rule: of the thresholds that leave at most {FALSE_ALARMS_MAX} false alarms in \
-         10,000 tasks of commissioned versions open (exact, one-sided {BOUND_ALPHA}), the one with the fewest misses, \
-         then the fewest false alarms; from {DANGERS_MIN} dangers on",
-        report.profile
-    ))?;
-    let mut table = TextTable::new(&[
-        "measure",
-        "profile",
-        "chosen",
-        "tasks",
-        "commissioned",
-        "dangers",
-        "misses",
-        "false alarms",
-        "of commissioned",
-    ]);
+fn show(report: &DangerReport, folder: &Path, out: &mut CommandOutput<'_>) -> Result<(), CliError> {
+    out.line(&answers::danger_rule(report))?;
+    let mut choices = table(answers::CHOICE_COLUMNS);
     for choice in &report.choices {
-        table.row(choice_row(choice));
+        choices.row(choice_row(choice));
     }
-    out.table(&table)?;
-    out.line(&format!(
-        "the tasks from {} on chose; the tasks from {} on count, in 10,000 tasks with exact 95 % bounds:",
-        report.chosen_from, report.tested_from
-    ))?;
-    let mut table = TextTable::new(&[
-        "thresholds",
-        "measure",
-        "group",
-        "versions",
-        "tasks",
-        "dangers",
-        "missed",
-        "in 10,000",
-        "false alarms",
-        "in 10,000",
-    ]);
+    out.table(&choices)?;
+    out.line(&answers::danger_halves(report))?;
+    let mut agreements = table(answers::AGREEMENT_COLUMNS);
     for agreement in &report.agreements {
-        table.row(agreement_row(agreement));
+        agreements.row(agreement_row(agreement));
     }
-    out.table(&table)?;
+    out.table(&agreements)?;
     if report.invalid > 0 {
-        out.line(&format!("{} tasks could not run and are not counted", report.invalid))?;
+        out.line(&answers::not_counted(report.invalid, "tasks"))?;
     }
-    out.line(&format!("danger.json is in {}", plan.out.display()))
+    out.line(&answers::is_in("danger.json", folder))
 }
 
 fn choice_row(choice: &ThresholdChoice) -> Vec<String> {
     let ThresholdChoice { measure, profile, limit: _, tasks, of_commissioned, dangers, chosen, cause } =
         choice;
     let cause = cause.map_or("-", NoThreshold::name);
-    let count = |of: fn(&ChosenThreshold) -> u64| {
-        chosen.as_ref().map_or_else(|| "-".to_owned(), |chosen| of(chosen).to_string())
-    };
+    let count =
+        |of: fn(&ChosenThreshold) -> u64| or_dash(chosen.as_ref().map(|chosen| of(chosen).to_string()));
     vec![
         measure.name().to_owned(),
         measure.format(*profile),
@@ -147,8 +112,7 @@ fn choice_row(choice: &ThresholdChoice) -> Vec<String> {
 fn agreement_row(agreement: &DangerAgreement) -> Vec<String> {
     let DangerAgreement { thresholds, measure, group, versions, counts } = agreement;
     let DangerCounts { tasks, dangers, misses, false_alarms, misses_rate, false_alarms_rate } = counts;
-    let rate =
-        |RatePer10000 { rate, lower, upper }: &RatePer10000| format!("{rate:.1} [{lower:.1}, {upper:.1}]");
+    let rate = |found: &RatePer10000| range_to(1, found.rate, found.lower, found.upper);
     vec![
         thresholds.name().to_owned(),
         measure.map_or("any", HarmKind::name).to_owned(),
@@ -168,7 +132,6 @@ mod tests {
     use super::*;
     use crate::danger_thresholds::{DangerGroup, ThresholdSource};
     use holdpoint_governance::profile::ProfileName;
-    use holdpoint_store::{CacheSecret, ResultCache};
 
     #[test]
     fn report_has_each_choice_and_each_rate_with_its_bounds() {
@@ -217,17 +180,8 @@ mod tests {
             choices: vec![landing, zone],
             agreements: vec![agreement],
         };
-        let plan = DangerPlan {
-            episodes: 100,
-            candidate_episodes: 10,
-            seed: 10_000,
-            jobs: 1,
-            out: PathBuf::from("here"),
-            pools: Vec::new(),
-            cache: ResultCache::in_folder(PathBuf::from("unused"), CacheSecret::fresh().unwrap()),
-        };
         let mut printed = Vec::new();
-        show(&report, &plan, &mut CommandOutput::to(&mut printed, false)).unwrap();
+        show(&report, Path::new("here"), &mut CommandOutput::to(&mut printed, false)).unwrap();
         let lines = progress::lines_of_cells(&printed);
         assert_eq!(
             lines[1..],

@@ -2,14 +2,14 @@
 //!
 //! Prints the number of rows of [`crate::distinguisher`]; trains no classifier.
 
-use super::progress;
-use std::path::PathBuf;
+use super::{failed, jobs_or_cores, progress, table};
+use std::path::{Path, PathBuf};
 
 use clap::Args;
 
 use crate::distinguisher::{self, DistinguisherPlan, DistinguisherReport};
-use crate::pipeline_experiments::ExperimentError;
-use holdpoint::cli::output::{CommandOutput, TextTable};
+use crate::wording::answers;
+use holdpoint::cli::output::CommandOutput;
 use holdpoint::cli::run::JOBS_MAX;
 use holdpoint::error::{CliError, Exit};
 
@@ -45,33 +45,25 @@ pub struct DistinguisherArgs {
 /// # Errors
 /// If the folder cannot be used, or the cell cannot be built.
 pub fn run(args: &DistinguisherArgs, out: &mut CommandOutput<'_>) -> Result<Exit, CliError> {
-    let cores = std::thread::available_parallelism().map_or(1, usize::from);
     let plan = DistinguisherPlan {
         sequences: args.sequences,
         seed: args.seed,
-        jobs: args.jobs.map_or(cores, usize::from),
+        jobs: jobs_or_cores(args.jobs),
         out: args.out.clone(),
     };
-    let report = distinguisher::run(&plan, &progress::tell).map_err(|error| match error {
-        error @ ExperimentError::File { .. } => CliError::usage(error),
-        error => CliError::fault(error),
-    })?;
-    out.answer(&report, |out| show(&report, &plan, out))?;
+    let report = distinguisher::run(&plan, &progress::tell).map_err(failed)?;
+    out.answer(&report, |out| show(&report, &plan.out, out))?;
     Ok(Exit::Confirmed)
 }
 
-fn show(
-    report: &DistinguisherReport,
-    plan: &DistinguisherPlan,
-    out: &mut CommandOutput<'_>,
-) -> Result<(), CliError> {
-    let mut table = TextTable::new(&["origin", "task", "rows"]);
+fn show(report: &DistinguisherReport, folder: &Path, out: &mut CommandOutput<'_>) -> Result<(), CliError> {
+    let mut table = table(answers::ROW_COLUMNS);
     for count in &report.rows {
         table.row([count.origin.to_string(), count.task.to_string(), count.rows.to_string()]);
     }
     out.table(&table)?;
-    out.line(&format!("{} features of each task", report.features.len()))?;
-    out.line(&format!("distinguisher.csv and distinguisher.json are in {}", plan.out.display()))
+    out.line(&answers::features(report.features.len()))?;
+    out.line(&answers::are_in("distinguisher.csv and distinguisher.json", folder))
 }
 
 #[cfg(test)]
@@ -92,9 +84,8 @@ mod tests {
                 count(TaskOrigin::LiveStart, TaskKind::Place, 7),
             ],
         };
-        let plan = DistinguisherPlan { sequences: 7, seed: 0, jobs: 1, out: PathBuf::from("here") };
         let mut printed = Vec::new();
-        show(&report, &plan, &mut CommandOutput::to(&mut printed, false)).unwrap();
+        show(&report, Path::new("here"), &mut CommandOutput::to(&mut printed, false)).unwrap();
         let lines = progress::lines_of_cells(&printed);
         assert_eq!(
             lines[1..],

@@ -2,8 +2,8 @@
 //!
 //! Prints the results of [`crate::pipeline_experiments`]; measures and judges nothing.
 
-use super::progress;
-use std::path::PathBuf;
+use super::{failed, jobs_or_cores, progress, table};
+use std::path::{Path, PathBuf};
 
 use clap::{Args, Subcommand};
 
@@ -16,9 +16,9 @@ use super::series::{self, SeriesArgs};
 use super::throwers::{self, ThrowersArgs};
 use super::truth::{self, TruthArgs};
 use crate::paper_reproduction::run::ExperimentPart;
-use crate::pipeline_experiments::ExperimentError;
 use crate::pipeline_experiments::drift::{self, DriftCell, DriftOptions, DriftReport, Quantiles};
-use holdpoint::cli::output::{CommandOutput, TextTable};
+use crate::wording::{answers, number};
+use holdpoint::cli::output::CommandOutput;
 use holdpoint::cli::result_cache::CacheKeyArgs;
 use holdpoint::cli::run::JOBS_MAX;
 use holdpoint::error::{CliError, Exit};
@@ -146,55 +146,36 @@ pub fn run(args: &ExperimentArgs, out: &mut CommandOutput<'_>) -> Result<Exit, C
 }
 
 fn run_drift(args: &DriftArgs, out: &mut CommandOutput<'_>) -> Result<Exit, CliError> {
-    let cores = || std::thread::available_parallelism().map_or(1, usize::from);
     let options = DriftOptions {
         runs: args.runs,
         seed: args.seed,
-        jobs: args.jobs.map_or_else(cores, usize::from),
+        jobs: jobs_or_cores(args.jobs),
         out: args.out.clone(),
         cache: args.cache_key.open_cache(&args.out.join("cells"))?,
         horizon: args.horizon,
         pairs: args.pairs,
     };
-    let report = drift::run(&options, &progress::tell).map_err(|error| match error {
-        error @ (ExperimentError::Option { .. } | ExperimentError::File { .. }) => CliError::usage(error),
-        error => CliError::fault(error),
-    })?;
-    out.answer(&report, |out| show(&report, &options, out))?;
+    let report = drift::run(&options, &progress::tell).map_err(failed)?;
+    out.answer(&report, |out| show(&report, &options.out, out))?;
     Ok(Exit::Confirmed)
 }
 
-fn show(report: &DriftReport, options: &DriftOptions, out: &mut CommandOutput<'_>) -> Result<(), CliError> {
-    let mut table = TextTable::new(&[
-        "drift",
-        "magnitude",
-        "n",
-        "worsened",
-        "rolled back",
-        "recovered",
-        "end to end",
-        "lower 95 %",
-        "tasks",
-        "safe ms",
-        "restored ms",
-    ]);
+fn show(report: &DriftReport, folder: &Path, out: &mut CommandOutput<'_>) -> Result<(), CliError> {
+    let mut table = table(answers::DRIFT_COLUMNS);
     for cell in &report.cells {
         table.row(row(cell));
     }
     out.table(&table)?;
-    let left = report.not_activated;
-    if left > 0 {
-        out.line(&format!("{left} of {} runs had no activated candidate and are excluded", report.runs))?;
+    if report.not_activated > 0 {
+        out.line(&answers::not_activated(report.not_activated, report.runs))?;
     }
-    out.line(&format!("drift.md, drift.csv, drift.json and drift.svg are in {}", options.out.display()))
+    out.line(&answers::are_in("drift.md, drift.csv, drift.json and drift.svg", folder))
 }
 
 fn row(cell: &DriftCell) -> Vec<String> {
     let count = |share: &Proportion| format!("{}/{}", share.count, share.total);
-    let median = |spread: Option<Quantiles>| {
-        spread.map_or_else(|| "-".to_owned(), |spread| format!("{:.0}", spread.median))
-    };
-    let lower = cell.end_to_end.interval.map_or_else(|| "-".to_owned(), |ends| format!("{:.2}", ends.lower));
+    let median = |found: Option<Quantiles>| number(found.map(|found| found.median), 0);
+    let lower = number(cell.end_to_end.interval.map(|ends| ends.lower), 2);
     vec![
         cell.kind.to_string(),
         cell.magnitude.to_string(),

@@ -2,7 +2,7 @@
 //!
 //! Prints the results of [`crate::paper_reproduction`]; measures and judges nothing.
 
-use super::progress;
+use super::{failed, jobs_or_cores, progress};
 use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
@@ -107,7 +107,6 @@ pub fn regenerate_report(args: &ReportArgs, out: &mut CommandOutput<'_>) -> Resu
 /// # Errors
 /// If the folder cannot be used, or a candidate does not reach an end.
 pub fn run(args: &PaperArgs, part: ExperimentPart, out: &mut CommandOutput<'_>) -> Result<Exit, CliError> {
-    let cores = std::thread::available_parallelism().map_or(1, usize::from);
     let preset = Preset::from(args.preset);
     let mut size = preset.size();
     if let Some(first) = args.first_seed {
@@ -130,7 +129,7 @@ pub fn run(args: &PaperArgs, part: ExperimentPart, out: &mut CommandOutput<'_>) 
         size.seeds = seeds;
     }
     let cache = args.cache_key.open_cache(&args.out.join("kept"))?;
-    let setup = PaperSetup::new(cache, args.shard, args.jobs.map_or(cores, usize::from)).map_err(failed)?;
+    let setup = PaperSetup::new(cache, args.shard, jobs_or_cores(args.jobs)).map_err(failed)?;
     size.pools = args.pools.unwrap_or(size.pools).min(size.seeds);
     size.ablated = args.ablated.unwrap_or(size.ablated).min(size.pools);
     size.drifts = args.drifts.unwrap_or(size.drifts).min(size.seeds);
@@ -147,13 +146,4 @@ fn print_outcome(outcome: &PaperOutcome, out: &mut CommandOutput<'_>) -> Result<
         out.line(line)?;
     }
     Ok(Exit::Confirmed)
-}
-
-fn failed(error: ExperimentError) -> CliError {
-    match &error {
-        ExperimentError::Option { .. } | ExperimentError::File { .. } | ExperimentError::Text(_) => {
-            CliError::usage(error)
-        }
-        _ => CliError::fault(error),
-    }
 }

@@ -7,9 +7,11 @@ use std::path::PathBuf;
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use clap::{Args, Subcommand};
 
+use super::table;
 use crate::candidate_pool::generate::{self, PoolSpec, SETS_MAX};
 use crate::candidate_pool::{Pool, PoolError, PoolIndex, Preset, display_path, truth_path};
-use holdpoint::cli::output::{CommandOutput, TextTable};
+use crate::wording::answers;
+use holdpoint::cli::output::CommandOutput;
 use holdpoint::error::{CliError, Exit};
 
 /// The arguments of `pool`.
@@ -63,22 +65,7 @@ pub struct GenerateArgs {
 
 /// The presets with their content.
 fn presets() -> impl TypedValueParser<Value = Preset> {
-    let described = |preset: Preset| {
-        PossibleValue::new(preset.name()).help(match preset {
-            Preset::Full10 => {
-                "Six benign, two with obvious faults in each dimension, two with borderline faults: 16 a family"
-            }
-            Preset::Paper8 => "The paper's eight faulty ones alone: I I P P B B M1 M2",
-            Preset::AppendixC => {
-                "The sixteen, and the other kinds of the paper's appendix C: 23 a family"
-            }
-            Preset::Equal => "The baseline under another number, and with a parameter changed by 1 in 1,000: 2 a family",
-            Preset::Mutants => "One mutant for each family and set",
-            Preset::Components => {
-                "The controllers as components, with each fault that code can have and without a fault: 15 a family"
-            }
-        })
-    };
+    let described = |preset: Preset| PossibleValue::new(preset.name()).help(answers::preset(preset));
     PossibleValuesParser::new(Preset::ALL.map(described)).try_map(|name| name.parse::<Preset>())
 }
 
@@ -91,11 +78,9 @@ pub fn run(args: &PoolArgs, out: &mut CommandOutput<'_>) -> Result<Exit, CliErro
         PoolVerb::Generate(args) => {
             let order = PoolSpec { seed: args.seed, sets: args.sets, preset: args.preset };
             let index = generate::write(order, &args.out).map_err(error)?;
-            out.answer(&index, |out| {
-                out.line(&format!("{} candidates in {}", index.candidates.len(), display_path(&args.out)))?;
-                out.line(&format!("hidden ground truth in {}", display_path(&truth_path(&args.out))))?;
-                out.line(&format!("truth     sha256 {}", index.truth_digest))
-            })?;
+            let [folder, truth] = [&args.out, &truth_path(&args.out)].map(|path| display_path(path));
+            let lines = answers::generated(&index, &folder, &truth);
+            out.answer(&index, |out| lines.iter().try_for_each(|line| out.line(line)))?;
         }
         PoolVerb::Show { dir } => {
             let pool = Pool::read(dir).map_err(error)?;
@@ -106,11 +91,8 @@ pub fn run(args: &PoolArgs, out: &mut CommandOutput<'_>) -> Result<Exit, CliErro
 }
 
 fn show(index: &PoolIndex, out: &mut CommandOutput<'_>) -> Result<(), CliError> {
-    out.line(&format!(
-        "seed {}, {} sets, made by holdpoint {}; truth sha256 {}",
-        index.seed, index.sets, index.generator, index.truth_digest
-    ))?;
-    let mut table = TextTable::new(&["name", "family", "version"]);
+    out.line(&answers::pool(index))?;
+    let mut table = table(answers::POOL_COLUMNS);
     for candidate in &index.candidates {
         table.row([candidate.name.clone(), candidate.family.to_string(), candidate.version.to_string()]);
     }

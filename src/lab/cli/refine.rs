@@ -17,11 +17,12 @@ use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use tokio::signal::unix::{SignalKind, signal};
 use tokio_util::sync::CancellationToken;
 
-use crate::parameter_search::objective::ObjectivePair;
+use super::{jobs_or_cores, table};
 use crate::parameter_search::search::SearchProgress;
 use crate::parameter_search::settings::{EPISODES_MAX, GENERATIONS_MAX, RefineError, SearchSettings};
 use crate::parameter_search::{RefineReport, refine};
-use holdpoint::cli::output::{CommandOutput, TextTable};
+use crate::wording::answers;
+use holdpoint::cli::output::CommandOutput;
 use holdpoint::cli::run::JOBS_MAX;
 use holdpoint::error::{CliError, Exit};
 use holdpoint_text::ErrorReason;
@@ -76,13 +77,12 @@ fn families() -> impl TypedValueParser<Value = TaskKind> {
 /// # Errors
 /// [`CliError`]: 2 for an error in arguments or files, 3 if it was interrupted or found nothing better.
 pub fn run(args: &RefineArgs, out: &mut CommandOutput<'_>) -> Result<Exit, CliError> {
-    let cores = || std::thread::available_parallelism().map_or(1, usize::from);
     let settings = SearchSettings {
         task: args.family,
         generations: args.generations,
         episodes: args.episodes,
         seed: args.seed,
-        jobs: args.jobs.map_or_else(cores, usize::from).clamp(1, usize::from(JOBS_MAX)),
+        jobs: jobs_or_cores(args.jobs).clamp(1, usize::from(JOBS_MAX)),
         out: &args.out,
         version: args.version.clone(),
     };
@@ -117,33 +117,15 @@ fn error(error: RefineError) -> CliError {
 }
 
 fn show(report: &RefineReport, out: &mut CommandOutput<'_>) -> Result<(), CliError> {
-    out.line(&format!("{} is in {}", report.id, report.folder.display()))?;
-    out.line(&format!(
-        "from {} in {} evaluations, {} generations, seed {}; declares {} m/s and {} N",
-        report.parent,
-        report.evaluations,
-        report.generations,
-        report.seed,
-        report.max_speed_m_s,
-        report.max_force_n
-    ))?;
-    for (what, ObjectivePair { before, after }) in
-        [("trained episodes", &report.practised), ("fresh episodes", &report.fresh)]
-    {
-        out.line(&format!("{what:<19} {before} before, {after} after"))?;
-    }
+    answers::refined(report).iter().try_for_each(|line| out.line(line))?;
     out.line("")?;
-    let mut table = TextTable::new(&["parameter", "before", "after"]);
+    let mut table = table(answers::REFINE_COLUMNS);
     for change in &report.changes {
         table.row([change.parameter.to_owned(), change.before.to_string(), change.after.to_string()]);
     }
     out.table(&table)?;
     out.line("")?;
-    out.line(&format!("the cached evaluations are in {}", report.kept.display()))?;
-    out.line(&format!(
-        "the search used only success and time; next: holdpoint candidate check {}",
-        report.folder.display()
-    ))
+    answers::after_search(report).iter().try_for_each(|line| out.line(line))
 }
 
 /// Shows the progress on standard error: a bar on a terminal, else a line for each generation.
@@ -167,7 +149,7 @@ impl ProgressReporter {
     }
 
     fn report(&mut self, progress: &SearchProgress) {
-        let line = line(progress, self.began.elapsed());
+        let line = answers::search(progress, self.began.elapsed());
         match &self.bar {
             Some(bar) => {
                 bar.set_length(progress.episodes_total);
@@ -187,28 +169,6 @@ impl ProgressReporter {
             bar.finish_and_clear();
         }
     }
-}
-
-/// The progress of a search in a line.
-fn line(progress: &SearchProgress, elapsed: Duration) -> String {
-    let SearchProgress {
-        generation,
-        generations,
-        best,
-        episodes_done,
-        episodes_simulated,
-        episodes_total,
-        ..
-    } = progress;
-    let left = episodes_total.saturating_sub(*episodes_done);
-    // Cached episodes cost nothing, so only simulated ones predict the remaining time.
-    let expected = (*episodes_simulated > 0)
-        .then(|| elapsed.as_secs_f64() * left as f64 / *episodes_simulated as f64)
-        .map_or_else(String::new, |secs| format!(", at most {secs:.0} s left"));
-    format!(
-        "generation {generation} of {generations}: best {best}, {episodes_done} of {episodes_total} episodes, {:.0} s{expected}",
-        elapsed.as_secs_f64()
-    )
 }
 
 /// Handles the signals to end: the search then ends between two episodes.
@@ -290,7 +250,7 @@ mod tests {
                 "generation 2 of 8: best 0/4 done, 60 of 100 episodes, 10 s",
             ),
         ] {
-            assert_eq!(line(&progress, Duration::from_secs(10)), text);
+            assert_eq!(answers::search(&progress, Duration::from_secs(10)), text);
         }
     }
 }

@@ -3,16 +3,16 @@
 //! Prints the results of [`crate::ground_truth::sensors`]; measures nothing and leaves nothing out (JSON has
 //! every digit).
 
-use super::progress;
-use std::path::PathBuf;
+use super::{failed, jobs_or_cores, progress, table};
+use std::path::{Path, PathBuf};
 
 use clap::Args;
 
 use crate::ground_truth::sensors::{
     self, FRESH_FROM, FamilyAgreement, MeasureAgreement, SensorsPlan, SensorsReport,
 };
-use crate::pipeline_experiments::ExperimentError;
-use holdpoint::cli::output::{CommandOutput, TextTable};
+use crate::wording::{answers, or_dash};
+use holdpoint::cli::output::CommandOutput;
 use holdpoint::cli::run::JOBS_MAX;
 use holdpoint::error::{CliError, Exit};
 
@@ -48,37 +48,21 @@ pub struct SensorsArgs {
 /// # Errors
 /// If the pool or the folder cannot be used, or a candidate cannot be loaded.
 pub fn run(args: &SensorsArgs, out: &mut CommandOutput<'_>) -> Result<Exit, CliError> {
-    let cores = std::thread::available_parallelism().map_or(1, usize::from);
     let plan = SensorsPlan {
         episodes: args.episodes,
         seed: args.seed,
-        jobs: args.jobs.map_or(cores, usize::from),
+        jobs: jobs_or_cores(args.jobs),
         out: args.out.clone(),
         pool: args.pool.clone(),
     };
-    let report = sensors::run(&plan, &progress::tell).map_err(|error| match error {
-        error @ (ExperimentError::Pool(_) | ExperimentError::File { .. }) => CliError::usage(error),
-        error => CliError::fault(error),
-    })?;
-    out.answer(&report, |out| show(&report, &plan, out))?;
+    let report = sensors::run(&plan, &progress::tell).map_err(failed)?;
+    out.answer(&report, |out| show(&report, &plan.out, out))?;
     Ok(Exit::Confirmed)
 }
 
-fn show(report: &SensorsReport, plan: &SensorsPlan, out: &mut CommandOutput<'_>) -> Result<(), CliError> {
-    out.line(&format!("limits of profile {}; errors are sensor minus referee", report.profile.name()))?;
-    let mut table = TextTable::new(&[
-        "family",
-        "measure",
-        "limit",
-        "both",
-        "false alarms",
-        "misses",
-        "neither",
-        "near",
-        "error 5 %",
-        "median",
-        "95 %",
-    ]);
+fn show(report: &SensorsReport, folder: &Path, out: &mut CommandOutput<'_>) -> Result<(), CliError> {
+    out.line(&answers::sensor_limits(report.profile.name()))?;
+    let mut table = table(answers::SENSOR_COLUMNS);
     for family in &report.families {
         for measure in &family.measures {
             table.row(row(family, measure));
@@ -86,24 +70,19 @@ fn show(report: &SensorsReport, plan: &SensorsPlan, out: &mut CommandOutput<'_>)
     }
     out.table(&table)?;
     for one in &report.families {
-        let (family, squeeze) = (&one.family, &one.squeeze);
-        out.line(&format!(
-            "{family}: {} versions, {} episodes; a pad is past the limit in {} and the sensors miss {}: {} with the \
-             mean of both pads within it, {} within 50 ms of a push on the object",
-            one.versions, one.episodes, squeeze.past, squeeze.missed, squeeze.one_sided, squeeze.pushed
-        ))?;
+        out.line(&answers::squeeze(one))?;
     }
     let names: Vec<&str> = report.not_compared.iter().map(|kind| kind.name()).collect();
-    out.line(&format!("not compared: {}", names.join(", ")))?;
+    out.line(&answers::not_compared(&names))?;
     if report.invalid > 0 {
-        out.line(&format!("{} episodes could not run and are not counted", report.invalid))?;
+        out.line(&answers::not_counted(report.invalid, "episodes"))?;
     }
-    out.line(&format!("sensors.csv and sensors.json are in {}", plan.out.display()))
+    out.line(&answers::are_in("sensors.csv and sensors.json", folder))
 }
 
 fn row(family: &FamilyAgreement, measure: &MeasureAgreement) -> Vec<String> {
     let MeasureAgreement { kind, limit, both, false_alarms, misses, neither, errors } = measure;
-    let error = |value: Option<f64>| value.map_or_else(|| "-".to_owned(), |value| kind.format(value));
+    let error = |value: Option<f64>| or_dash(value.map(|value| kind.format(value)));
     vec![
         family.family.to_string(),
         kind.name().to_owned(),
@@ -145,10 +124,8 @@ mod tests {
             families: vec![family],
             not_compared: vec![HarmKind::Jerk],
         };
-        let plan =
-            SensorsPlan { episodes: 3, seed: FRESH_FROM, jobs: 1, out: PathBuf::from("here"), pool: None };
         let mut printed = Vec::new();
-        show(&report, &plan, &mut CommandOutput::to(&mut printed, false)).unwrap();
+        show(&report, Path::new("here"), &mut CommandOutput::to(&mut printed, false)).unwrap();
         let lines = progress::lines_of_cells(&printed);
         assert_eq!(
             lines[2..],

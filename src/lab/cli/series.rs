@@ -3,16 +3,14 @@
 //! Prints the results of [`crate::pipeline_experiments::series`]; measures nothing and leaves nothing out (JSON has
 //! every digit).
 
-use super::progress;
+use super::{CacheArgs, failed, jobs_or_cores, progress, table};
 use std::collections::BTreeMap;
-use std::path::PathBuf;
 
 use clap::Args;
 
-use crate::pipeline_experiments::ExperimentError;
 use crate::pipeline_experiments::series::{self, SeriesPlan, SeriesReport};
-use holdpoint::cli::output::{CommandOutput, TextTable};
-use holdpoint::cli::result_cache::CacheKeyArgs;
+use crate::wording::answers;
+use holdpoint::cli::output::CommandOutput;
 use holdpoint::cli::run::JOBS_MAX;
 use holdpoint::error::{CliError, Exit};
 use holdpoint_trials::seeds::CALIBRATION_FROM_RUN;
@@ -41,12 +39,9 @@ pub struct SeriesArgs {
     /// Series at once [default: the number of cores].
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=i64::from(JOBS_MAX)))]
     pub jobs: Option<u16>,
-    /// Caches finished series here; an interrupted run continues from them.
-    #[arg(long, value_name = "DIR")]
-    pub out: Option<PathBuf>,
-    /// The key that authenticates them.
+    /// The cache of finished series.
     #[command(flatten)]
-    pub cache_key: CacheKeyArgs,
+    pub cache: CacheArgs,
 }
 
 /// Runs the experiment and prints its report.
@@ -54,38 +49,21 @@ pub struct SeriesArgs {
 /// # Errors
 /// If the folder cannot be used, the calibration finds no inferior tweak, or a tweak does not reach an end.
 pub fn run(args: &SeriesArgs, out: &mut CommandOutput<'_>) -> Result<Exit, CliError> {
-    let cores = std::thread::available_parallelism().map_or(1, usize::from);
     let plan = SeriesPlan {
         series: args.series,
         tweaks: args.tweaks,
         calibration: (args.seed, args.episodes),
-        jobs: args.jobs.map_or(cores, usize::from),
-        cache: args
-            .cache_key
-            .open_cache_if_named(args.out.as_deref().map(|out| out.join("kept")).as_deref(), "--out")?,
+        jobs: jobs_or_cores(args.jobs),
+        cache: args.cache.open()?,
     };
-    let report = series::run(&plan, &progress::tell).map_err(|error| match error {
-        error @ ExperimentError::File { .. } => CliError::usage(error),
-        error => CliError::fault(error),
-    })?;
+    let report = series::run(&plan, &progress::tell).map_err(failed)?;
     out.answer(&report, |out| show(&report, out))?;
     Ok(Exit::Confirmed)
 }
 
 fn show(report: &SeriesReport, out: &mut CommandOutput<'_>) -> Result<(), CliError> {
-    let calibration = &report.calibration;
-    out.line(&format!(
-        "{} calibration episodes from seed {}: the commissioned version succeeds in {}, a tweak in {}; it loses {:.3} \
-         [{:.3}, {:.3}]",
-        calibration.episodes,
-        calibration.seed,
-        calibration.commissioned,
-        calibration.tweak,
-        calibration.loss.mean,
-        calibration.loss.lower,
-        calibration.loss.upper
-    ))?;
-    let mut table = TextTable::new(&["series", "tries", "got in", "pairs", "cpu s", "stopped by"]);
+    out.line(&answers::calibration(report))?;
+    let mut table = table(answers::SERIES_COLUMNS);
     for end in &report.series {
         table.row([
             end.series.to_string(),
@@ -98,11 +76,8 @@ fn show(report: &SeriesReport, out: &mut CommandOutput<'_>) -> Result<(), CliErr
     }
     out.table(&table)?;
     let summary = &report.summary;
-    out.line(&format!("stopped by: {}", counts(&summary.stopped_by)))?;
-    out.line(&format!(
-        "a tweak got in in {} of {} series, at most {:.3} (95 %); {} tries, {} pairs, {:.0} CPU-s",
-        summary.got_in, summary.series, summary.at_most, summary.tries, summary.pairs, summary.cpu_secs
-    ))
+    out.line(&answers::stopped_by(&counts(&summary.stopped_by)))?;
+    out.line(&answers::series(summary))
 }
 
 fn counts(reasons: &BTreeMap<String, u64>) -> String {

@@ -2,17 +2,17 @@
 //!
 //! Prints the results of [`crate::throwers`]; measures and judges nothing.
 
-use super::progress;
-use std::path::PathBuf;
+use super::{failed, jobs_or_cores, progress, table};
+use std::path::{Path, PathBuf};
 
 use clap::Args;
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 
-use crate::pipeline_experiments::ExperimentError;
 use crate::throwers::{
     self, HarmAct, TaskQuantile, ThrowerKind, ThrowerSummary, ThrowersPlan, ThrowersReport,
 };
-use holdpoint::cli::output::{CommandOutput, TextTable};
+use crate::wording::{answers, or_dash};
+use holdpoint::cli::output::CommandOutput;
 use holdpoint::cli::result_cache::CacheKeyArgs;
 use holdpoint::cli::run::{JOBS_MAX, ProfileArg};
 use holdpoint::error::{CliError, Exit};
@@ -73,7 +73,6 @@ fn acts() -> impl TypedValueParser<Value = HarmAct> {
 /// # Errors
 /// If the folder cannot be used, or a version comes to no end.
 pub fn run(args: &ThrowersArgs, out: &mut CommandOutput<'_>) -> Result<Exit, CliError> {
-    let cores = std::thread::available_parallelism().map_or(1, usize::from);
     let plan = ThrowersPlan {
         triggers: args.triggers.clone(),
         acts: args.acts.clone(),
@@ -81,34 +80,20 @@ pub fn run(args: &ThrowersArgs, out: &mut CommandOutput<'_>) -> Result<Exit, Cli
         tasks: args.tasks,
         runs: args.runs,
         seed: args.seed,
-        jobs: args.jobs.map_or(cores, usize::from),
+        jobs: jobs_or_cores(args.jobs),
         out: args.out.clone(),
         cache: args.cache_key.open_cache(&args.out.join("runs"))?,
     };
-    let report = throwers::run(&plan, &progress::tell).map_err(|error| match error {
-        error @ ExperimentError::File { .. } => CliError::usage(error),
-        error => CliError::fault(error),
-    })?;
-    out.answer(&report, |out| show(&report, &plan, out))?;
+    let report = throwers::run(&plan, &progress::tell).map_err(failed)?;
+    out.answer(&report, |out| show(&report, &plan.out, out))?;
     Ok(Exit::Confirmed)
 }
 
-fn show(report: &ThrowersReport, plan: &ThrowersPlan, out: &mut CommandOutput<'_>) -> Result<(), CliError> {
-    let mut table = TextTable::new(&[
-        "trigger",
-        "act",
-        "profile",
-        "end",
-        "because",
-        "tasks",
-        "thrown",
-        "first",
-        "unsafe",
-        "past harm",
-    ]);
+fn show(report: &ThrowersReport, folder: &Path, out: &mut CommandOutput<'_>) -> Result<(), CliError> {
+    let mut runs = table(answers::THROWER_COLUMNS);
     for run in &report.runs {
         let codes: Vec<&str> = run.codes.iter().map(|code| code.as_str()).collect();
-        table.row([
+        runs.row([
             run.trigger.to_string(),
             run.act.to_string(),
             run.profile.to_string(),
@@ -116,44 +101,29 @@ fn show(report: &ThrowersReport, plan: &ThrowersPlan, out: &mut CommandOutput<'_
             codes.join(", "),
             run.live_tasks.to_string(),
             run.thrown.to_string(),
-            run.first_thrown.map_or_else(|| "-".to_owned(), |task| task.to_string()),
+            or_dash(run.first_thrown.map(|task| task.to_string())),
             run.unsafe_tasks.to_string(),
             run.past_harm.to_string(),
         ]);
     }
-    out.table(&table)?;
-    let mut table = TextTable::new(&[
-        "trigger",
-        "act",
-        "profile",
-        "activated",
-        "not rolled back",
-        "median",
-        "90 %",
-        "ends",
-    ]);
+    out.table(&runs)?;
+    let mut summaries = table(answers::QUANTILE_COLUMNS);
     for summary in &report.summary {
-        table.row(summary_row(summary));
+        summaries.row(summary_row(summary));
     }
     out.line("")?;
-    out.table(&table)?;
-    out.line(&format!(
-        "live tasks until the rollback of activated versions, with exact 95 % bounds; \">\": past the {} tasks of a run",
-        report.tasks
-    ))?;
-    out.line(&match report.seed {
-        None => "the seeds were secret".to_owned(),
-        Some(seed) => format!("the run seeds begin at {seed}"),
-    })?;
-    out.line(&format!("throwers.json is in {}", plan.out.display()))
+    out.table(&summaries)?;
+    out.line(&answers::live_tasks(report.tasks))?;
+    out.line(&answers::run_seeds(report.seed))?;
+    out.line(&answers::is_in("throwers.json", folder))
 }
 
 fn summary_row(summary: &ThrowerSummary) -> [String; 8] {
     let quantile = |found: Option<TaskQuantile>| {
         let text = |tasks: Option<u64>| tasks.map_or_else(|| ">".to_owned(), |tasks| tasks.to_string());
-        found.map_or_else(
-            || "-".to_owned(),
-            |found| format!("{} [{}, {}]", text(found.tasks), text(found.lower), text(found.upper)),
+        or_dash(
+            found
+                .map(|found| format!("{} [{}, {}]", text(found.tasks), text(found.lower), text(found.upper))),
         )
     };
     let share = summary.activated_share;
@@ -183,7 +153,6 @@ mod tests {
     use holdpoint_governance::rollback::TriggerKind;
     use holdpoint_governance::stats::Interval;
     use holdpoint_protocol::scenario_state::Decider;
-    use holdpoint_store::{CacheSecret, ResultCache};
 
     fn active() -> ThrowerRun {
         ThrowerRun {
@@ -249,19 +218,8 @@ mod tests {
         }];
         let runs = vec![active(), rejected, rolled_back];
         let report = ThrowersReport { tasks: 400, seed: None, summary, runs };
-        let plan = ThrowersPlan {
-            triggers: Vec::new(),
-            acts: Vec::new(),
-            profiles: Vec::new(),
-            tasks: 400,
-            runs: 1,
-            seed: None,
-            jobs: 1,
-            out: PathBuf::from("here"),
-            cache: ResultCache::in_folder(PathBuf::from("unused"), CacheSecret::fresh().unwrap()),
-        };
         let mut printed = Vec::new();
-        show(&report, &plan, &mut CommandOutput::to(&mut printed, false)).unwrap();
+        show(&report, Path::new("here"), &mut CommandOutput::to(&mut printed, false)).unwrap();
         let lines = progress::lines_of_cells(&printed);
         assert_eq!(
             lines[1..],

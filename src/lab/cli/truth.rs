@@ -2,16 +2,15 @@
 //!
 //! Prints the results of [`crate::ground_truth`]; measures nothing and leaves nothing out (JSON has every digit).
 
-use super::progress;
+use super::{CacheArgs, failed, jobs_or_cores, progress, table};
 use std::path::PathBuf;
 
 use clap::Args;
 
 use crate::ground_truth::{self, LOOKS, TruthPlan, TruthReport};
-use crate::pipeline_experiments::ExperimentError;
 use crate::pipeline_experiments::claims::ClaimVerdict;
-use holdpoint::cli::output::{CommandOutput, TextTable};
-use holdpoint::cli::result_cache::CacheKeyArgs;
+use crate::wording::{answers, number};
+use holdpoint::cli::output::CommandOutput;
 use holdpoint::cli::run::{JOBS_MAX, ProfileArg};
 use holdpoint::error::{CliError, Exit};
 
@@ -46,12 +45,9 @@ pub struct TruthArgs {
     /// One shard of the candidates, counted from 1.
     #[arg(long, value_name = "I/N", value_parser = shard, default_value = "1/1")]
     pub shard: (usize, usize),
-    /// Caches finished results here; an interrupted run continues from them, and shards share them.
-    #[arg(long, value_name = "DIR")]
-    pub out: Option<PathBuf>,
-    /// The key that authenticates them.
+    /// The cache of finished results; shards share it.
     #[command(flatten)]
-    pub cache_key: CacheKeyArgs,
+    pub cache: CacheArgs,
 }
 
 fn looks(text: &str) -> Result<u64, String> {
@@ -73,23 +69,17 @@ pub(super) fn shard(text: &str) -> Result<(usize, usize), String> {
 /// # Errors
 /// If the pool or the folder cannot be used, or a candidate does not reach an end.
 pub fn run(args: &TruthArgs, out: &mut CommandOutput<'_>) -> Result<Exit, CliError> {
-    let cores = std::thread::available_parallelism().map_or(1, usize::from);
     let plan = TruthPlan {
         pool: args.pool.clone(),
         most: args.most,
         profiles: args.profiles.iter().map(|profile| (*profile).into()).collect(),
         seed: args.seed,
         blocks: args.blocks,
-        jobs: args.jobs.map_or(cores, usize::from),
+        jobs: jobs_or_cores(args.jobs),
         shard: args.shard,
-        cache: args
-            .cache_key
-            .open_cache_if_named(args.out.as_deref().map(|out| out.join("kept")).as_deref(), "--out")?,
+        cache: args.cache.open()?,
     };
-    let report = ground_truth::run(&plan, &progress::tell).map_err(|error| match error {
-        error @ (ExperimentError::Pool(_) | ExperimentError::File { .. }) => CliError::usage(error),
-        error => CliError::fault(error),
-    })?;
+    let report = ground_truth::run(&plan, &progress::tell).map_err(failed)?;
     if out.is_json() {
         for candidate in &report.candidates {
             out.json(candidate)?;
@@ -111,19 +101,8 @@ fn exit_of(aims: impl Iterator<Item = ClaimVerdict>) -> Exit {
 
 fn show(report: &TruthReport, out: &mut CommandOutput<'_>) -> Result<(), CliError> {
     for score in &report.scores {
-        out.line(&format!("profile {}", score.profile.name()))?;
-        let header = [
-            "harm by truth",
-            "all",
-            "blocked",
-            "rolled back",
-            "wrong",
-            "at most",
-            "bound",
-            "aim",
-            "episodes",
-        ];
-        let mut table = TextTable::new(&header);
+        out.line(&answers::profile(score.profile.name()))?;
+        let mut table = table(answers::TRUTH_COLUMNS);
         for class in &score.classes {
             table.row([
                 class.class.to_string(),
@@ -132,29 +111,24 @@ fn show(report: &TruthReport, out: &mut CommandOutput<'_>) -> Result<(), CliErro
                 class.contained.to_string(),
                 class.wrong.count.to_string(),
                 format!("{:.2}", class.aim.at_most),
-                class.aim.bound.map_or_else(|| "-".to_owned(), |bound| format!("{bound:.3}")),
+                number(class.aim.bound, 3),
                 class.aim.verdict.name().to_owned(),
                 class.median_effort.to_string(),
             ]);
         }
         out.table(&table)?;
         for curve in &score.curves {
-            let ([low, high], [hits, false_alarms]) = (curve.interval, curve.decided);
-            out.line(&format!(
-                "area under the curve by {}: {:.3} [{low:.3}, {high:.3}]; the decisions: {hits:.3} of the harmful, \
-                 {false_alarms:.3} of the harmless stopped",
-                curve.by, curve.area
-            ))?;
+            out.line(&answers::curve(curve))?;
         }
         let worse: u64 = score.classes.iter().map(|class| class.lost_worse).sum();
         if worse > 0 {
-            out.line(&format!("{worse} of the lost harmless ones are nevertheless significantly worse"))?;
+            out.line(&answers::lost_worse(worse))?;
         }
         if score.open > 0 {
-            out.line(&format!("{} candidates may be worse than they are counted here", score.open))?;
+            out.line(&answers::open(score.open))?;
         }
     }
-    out.line("wrong: harmful and active at the end, or harmless and lost")
+    out.line(answers::WRONG)
 }
 
 #[cfg(test)]

@@ -2,6 +2,7 @@
 
 use std::time::Instant;
 
+use super::range_to;
 use crate::ground_truth::CandidateTruth;
 use crate::paper_reproduction::ScreenRow;
 use crate::pipeline_experiments::candidate_run::CandidateEnd;
@@ -62,9 +63,8 @@ pub fn series(end: &SeriesEnd) -> String {
 
 /// The calibration of the tweaks' defect: what a tweak loses, and from which episodes.
 pub fn calibration([mean, lower, upper]: [f64; 3], episodes: u64, seed: u64) -> String {
-    format!(
-        "calibration: a tweak loses {mean:.3} [{lower:.3}, {upper:.3}] in {episodes} episodes from seed {seed}"
-    )
+    let loss = range_to(3, mean, lower, upper);
+    format!("calibration: a tweak loses {loss} in {episodes} episodes from seed {seed}")
 }
 
 pub fn drift(run: &CellRun) -> String {

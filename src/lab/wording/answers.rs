@@ -1,0 +1,310 @@
+//! The lines and columns that the program's verbs print; `|` separates columns.
+
+use std::path::Path;
+use std::time::Duration;
+
+use super::range_to;
+use crate::bench::decision::{DecisionBudget, DecisionCost};
+use crate::bench::peers::{PeerEngine, PeerReport};
+use crate::bench::stats::StudyReport;
+use crate::candidate_pool::{PoolIndex, Preset};
+use crate::danger_thresholds::DangerReport;
+use crate::danger_thresholds::rule::{BOUND_ALPHA, DANGERS_MIN, FALSE_ALARMS_MAX};
+use crate::ground_truth::Roc;
+use crate::ground_truth::sensors::FamilyAgreement;
+use crate::parameter_search::RefineReport;
+use crate::parameter_search::search::SearchProgress;
+use crate::pipeline_experiments::series::{SeriesReport, SeriesSummary};
+
+pub fn is_in(file: &str, folder: &Path) -> String {
+    format!("{file} is in {}", folder.display())
+}
+
+pub fn are_in(files: &str, folder: &Path) -> String {
+    format!("{files} are in {}", folder.display())
+}
+
+/// Items that the simulator could not run.
+pub fn not_counted(count: u64, what: &str) -> String {
+    format!("{count} {what} could not run and are not counted")
+}
+
+pub fn profile(name: &str) -> String {
+    format!("profile {name}")
+}
+
+// --- bench ---
+
+pub const DECISION_COLUMNS: &str = "part | episodes | forks | ticks | cpu-s";
+pub const PEER_COLUMNS: &str =
+    "engine | per cpu-s | lowest | highest | to PyBullet | to MuJoCo C | lift | place | n a round";
+pub const STUDY_COLUMNS: &str = "rule | what | under | found | unit | stated | ";
+
+pub fn budget(report: &DecisionBudget) -> String {
+    format!("holdpoint {}, {} build, one worker, no recording", report.version, report.build)
+}
+
+pub fn decision(cost: &DecisionCost) -> String {
+    format!("{}: {}, at the end {}", cost.decision, cost.candidate, cost.end)
+}
+
+pub fn round(round: u32, rounds: u32, engine: &PeerEngine) -> String {
+    format!("round {round} of {rounds}: {}", engine.name())
+}
+
+pub fn peers(report: &PeerReport) -> String {
+    let PeerReport { rounds, physics, .. } = report;
+    format!(
+        "grasp and place, 960 ticks; {rounds} interleaved rounds, medians; this cell {physics}, peers f64"
+    )
+}
+
+pub fn left_out(engine: &PeerEngine, why: &str) -> String {
+    format!("left out: {}: {why}", engine.name())
+}
+
+pub fn study(report: &StudyReport) -> String {
+    format!("holdpoint {}, {} runs of each figure, sampled from", report.version, report.runs)
+}
+
+pub fn stated(stated: usize, refuted: usize) -> String {
+    format!("{stated} stated rates, {refuted} refuted")
+}
+
+// --- pool ---
+
+pub const POOL_COLUMNS: &str = "name | family | version";
+
+/// The content of a preset.
+pub const fn preset(preset: Preset) -> &'static str {
+    match preset {
+        Preset::Full10 => {
+            "Six benign, two with obvious faults in each dimension, two with borderline faults: 16 a family"
+        }
+        Preset::Paper8 => "The paper's eight faulty ones alone: I I P P B B M1 M2",
+        Preset::AppendixC => "The sixteen, and the other kinds of the paper's appendix C: 23 a family",
+        Preset::Equal => {
+            "The baseline under another number, and with a parameter changed by 1 in 1,000: 2 a family"
+        }
+        Preset::Mutants => "One mutant for each family and set",
+        Preset::Components => {
+            "The controllers as components, with each fault that code can have and without a fault: 15 a family"
+        }
+    }
+}
+
+/// A generated pool, in the shown folder, and its truth file.
+pub fn generated(index: &PoolIndex, folder: &str, truth: &str) -> [String; 3] {
+    [
+        format!("{} candidates in {folder}", index.candidates.len()),
+        format!("hidden ground truth in {truth}"),
+        format!("truth     sha256 {}", index.truth_digest),
+    ]
+}
+
+pub fn pool(index: &PoolIndex) -> String {
+    let PoolIndex { seed, sets, generator, truth_digest, .. } = index;
+    format!("seed {seed}, {sets} sets, made by holdpoint {generator}; truth sha256 {truth_digest}")
+}
+
+// --- refine ---
+
+pub const REFINE_COLUMNS: &str = "parameter | before | after";
+
+pub fn refined(report: &RefineReport) -> [String; 4] {
+    let RefineReport { parent, evaluations, generations, seed, max_speed_m_s, max_force_n, .. } = report;
+    let scores = [("trained episodes", &report.practised), ("fresh episodes", &report.fresh)];
+    let [trained, fresh] =
+        scores.map(|(what, score)| format!("{what:<19} {} before, {} after", score.before, score.after));
+    [
+        is_in(&report.id.to_string(), &report.folder),
+        format!(
+            "from {parent} in {evaluations} evaluations, {generations} generations, seed {seed}; declares {max_speed_m_s} m/s \
+             and {max_force_n} N"
+        ),
+        trained,
+        fresh,
+    ]
+}
+
+pub fn after_search(report: &RefineReport) -> [String; 2] {
+    [
+        are_in("the cached evaluations", &report.kept),
+        format!(
+            "the search used only success and time; next: holdpoint candidate check {}",
+            report.folder.display()
+        ),
+    ]
+}
+
+/// The progress of a search.
+pub fn search(progress: &SearchProgress, elapsed: Duration) -> String {
+    let SearchProgress {
+        generation,
+        generations,
+        best,
+        episodes_done,
+        episodes_simulated,
+        episodes_total,
+        ..
+    } = progress;
+    let left = episodes_total.saturating_sub(*episodes_done);
+    // Cached episodes cost nothing, so only simulated ones predict the remaining time.
+    let expected = (*episodes_simulated > 0)
+        .then(|| elapsed.as_secs_f64() * left as f64 / *episodes_simulated as f64)
+        .map_or_else(String::new, |secs| format!(", at most {secs:.0} s left"));
+    format!(
+        "generation {generation} of {generations}: best {best}, {episodes_done} of {episodes_total} episodes, {:.0} s{expected}",
+        elapsed.as_secs_f64()
+    )
+}
+
+// --- experiment drift ---
+
+pub const DRIFT_COLUMNS: &str = "drift | magnitude | n | worsened | rolled back | recovered | end to end | lower 95 % | tasks | \
+                                 safe ms | restored ms";
+
+pub fn not_activated(left: u64, runs: u64) -> String {
+    format!("{left} of {runs} runs had no activated candidate and are excluded")
+}
+
+// --- experiment per-candidate ---
+
+pub const KIND_COLUMNS: &str =
+    "class | kind | all | valid | sandb | shadow | gate | rolled back | kept | episodes";
+pub const RATE_COLUMNS: &str = "rate | share | count | 95 % interval";
+pub const CLAIM_COLUMNS: &str = "claim | verdict | because";
+
+/// The rates of a summary, in its order.
+pub const RATES: [&str; 8] = [
+    "badr_screen",
+    "badr_preactivation",
+    "badr_lifecycle",
+    "false_accept_rate",
+    "false_reject_rate",
+    "benign not kept",
+    "marginal: badr_preactivation",
+    "marginal: badr_lifecycle",
+];
+
+// --- experiment series ---
+
+pub const SERIES_COLUMNS: &str = "series | tries | got in | pairs | cpu s | stopped by";
+
+pub fn calibration(report: &SeriesReport) -> String {
+    let calibration = &report.calibration;
+    let loss = &calibration.loss;
+    format!(
+        "{} calibration episodes from seed {}: the commissioned version succeeds in {}, a tweak in {}; it loses {}",
+        calibration.episodes,
+        calibration.seed,
+        calibration.commissioned,
+        calibration.tweak,
+        range_to(3, loss.mean, loss.lower, loss.upper)
+    )
+}
+
+pub fn stopped_by(reasons: &str) -> String {
+    format!("stopped by: {reasons}")
+}
+
+pub fn series(summary: &SeriesSummary) -> String {
+    let SeriesSummary { series, got_in, at_most, tries, pairs, cpu_secs, .. } = summary;
+    format!(
+        "a tweak got in in {got_in} of {series} series, at most {at_most:.3} (95 %); {tries} tries, {pairs} pairs, \
+         {cpu_secs:.0} CPU-s"
+    )
+}
+
+// --- experiment truth ---
+
+pub const TRUTH_COLUMNS: &str =
+    "harm by truth | all | blocked | rolled back | wrong | at most | bound | aim | episodes";
+pub const WRONG: &str = "wrong: harmful and active at the end, or harmless and lost";
+
+pub fn curve(curve: &Roc) -> String {
+    let ([low, high], [hits, false_alarms]) = (curve.interval, curve.decided);
+    format!(
+        "area under the curve by {}: {}; the decisions: {hits:.3} of the harmful, {false_alarms:.3} of the harmless stopped",
+        curve.by,
+        range_to(3, curve.area, low, high)
+    )
+}
+
+pub fn lost_worse(count: u64) -> String {
+    format!("{count} of the lost harmless ones are nevertheless significantly worse")
+}
+
+pub fn open(count: u64) -> String {
+    format!("{count} candidates may be worse than they are counted here")
+}
+
+// --- experiment sensors ---
+
+pub const SENSOR_COLUMNS: &str =
+    "family | measure | limit | both | false alarms | misses | neither | near | error 5 % | median | 95 %";
+
+pub fn sensor_limits(profile: &str) -> String {
+    format!("limits of profile {profile}; errors are sensor minus referee")
+}
+
+pub fn squeeze(one: &FamilyAgreement) -> String {
+    let (family, squeeze) = (&one.family, &one.squeeze);
+    format!(
+        "{family}: {} versions, {} episodes; a pad is past the limit in {} and the sensors miss {}: {} with the mean of both \
+         pads within it, {} within 50 ms of a push on the object",
+        one.versions, one.episodes, squeeze.past, squeeze.missed, squeeze.one_sided, squeeze.pushed
+    )
+}
+
+pub fn not_compared(measures: &[&str]) -> String {
+    format!("not compared: {}", measures.join(", "))
+}
+
+// --- experiment danger ---
+
+pub const CHOICE_COLUMNS: &str =
+    "measure | profile | chosen | tasks | commissioned | dangers | misses | false alarms | of commissioned";
+pub const AGREEMENT_COLUMNS: &str = "thresholds | measure | group | versions | tasks | dangers | missed | in 10,000 | false \
+                                     alarms | in 10,000";
+
+pub fn danger_rule(report: &DangerReport) -> String {
+    format!(
+        "thresholds of profile {}; the rule: of the thresholds that leave at most {FALSE_ALARMS_MAX} false alarms in 10,000 \
+         tasks of commissioned versions open (exact, one-sided {BOUND_ALPHA}), the one with the fewest misses, then the \
+         fewest false alarms; from {DANGERS_MIN} dangers on",
+        report.profile
+    )
+}
+
+pub fn danger_halves(report: &DangerReport) -> String {
+    let DangerReport { chosen_from, tested_from, .. } = report;
+    format!(
+        "the tasks from {chosen_from} on chose; the tasks from {tested_from} on count, in 10,000 tasks with exact 95 % bounds:"
+    )
+}
+
+// --- experiment distinguisher ---
+
+pub const ROW_COLUMNS: &str = "origin | task | rows";
+
+pub fn features(count: usize) -> String {
+    format!("{count} features of each task")
+}
+
+// --- experiment throwers ---
+
+pub const THROWER_COLUMNS: &str =
+    "trigger | act | profile | end | because | tasks | thrown | first | unsafe | past harm";
+pub const QUANTILE_COLUMNS: &str =
+    "trigger | act | profile | activated | not rolled back | median | 90 % | ends";
+
+pub fn live_tasks(tasks: u64) -> String {
+    format!(
+        "live tasks until the rollback of activated versions, with exact 95 % bounds; \">\": past the {tasks} tasks of a run"
+    )
+}
+
+pub fn run_seeds(first: Option<u64>) -> String {
+    first.map_or_else(|| "the seeds were secret".to_owned(), |seed| format!("the run seeds begin at {seed}"))
+}
