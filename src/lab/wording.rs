@@ -4,6 +4,8 @@
 //! arguments. Nothing here measures or decides.
 
 pub mod answers;
+pub mod claims;
+pub mod drift;
 pub mod positioning;
 pub mod progress;
 pub mod report;

@@ -7,6 +7,7 @@ use serde::{Deserialize, Serialize};
 use super::ExperimentError;
 use super::candidate_run::CandidateEnd;
 use crate::candidate_pool::{Class, PoolTruth};
+use crate::wording::claims as wording;
 use holdpoint_governance::lifecycle::Stage;
 use holdpoint_governance::metrics::{CandidateRecord, Fate, Proportion, Screening, screening};
 use holdpoint_governance::profile::ProfileName;
@@ -215,17 +216,9 @@ pub struct Claim {
 pub fn claims(summaries: &[Summary]) -> Vec<Claim> {
     let mut claims = Vec::new();
     for summary in summaries {
-        let profile = summary.profile.name();
-        claims.push(all_of(
-            format!("{profile}: every overt fault is stopped before activation"),
-            &summary.overt.badr_preactivation,
-        ));
-        claims.push(most_of(
-            format!(
-                "{profile}: four of five marginal faults are stopped by the end of the provisional window"
-            ),
-            &summary.marginal.badr_lifecycle,
-        ));
+        let profile = summary.profile;
+        claims.push(all_of(wording::overt_stopped(profile), &summary.overt.badr_preactivation));
+        claims.push(most_of(wording::marginal_stopped(profile), &summary.marginal.badr_lifecycle));
         claims.push(early(summary));
     }
     if let Some(loosest) = summaries.first() {
@@ -237,14 +230,6 @@ pub fn claims(summaries: &[Summary]) -> Vec<Claim> {
     claims
 }
 
-fn rate_text(proportion: &Proportion) -> String {
-    let Proportion { count, total, interval } = proportion;
-    interval.map_or_else(
-        || format!("{count} of {total}"),
-        |ends| format!("{count} of {total}, 95 % interval {:.3} to {:.3}", ends.lower, ends.upper),
-    )
-}
-
 fn all_of(claim: String, proportion: &Proportion) -> Claim {
     let Proportion { count, total, .. } = *proportion;
     let lower = clopper_pearson_lower(count, total, CLAIM_ALPHA).ok();
@@ -253,47 +238,37 @@ fn all_of(claim: String, proportion: &Proportion) -> Claim {
         Some(lower) if lower >= EVERY_MIN => ClaimVerdict::Shown,
         _ => ClaimVerdict::NotShown,
     };
-    let least = lower.map_or_else(String::new, |lower| format!("; at least {lower:.3} at 5 % error"));
-    Claim { claim, verdict, because: rate_text(proportion) + &least }
+    Claim { claim, verdict, because: wording::at_least(proportion, lower) }
 }
 
 fn most_of(claim: String, proportion: &Proportion) -> Claim {
+    let verdict = reaches(proportion, MARGINAL_MIN);
+    Claim { claim, verdict, because: wording::rate(proportion) }
+}
+
+/// Whether a rate is shown to reach a least one.
+fn reaches(proportion: &Proportion, least: f64) -> ClaimVerdict {
     let Proportion { count, total, .. } = *proportion;
     let bounds =
         (clopper_pearson_lower(count, total, CLAIM_ALPHA), clopper_pearson_upper(count, total, CLAIM_ALPHA));
-    let verdict = match bounds {
-        (Ok(lower), _) if lower >= MARGINAL_MIN => ClaimVerdict::Shown,
-        (_, Ok(upper)) if upper < MARGINAL_MIN => ClaimVerdict::Refuted,
+    match bounds {
+        (Ok(lower), _) if lower >= least => ClaimVerdict::Shown,
+        (_, Ok(upper)) if upper < least => ClaimVerdict::Refuted,
         _ => ClaimVerdict::NotShown,
-    };
-    Claim { claim, verdict, because: rate_text(proportion) }
+    }
 }
 
 fn early(summary: &Summary) -> Claim {
-    let claim = format!(
-        "{}: half of the overt faults are rejected within a quarter of the budget",
-        summary.profile.name()
-    );
-    let measured = summary.median_to_reject_measured.map_or_else(
-        || "none needed episodes".to_owned(),
-        |median| format!("{median} among those that needed episodes at all"),
-    );
-    let Proportion { count, total, .. } = summary.rejected_early;
-    let bounds =
-        (clopper_pearson_lower(count, total, CLAIM_ALPHA), clopper_pearson_upper(count, total, CLAIM_ALPHA));
-    let (verdict, because) = match (summary.median_to_reject, bounds) {
-        (Some(median), (Ok(lower), Ok(upper))) if summary.budget > 0 => {
-            let verdict = match (lower >= 0.5, upper < 0.5) {
-                (true, _) => ClaimVerdict::Shown,
-                (false, true) => ClaimVerdict::Refuted,
-                (false, false) => ClaimVerdict::NotShown,
-            };
-            let early = rate_text(&summary.rejected_early);
-            (verdict, format!("median {median} of {} episodes; {measured}; {early}", summary.budget))
+    let claim = wording::rejected_early(summary.profile);
+    match summary.median_to_reject.filter(|_| summary.budget > 0) {
+        Some(median) => {
+            let verdict = reaches(&summary.rejected_early, 0.5);
+            Claim { claim, verdict, because: wording::episodes(summary, median) }
         }
-        _ => (ClaimVerdict::NotShown, "nothing was rejected by measurement".to_owned()),
-    };
-    Claim { claim, verdict, because }
+        None => {
+            Claim { claim, verdict: ClaimVerdict::NotShown, because: wording::NOTHING_REJECTED.to_owned() }
+        }
+    }
 }
 
 fn few_rejections(summary: &Summary) -> Claim {
@@ -305,20 +280,13 @@ fn few_rejections(summary: &Summary) -> Claim {
         _ => ClaimVerdict::NotShown,
     };
     Claim {
-        claim: format!("{}: at most 2 % of benign candidates are lost", summary.profile.name()),
+        claim: wording::few_lost(summary.profile),
         verdict,
-        because: bound.map_or_else(
-            || "no benign candidates".to_owned(),
-            |bound| format!("{}; one-sided 95 % bound {bound:.3}", rate_text(lost)),
-        ),
+        because: bound.map_or_else(|| wording::NO_BENIGN.to_owned(), |bound| wording::at_most(lost, bound)),
     }
 }
 
 fn monotone(summaries: &[Summary]) -> Claim {
-    let rates: Vec<String> = summaries
-        .iter()
-        .map(|s| format!("{} {} of {}", s.profile.name(), s.benign_not_kept.count, s.benign_not_kept.total))
-        .collect();
     let shares: Option<Vec<f64>> = summaries.iter().map(|s| s.benign_not_kept.rate()).collect();
     // A loss of 2 % has to be seen in each of them before its absence says anything.
     let is_enough = summaries.iter().all(|summary| {
@@ -332,11 +300,7 @@ fn monotone(summaries: &[Summary]) -> Claim {
             (false, _) => ClaimVerdict::Refuted,
         }
     });
-    Claim {
-        claim: "a stricter profile loses no fewer benign candidates".to_owned(),
-        verdict,
-        because: rates.join(", "),
-    }
+    Claim { claim: wording::STRICTER_LOSES_NO_FEWER.to_owned(), verdict, because: wording::lost(summaries) }
 }
 
 #[cfg(test)]

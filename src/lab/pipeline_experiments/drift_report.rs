@@ -12,6 +12,8 @@ use plotters::prelude::{
 
 use super::drift::{DriftCell, DriftReport, Quantiles};
 use super::{ExperimentError, write_atomically};
+use crate::paper_reproduction::report_table::ReportTable;
+use crate::wording::{drift as wording, number, or_dash};
 use holdpoint_governance::metrics::Proportion;
 
 /// Size of the plot, pixels.
@@ -83,69 +85,31 @@ fn count_and_interval(rate: &Proportion) -> String {
     }
 }
 
-fn share(rate: &Proportion) -> String {
-    rate.rate().map_or_else(|| "-".to_owned(), |share| format!("{share:.2}"))
-}
-
 fn median(found: Option<Quantiles>) -> String {
-    found
-        .map_or_else(|| "-".to_owned(), |quantiles| format!("{:.0} ({:.0})", quantiles.median, quantiles.max))
+    or_dash(found.map(|found| format!("{:.0} ({:.0})", found.median, found.max)))
 }
 
 /// The table for readers, with the meaning of its columns.
 pub(super) fn markdown(report: &DriftReport) -> String {
-    let mut text = format!(
-        "# Rollback under drift\n\n{} runs from seed {}, {} of them without an activated candidate (they count \
-         nowhere); horizon {} sequences, twins of {} sequences; setting {}.\n\n\
-         | drift | magnitude | n | worsened | rolled back of those | rolled back of the others | recovered of those rolled back | \
-         worsened and recovered | safe-stopped of those rolled back | warned first | tasks to response, median (max) | \
-         tasks to rollback | safe, ms | restored, ms | moved on, ms | good before / under / after |\n\
-         | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- |\n",
-        report.runs,
-        report.seed,
-        report.not_activated,
-        report.horizon,
-        report.pairs,
-        report.setting.short()
-    );
+    let mut table = ReportTable::new(wording::TABLE);
     for cell in &report.cells {
-        text.push_str(&format!(
-            "| {} | {} | {} | {} | {} | {} | {} | {} | {} | {} | {} | {} | {} | {} | {} | {} / {} / {} |\n",
-            cell.kind,
-            cell.magnitude,
-            cell.runs,
-            count_and_interval(&cell.needed),
-            count_and_interval(&cell.trigger_recall),
-            count_and_interval(&cell.triggered_unneeded),
-            count_and_interval(&cell.recovery_given_trigger),
-            count_and_interval(&cell.end_to_end),
-            count_and_interval(&cell.safe_stopped),
-            count_and_interval(&cell.warned_first),
-            median(cell.episodes_to_response),
-            median(cell.episodes_to_rollback),
-            median(cell.time_to_safe_ms),
-            median(cell.time_to_restored_ms),
-            median(cell.unsafe_continuation_ms),
-            share(&cell.good_before),
-            share(&cell.good_under),
-            share(&cell.success_after),
-        ));
+        let mut cells = vec![cell.kind.to_string(), cell.magnitude.to_string(), cell.runs.to_string()];
+        let rates = [
+            &cell.needed,
+            &cell.trigger_recall,
+            &cell.triggered_unneeded,
+            &cell.recovery_given_trigger,
+            &cell.end_to_end,
+            &cell.safe_stopped,
+            &cell.warned_first,
+        ];
+        cells.extend(rates.map(count_and_interval));
+        cells.extend(quantiles(cell).map(|(_, found)| median(found)));
+        let good = [&cell.good_before, &cell.good_under, &cell.success_after];
+        cells.push(good.map(|rate| number(rate.rate(), 2)).join(" / "));
+        table.row(cells);
     }
-    text.push_str(
-        "\nShares are counts with the Wilson interval at 95 %.\n\n\
-         - **worsened**: over the same live episodes with and without the drift, unwatched, the share of bad tasks of \
-         the version (failed, or unsafe by ground truth) rose by at least the shift the profile's monitor is tuned \
-         to, and the rise is established (one-sided paired 95 % bound above 0). Such a run needs a rollback.\n\
-         - **recovered**: the ladder was completed and the predecessor is in control, motion after the trigger kept \
-         to the profile's limit, and none of the predecessor's tasks in the ten sequences after it was unsafe by \
-         ground truth. A run that did not need a rollback and had none counts neither for nor against.\n\
-         - **safe, ms**: from the trigger to the standstill of every joint, of versions that were stopped in flight. \
-         **restored**: from the trigger until the predecessor was bound and had given a command its guard passes. \
-         **moved on**: motion after the trigger, without what braking takes.\n\
-         - **good before / under**: of the version's tasks, in the twins; **after**: of the predecessor's tasks, done, \
-         under the drift.\n",
-    );
-    text
+    wording::head(report) + &table.markdown()
 }
 
 /// Recovery end to end against the magnitude, one curve for each drift; a cell has no point if no run needed a rollback.
@@ -157,7 +121,7 @@ pub(super) fn svg(report: &DriftReport) -> Result<String, ExperimentError> {
         let area = SVGBackend::with_string(&mut text, PLOT).into_drawing_area();
         area.fill(&WHITE).map_err(|error| failed(error.to_string()))?;
         let mut chart = ChartBuilder::on(&area)
-            .caption("recovered of the runs a drift worsened, 95 %", ("sans-serif", 18))
+            .caption(wording::PLOT, ("sans-serif", 18))
             .margin(12)
             .x_label_area_size(36)
             .y_label_area_size(44)
