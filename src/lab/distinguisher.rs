@@ -19,7 +19,6 @@ use holdpoint_runtime::agent::ActiveView;
 use holdpoint_runtime::capability::Capability;
 use holdpoint_runtime::terms::SkillTerms;
 use holdpoint_sim::SimCells;
-use holdpoint_text::Hint;
 use holdpoint_trials::cell::Cell;
 use holdpoint_trials::pair_spot::PairSpot;
 use holdpoint_trials::sequences::TrialTeam;
@@ -30,7 +29,7 @@ use serde::{Deserialize, Serialize};
 use self::features::NamedFeature;
 use self::recording::{RunLog, recorded};
 use crate::ground_truth::{JudgedVersion, judging_context};
-use crate::pipeline_experiments::{ExperimentError, ProgressFn, write_atomically};
+use crate::pipeline_experiments::{ExperimentError, ProgressFn, baselines, write_atomically};
 use crate::side_by_side::side_by_side;
 use crate::wording::progress;
 
@@ -159,8 +158,7 @@ impl DistinguisherBench {
     fn new() -> Result<Self, ExperimentError> {
         let cell = Cell::of(&SimCells, None)?;
         let context = judging_context(cell.clone())?;
-        let baselines = holdpoint_trials::embedded::baselines()
-            .map_err(|error| ExperimentError::Unexpected(error.sentence()))?;
+        let baselines = baselines()?;
         // The family that parks the arm has no task of its own.
         let in_sequence = |version: &Capability| TaskKind::named(version.id().family.as_str()).is_some();
         let active = baselines.into_iter().filter(in_sequence);

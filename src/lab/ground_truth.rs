@@ -27,7 +27,9 @@ pub use self::true_harm::{SqueezePeak, has_counterpart};
 use crate::candidate_pool::Pool;
 use crate::pipeline_experiments::candidate_run::{CandidateEnd, ThresholdScale};
 use crate::pipeline_experiments::per_candidate::{self, CandidateJob};
-use crate::pipeline_experiments::{ExperimentError, ProgressFn, cached_result, scratch};
+use crate::pipeline_experiments::{
+    ExperimentError, ProgressFn, baselines, cache_or_new, cached_result, scratch,
+};
 use crate::side_by_side::side_by_side;
 use crate::wording::progress;
 use holdpoint_engine::Experiment;
@@ -37,7 +39,7 @@ use holdpoint_governance::profile::{Profile, ProfileName};
 use holdpoint_record::context::Context;
 use holdpoint_runtime::capability::Capability;
 use holdpoint_sim::SimCells;
-use holdpoint_store::{CacheSecret, ResultCache};
+use holdpoint_store::ResultCache;
 use holdpoint_text::Hint;
 use holdpoint_trials::cell::Cell;
 use holdpoint_trials::worker::Worker;
@@ -154,12 +156,8 @@ pub fn run(plan: &TruthPlan, tell: &ProgressFn<'_>) -> Result<TruthReport, Exper
 
 impl TruthBench {
     fn new(plan: &TruthPlan, scratch: &std::path::Path) -> Result<Self, ExperimentError> {
-        let cache = match &plan.cache {
-            Some(cache) => cache.clone(),
-            None => ResultCache::in_folder(scratch.to_owned(), CacheSecret::fresh()?),
-        };
-        let baselines = holdpoint_trials::embedded::baselines()
-            .map_err(|error| ExperimentError::Unexpected(error.sentence()))?;
+        let cache = cache_or_new(plan.cache.as_ref(), scratch)?;
+        let baselines = baselines()?;
         Self::with_team(Cell::of(&SimCells, None)?, cache, baselines, plan.most)
     }
 
@@ -171,7 +169,7 @@ impl TruthBench {
         most: u64,
     ) -> Result<Self, ExperimentError> {
         let context = judging_context(cell.clone())?;
-        let scale = HarmScale::builtin().map_err(|error| ExperimentError::Unexpected(error.sentence()))?;
+        let scale = HarmScale::builtin().map_err(ExperimentError::unexpected)?;
         let mut bench = Self { most, cell, cache, scale, context, team: Vec::new() };
         bench.team = team.into_iter().map(|version| bench.judged_version(version)).collect();
         Ok(bench)
@@ -264,8 +262,7 @@ impl TruthBench {
 
 /// The context in which versions are judged: the least strict profile.
 pub(crate) fn judging_context(cell: Cell) -> Result<Context, ExperimentError> {
-    let unexpected = |error: &dyn Hint| ExperimentError::Unexpected(error.sentence());
-    let profile = Profile::builtin(ProfileName::Sim).map_err(|error| unexpected(&error))?;
-    let table = PolicyTable::builtin(&profile).map_err(|error| unexpected(&error))?;
+    let profile = Profile::builtin(ProfileName::Sim).map_err(ExperimentError::unexpected)?;
+    let table = PolicyTable::builtin(&profile).map_err(ExperimentError::unexpected)?;
     Ok(Context::new(profile, table, None, cell)?)
 }

@@ -28,7 +28,6 @@ pub mod sections;
 use holdpoint_governance::profile::{Profile, ProfileName};
 use holdpoint_sim::SimCells;
 use holdpoint_store::ResultCache;
-use holdpoint_text::Hint;
 use holdpoint_trials::cell::Cell;
 
 pub use arm::{Arm, Fork};
@@ -55,8 +54,7 @@ impl PaperSetup {
     /// # Errors
     /// If the cell cannot be built.
     pub fn new(cache: ResultCache, shard: (usize, usize), jobs: usize) -> Result<Self, ExperimentError> {
-        let profile = Profile::builtin(ProfileName::Sim)
-            .map_err(|error| ExperimentError::Unexpected(error.sentence()))?;
+        let profile = Profile::builtin(ProfileName::Sim).map_err(ExperimentError::unexpected)?;
         Ok(Self { cell: Cell::of(&SimCells, None)?, cache, profile, shard, jobs })
     }
 

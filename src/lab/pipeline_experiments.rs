@@ -14,8 +14,11 @@ pub mod series;
 mod series_tweaks;
 
 use holdpoint_governance::ids::Digest;
-use holdpoint_store::{CacheLookup, ResultCache};
+use holdpoint_governance::submission::Package;
+use holdpoint_runtime::capability::Capability;
+use holdpoint_store::{CacheLookup, CacheSecret, ResultCache};
 use holdpoint_text::{ErrorDetails, ErrorReason, Hint};
+use holdpoint_trials::embedded;
 use std::borrow::Cow;
 use std::path::Path;
 
@@ -107,6 +110,11 @@ impl ExperimentError {
         Self::Candidate { name: name.to_owned(), problem }
     }
 
+    /// An error that cannot occur.
+    pub(crate) fn unexpected(error: impl Hint) -> Self {
+        Self::Unexpected(error.sentence())
+    }
+
     pub(crate) fn file(path: &Path) -> impl FnOnce(std::io::Error) -> Self + '_ {
         move |source| Self::File { path: path.display().to_string(), source }
     }
@@ -126,6 +134,28 @@ pub(crate) fn cached_result<T: serde::de::DeserializeOwned>(cache: &ResultCache,
         CacheLookup::Found { body, .. } => serde_json::from_slice(&body).ok(),
         CacheLookup::Nothing | CacheLookup::Refused => None,
     }
+}
+
+/// A plan's cache, or one in a folder with a key of its own.
+pub(crate) fn cache_or_new(
+    cache: Option<&ResultCache>,
+    folder: &Path,
+) -> Result<ResultCache, ExperimentError> {
+    match cache {
+        Some(cache) => Ok(cache.clone()),
+        None => Ok(ResultCache::in_folder(folder.to_owned(), CacheSecret::fresh()?)),
+    }
+}
+
+/// The versions that a store is installed with.
+pub(crate) fn baselines() -> Result<Vec<Capability>, ExperimentError> {
+    embedded::baselines().map_err(ExperimentError::unexpected)
+}
+
+/// A package that comes with the program.
+pub(crate) fn embedded_package(name: &str) -> Result<Package, ExperimentError> {
+    embedded::package(name)
+        .ok_or_else(|| ExperimentError::Unexpected(format!("the candidate {name} is not embedded")))
 }
 
 /// A folder that is removed on drop.

@@ -18,7 +18,6 @@ use holdpoint_governance::profile::{Profile, ProfileName};
 use holdpoint_governance::submission::Package;
 use holdpoint_sim::SimCells;
 use holdpoint_store::ResultCache;
-use holdpoint_text::Hint;
 use holdpoint_trials::cell::Cell;
 use holdpoint_trials::seeds::EpisodeSeeds;
 use serde::{Deserialize, Serialize};
@@ -127,7 +126,7 @@ fn missing() -> ExperimentError {
 /// Runs a job, or reads its cached result of the same build. A run with secret seeds counts as drawn: it is not repeated.
 fn run_or_reuse(job: &ThrowerJob<'_>) -> Result<ThrowerRun, ExperimentError> {
     let profile = Profile::builtin(job.profile);
-    let profile = profile.map_err(|error| ExperimentError::Unexpected(error.sentence()))?.digest()?;
+    let profile = profile.map_err(ExperimentError::unexpected)?.digest()?;
     // No run has the last number as its seed.
     let seed = job.seeds.of_run().unwrap_or(u64::MAX);
     let key = Digest::of_parts(

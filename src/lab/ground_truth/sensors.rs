@@ -29,7 +29,7 @@ use super::referee_runs::{self, Channel, JudgedVersion, RefereeWitness, begin};
 use super::scale::RefereeObservation;
 use super::true_harm::{SqueezePeak, TrueHarmMeter, has_counterpart};
 use crate::candidate_pool::Pool;
-use crate::pipeline_experiments::{ExperimentError, ProgressFn, per_candidate, write_atomically};
+use crate::pipeline_experiments::{self, ExperimentError, ProgressFn, per_candidate, write_atomically};
 use crate::side_by_side::side_by_side;
 use crate::wording::progress;
 
@@ -313,8 +313,7 @@ impl SensedVersion {
 
 /// The baselines of the three tasks.
 pub(crate) fn baselines(context: &Context) -> Result<Vec<SensedVersion>, ExperimentError> {
-    let baselines = holdpoint_trials::embedded::baselines()
-        .map_err(|error| ExperimentError::Unexpected(error.sentence()))?;
+    let baselines = pipeline_experiments::baselines()?;
     // The family that parks the arm has no task of its own.
     let of_tasks =
         baselines.into_iter().filter(|version| TaskKind::named(version.id().family.as_str()).is_some());

@@ -4,10 +4,8 @@ use std::collections::BTreeMap;
 
 use holdpoint_governance::ids::{Digest, Family};
 use holdpoint_runtime::capability::Capability;
-use holdpoint_text::Hint;
-use holdpoint_trials::embedded;
 
-use crate::pipeline_experiments::ExperimentError;
+use crate::pipeline_experiments::{ExperimentError, baselines};
 
 /// An active version.
 #[derive(Clone, Debug)]
@@ -27,8 +25,7 @@ impl ActiveFamilies {
     /// # Errors
     /// If one does not load.
     pub fn first() -> Result<Self, ExperimentError> {
-        let baselines =
-            embedded::baselines().map_err(|error| ExperimentError::Unexpected(error.sentence()))?;
+        let baselines = baselines()?;
         let member = |version: Capability| (version.id().family, ActiveMember { version, restricted: false });
         Ok(Self(baselines.into_iter().map(member).collect()))
     }
@@ -69,6 +66,7 @@ impl ActiveFamilies {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use holdpoint_trials::embedded;
 
     #[test]
     fn another_version_or_a_restriction_is_a_difference() {

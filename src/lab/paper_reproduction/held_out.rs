@@ -8,7 +8,6 @@ use super::PaperSetup;
 use super::active_families::ActiveFamilies;
 use crate::ground_truth::{HarmClass, HarmScale, JudgedVersion, TruthBench, observe_sequence};
 use crate::pipeline_experiments::{ExperimentError, cached_result};
-use holdpoint_text::Hint;
 
 /// First seed of these episodes: above those of the truth's channels and of any run.
 const FROM: u64 = 3 << 61;
@@ -68,7 +67,7 @@ pub fn evaluate(
     if let Some(known) = whole.filter(|known| known.len() as u64 == sequences) {
         return Ok(known);
     }
-    let scale = HarmScale::builtin().map_err(|error| ExperimentError::Unexpected(error.sentence()))?;
+    let scale = HarmScale::builtin().map_err(ExperimentError::unexpected)?;
     let bench = TruthBench::with_team(setup.cell.clone(), setup.cache.clone(), Vec::new(), 0)?;
     let tightened = setup.profile.monitor.restrict_factor;
     let team: Vec<JudgedVersion> = in_force

@@ -26,7 +26,6 @@ use holdpoint_protocol::event::DimensionResult;
 use holdpoint_protocol::scenario_state::{Decider, ScenarioState};
 use holdpoint_registry::{TelemetryViews, Views};
 use holdpoint_store::{Layout, ResultCache};
-use holdpoint_text::Hint;
 use holdpoint_trials::cache::EpisodeCache;
 use holdpoint_trials::cell::Cell;
 use holdpoint_trials::seeds::EpisodeSeeds;
@@ -111,8 +110,7 @@ impl ThresholdScale {
             policy_file: policy_file.to_owned(),
             policy: policy.to_owned(),
         };
-        let chosen =
-            ChosenProfile::of(texts).map_err(|error| ExperimentError::Unexpected(error.sentence()))?;
+        let chosen = ChosenProfile::of(texts).map_err(ExperimentError::unexpected)?;
         let is_wanted = chosen.rules().is_ok_and(|(profile, _)| {
             profile.thresholds.preset == wanted && (profile.thresholds.scale - scale).abs() < 1e-9
         });
@@ -192,7 +190,7 @@ impl PostRunCheck {
         let views = Views::open_records(&layout.database())?;
         let telemetry = TelemetryViews::open(&layout.telemetry())?;
         let found = store_metrics::observe(&views, Some(&telemetry), Since::Record(1), cell.digest())
-            .map_err(|error| ExperimentError::Unexpected(error.sentence()))?;
+            .map_err(ExperimentError::unexpected)?;
         let found = found.metrics;
         Ok(Self {
             decisions: found.auditability_observed.total,

@@ -12,7 +12,7 @@ use holdpoint_sim::SimCells;
 use serde::{Deserialize, Serialize};
 
 use super::layer_failure::LayerFailure;
-use super::{DriftOptions, ExperimentError, workers_each};
+use super::{DriftOptions, ExperimentError, baselines, embedded_package, workers_each};
 use holdpoint_engine::StartError;
 use holdpoint_engine::decide::pipeline::Pipeline;
 use holdpoint_engine::decide::pipeline::PipelineSettings;
@@ -37,8 +37,6 @@ use holdpoint_runtime::capability::Capability;
 use holdpoint_store::ResultCache;
 use holdpoint_trials::cache::EpisodeCache;
 use holdpoint_trials::cell::Cell;
-use holdpoint_trials::embedded;
-use holdpoint_trials::embedded::baselines;
 use holdpoint_trials::seeds::EpisodeSeeds;
 
 /// Sequences of the rollback target that are counted.
@@ -108,14 +106,13 @@ impl DriftSetting {
             controls: Controls::default(),
             omitted: holdpoint_governance::ablation::AblatedParts::default(),
         };
-        let baselines = baselines().map_err(StartError::from)?;
+        let baselines = baselines()?;
         Ok(Pipeline::new(settings, version_table, clock, baselines)?)
     }
 }
 
 fn candidate(name: &str) -> Result<Capability, ExperimentError> {
-    let package = embedded::package(name)
-        .ok_or_else(|| ExperimentError::Unexpected(format!("the candidate {name} is not embedded")))?;
+    let package = embedded_package(name)?;
     Ok(Capability::load(name, package).map_err(StartError::from)?)
 }
 
@@ -140,8 +137,7 @@ pub(super) fn activate(setting: &DriftSetting, seed: u64) -> Result<Option<Activ
     let name = candidate_of(seed);
     let id = candidate(name)?.id();
     let mut pipeline = setting.pipeline(seed, folder.path())?;
-    let package = embedded::package(name)
-        .ok_or_else(|| ExperimentError::Unexpected(format!("the candidate {name} is not embedded")))?;
+    let package = embedded_package(name)?;
     let reply = pipeline.command(Command::Register { package, name: name.to_owned(), by: None });
     if !matches!(reply, Reply::Accepted { .. }) {
         return Err(ExperimentError::Unexpected(format!("{name} was not taken in: {reply:?}")));

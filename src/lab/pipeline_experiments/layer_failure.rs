@@ -7,21 +7,20 @@ use std::path::Path;
 
 use holdpoint_body::disturbance::LiveFault;
 use holdpoint_body::disturbance::{Drift, DriftKind, Magnitude};
+use holdpoint_engine::build_digest::decided_by;
 use holdpoint_engine::decide::pipeline::Pipeline;
-use holdpoint_engine::{StartError, build_digest::decided_by};
 use holdpoint_governance::ids::{CapabilityId, Digest};
 use holdpoint_governance::monitor::Rate;
 use holdpoint_governance::profile::ProfileName;
 use holdpoint_governance::rollback::RungFailure;
 use holdpoint_protocol::command::{Command, Operation, Reply};
 use holdpoint_store::Layout;
-use holdpoint_trials::embedded::baselines;
 use holdpoint_trials::worker::Worker;
 use serde::{Deserialize, Serialize};
 
 use super::drift::cached_run;
 use super::drift_run::{ActivatedRun, DriftSetting, PartWork, WatchedRun, activate, candidate_of, drifts};
-use super::{DriftOptions, ExperimentError, ProgressFn, cached_result};
+use super::{DriftOptions, ExperimentError, ProgressFn, baselines, cached_result};
 use crate::side_by_side::side_by_side;
 use crate::wording::progress;
 
@@ -93,7 +92,7 @@ impl LayerFailure {
 
 /// The rollback target of a family's first upgrade.
 fn rollback_target(version: &CapabilityId) -> Result<CapabilityId, ExperimentError> {
-    let first = baselines().map_err(StartError::from)?.into_iter().map(|first| first.id());
+    let first = baselines()?.into_iter().map(|first| first.id());
     let mut of_family = first.filter(|first| first.family == version.family);
     of_family.next().ok_or_else(|| ExperimentError::Unexpected(format!("{version} has no predecessor")))
 }

@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 
 use super::candidate_run::{CandidateEnd, CandidateSetting, ThresholdScale, run_candidate};
 use super::claims::{CandidateVerdict, Claim, Summary};
-use super::{ExperimentError, ProgressFn, cached_result, scratch};
+use super::{ExperimentError, ProgressFn, cache_or_new, cached_result, scratch};
 use crate::candidate_pool::{Pool, PoolCandidate, PoolTruth};
 use crate::side_by_side::side_by_side;
 use crate::wording::progress;
@@ -22,7 +22,7 @@ use holdpoint_governance::profile::ProfileName;
 use holdpoint_governance::submission::Package;
 use holdpoint_runtime::capability;
 use holdpoint_sim::SimCells;
-use holdpoint_store::{CacheSecret, ResultCache};
+use holdpoint_store::ResultCache;
 use holdpoint_text::Hint;
 use holdpoint_trials::cell::Cell;
 use holdpoint_trials::worker::Worker;
@@ -75,10 +75,7 @@ pub fn run(plan: &RunPlan, tell: &ProgressFn<'_>) -> Result<PerCandidateReport, 
     let pool = Pool::read(&plan.pool)?;
     let packages = packages(&pool)?;
     let scratch = scratch()?;
-    let cache = match &plan.cache {
-        Some(cache) => cache.clone(),
-        None => ResultCache::in_folder(scratch.path().to_owned(), CacheSecret::fresh()?),
-    };
+    let cache = cache_or_new(plan.cache.as_ref(), scratch.path())?;
     let cell = Cell::of(&SimCells, None)?;
     let mut jobs = Vec::new();
     for profile in &plan.profiles {

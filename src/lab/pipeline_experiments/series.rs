@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 
 use super::candidate_run::{CandidateDriver, EpisodeEffort, StageRecord};
 use super::series_tweaks::{Calibration, Tweak, calibrate, commissioned, tweak};
-use super::{ExperimentError, ProgressFn, cached_result, scratch};
+use super::{ExperimentError, ProgressFn, cache_or_new, cached_result, scratch};
 use crate::side_by_side::side_by_side;
 use crate::wording::progress;
 use holdpoint::bench::FigureClock;
@@ -24,8 +24,7 @@ use holdpoint_governance::stats::clopper_pearson_upper;
 use holdpoint_governance::tries::CountedTry;
 use holdpoint_protocol::scenario_state::ScenarioState;
 use holdpoint_sim::SimCells;
-use holdpoint_store::{CacheSecret, ResultCache};
-use holdpoint_text::Hint;
+use holdpoint_store::ResultCache;
 use holdpoint_trials::cache::EpisodeCache;
 use holdpoint_trials::cell::Cell;
 use holdpoint_trials::seeds::EpisodeSeeds;
@@ -148,13 +147,9 @@ pub struct SeriesReport {
 /// If the calibration finds no tweak that is inferior, the engine cannot start or halts, or a tweak does not settle.
 pub fn run(plan: &SeriesPlan, tell: &ProgressFn<'_>) -> Result<SeriesReport, ExperimentError> {
     let scratch = scratch()?;
-    let cache = match &plan.cache {
-        Some(cache) => cache.clone(),
-        None => ResultCache::in_folder(scratch.path().to_owned(), CacheSecret::fresh()?),
-    };
+    let cache = cache_or_new(plan.cache.as_ref(), scratch.path())?;
     let cell = Cell::of(&SimCells, None)?;
-    let profile =
-        Profile::builtin(ProfileName::Sim).map_err(|error| ExperimentError::Unexpected(error.sentence()))?;
+    let profile = Profile::builtin(ProfileName::Sim).map_err(ExperimentError::unexpected)?;
     let calibration = calibrate_or_reuse(plan, &cell, &cache, profile.tries.margin)?;
     let loss = &calibration.loss;
     let loss = [loss.mean, loss.lower, loss.upper];
@@ -296,6 +291,7 @@ fn summarize(series: &[SeriesEnd]) -> Result<SeriesSummary, ExperimentError> {
 mod tests {
     use super::*;
     use holdpoint_governance::lifecycle::{Stage, State};
+    use holdpoint_store::CacheSecret;
 
     /// Two tweaks that fail in half of their runs: each is another try and is stopped. The second run reads the result.
     #[test]

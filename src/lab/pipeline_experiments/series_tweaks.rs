@@ -10,7 +10,7 @@ use holdpoint_cell::rng::Stream;
 use serde::{Deserialize, Serialize};
 use toml::{Table, Value};
 
-use super::ExperimentError;
+use super::{ExperimentError, baselines};
 use crate::candidate_pool::PoolError;
 use crate::candidate_pool::draft::Draft;
 use crate::ground_truth::judging_context;
@@ -22,7 +22,6 @@ use holdpoint_runtime::capability::Capability;
 use holdpoint_runtime::skill::altered::{Alteration, AlterationTiming, AlteredInput, FIELD};
 use holdpoint_text::Hint;
 use holdpoint_trials::cell::{Cell, Conditions};
-use holdpoint_trials::embedded;
 use holdpoint_trials::episodes::batch;
 use holdpoint_trials::seeds::{SeedPurpose, episode_seed};
 use holdpoint_trials::worker_pool::WorkerPool;
@@ -56,8 +55,7 @@ pub(super) struct Tweak {
 
 /// The commissioned version that all tweaks derive from.
 pub(super) fn commissioned() -> Result<Capability, ExperimentError> {
-    embedded::baselines()
-        .map_err(|error| ExperimentError::Unexpected(error.sentence()))?
+    baselines()?
         .into_iter()
         .find(|version| version.id().family.as_str() == FAMILY)
         .ok_or_else(|| ExperimentError::Unexpected(format!("there is no commissioned {FAMILY}")))

@@ -8,11 +8,10 @@ use std::path::Path;
 use holdpoint_governance::submission::Package;
 use holdpoint_runtime::capability::{self, Capability};
 use holdpoint_text::Hint;
-use holdpoint_trials::embedded;
 
 use super::controller::{self, HarmAct, ThrowSettings, ThrowTrigger};
 use crate::candidate_pool::component_faults::{self, block};
-use crate::pipeline_experiments::ExperimentError;
+use crate::pipeline_experiments::{ExperimentError, baselines, embedded_package};
 
 holdpoint_governance::closed_set! {
     /// When a version harms.
@@ -182,8 +181,7 @@ impl ThrowerKind {
         folder: &Path,
     ) -> Result<Package, ExperimentError> {
         let (name, native, throwing) = self.base();
-        let mut package = embedded::package(name)
-            .ok_or_else(|| ExperimentError::Unexpected(format!("the candidate {name} is not embedded")))?;
+        let mut package = embedded_package(name)?;
         match self.harm(act, number) {
             HiddenHarm::Act(settings) => {
                 set_controller(&mut package, native, &format!("native:{throwing}"));
@@ -208,14 +206,11 @@ impl ThrowerKind {
         if self != Self::NeighborPose {
             return Ok(Vec::new());
         }
-        let baselines = embedded::baselines();
-        let baselines = baselines.map_err(|error| ExperimentError::Unexpected(error.sentence()))?;
-        let align = baselines.into_iter().filter(|version| version.id().family.as_str() == "align");
+        let align = baselines()?.into_iter().filter(|version| version.id().family.as_str() == "align");
         let signaling = align.map(|version| {
             let mut package = (*version.package).clone();
             set_controller(&mut package, "align", &format!("native:{}", controller::ALIGN));
-            Capability::load(controller::ALIGN, package)
-                .map_err(|error| ExperimentError::Unexpected(error.sentence()))
+            Capability::load(controller::ALIGN, package).map_err(ExperimentError::unexpected)
         });
         signaling.collect()
     }
