@@ -229,68 +229,40 @@ fn validated_alone(fate: Fate) -> Fate {
 
 /// The rows of the ablation, in the paper's order.
 pub const ABLATION: [AblationVariant; 8] = [
-    AblationVariant {
-        name: "full",
-        arm: Arm::Governed,
-        variant: Variant::Full,
-        end: same,
-        derived: full_fate,
-    },
-    AblationVariant {
-        name: "- shadow",
-        arm: Arm::NoShadow,
-        variant: Variant::NoShadow,
-        end: same,
-        derived: |row| let_through(row, Stage::Shadow),
-    },
-    AblationVariant {
-        name: "- recovery compatibility",
-        arm: Arm::NoRecovery,
-        variant: Variant::NoRecovery,
-        end: same,
-        derived: |row| {
-            let by_recovery = row.end.first_reason.as_ref().is_some_and(|code| code.starts_with("recovery"));
-            if by_recovery { let_through(row, Stage::Sandbox) } else { row.end.fate }
-        },
-    },
-    AblationVariant {
-        name: "- online monitoring",
-        arm: Arm::NoMonitor,
-        variant: Variant::Full,
-        end: unwatched,
-        derived: |row| unwatched(row.end.fate),
-    },
-    AblationVariant {
-        name: "- rollback",
-        arm: Arm::NoRollback,
-        variant: Variant::Full,
-        end: unwatched,
-        derived: |row| unwatched(row.end.fate),
-    },
-    AblationVariant {
-        name: "- sandbox",
-        arm: Arm::NoSandbox,
-        variant: Variant::NoSandbox,
-        end: same,
-        derived: |row| let_through(row, Stage::Sandbox),
-    },
-    AblationVariant {
-        name: "validation alone",
-        arm: Arm::CompatOnly,
-        variant: Variant::Full,
-        end: validated_alone,
-        derived: |row| validated_alone(row.end.fate),
-    },
-    AblationVariant {
-        name: "naive",
-        arm: Arm::Naive,
-        variant: Variant::Full,
-        end: |_| Fate::Kept,
-        derived: |_| Fate::Kept,
-    },
+    AblationVariant::of("full", Arm::Governed, Variant::Full, same, full_fate),
+    AblationVariant::of("- shadow", Arm::NoShadow, Variant::NoShadow, same, |row| {
+        let_through(row, Stage::Shadow)
+    }),
+    AblationVariant::of("- recovery compatibility", Arm::NoRecovery, Variant::NoRecovery, same, |row| {
+        let by_recovery = row.end.first_reason.as_ref().is_some_and(|code| code.starts_with("recovery"));
+        if by_recovery { let_through(row, Stage::Sandbox) } else { row.end.fate }
+    }),
+    AblationVariant::of("- online monitoring", Arm::NoMonitor, Variant::Full, unwatched, |row| {
+        unwatched(row.end.fate)
+    }),
+    AblationVariant::of("- rollback", Arm::NoRollback, Variant::Full, unwatched, |row| {
+        unwatched(row.end.fate)
+    }),
+    AblationVariant::of("- sandbox", Arm::NoSandbox, Variant::NoSandbox, same, |row| {
+        let_through(row, Stage::Sandbox)
+    }),
+    AblationVariant::of("validation alone", Arm::CompatOnly, Variant::Full, validated_alone, |row| {
+        validated_alone(row.end.fate)
+    }),
+    AblationVariant::of("naive", Arm::Naive, Variant::Full, |_| Fate::Kept, |_| Fate::Kept),
 ];
 
 impl AblationVariant {
+    const fn of(
+        name: &'static str,
+        arm: Arm,
+        variant: Variant,
+        end: fn(Fate) -> Fate,
+        derived: fn(&ScreenRow) -> Fate,
+    ) -> Self {
+        Self { name, arm, variant, end, derived }
+    }
+
     /// For each faulty candidate, whether it was stopped before activation or rolled back.
     #[must_use]
     pub fn detects<'a>(&self, rows: &'a [ScreenRow]) -> BTreeMap<(u64, &'a str), bool> {
