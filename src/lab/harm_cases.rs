@@ -181,7 +181,7 @@ impl HarmBench {
     }
 }
 
-fn pairs_of(active: &[TaskRecord], candidate: &[TaskRecord]) -> Vec<Pair> {
+pub(super) fn pairs_of(active: &[TaskRecord], candidate: &[TaskRecord]) -> Vec<Pair> {
     let both = active.iter().zip(candidate);
     both.filter_map(|(old, new)| {
         let (active, candidate) = (old.values()?, new.values()?);
@@ -204,7 +204,7 @@ fn binding() -> EvidenceBinding {
 }
 
 /// The assessment of these pairs, with a budget of their number.
-fn judge(pairs: Vec<Pair>, profile: &Profile) -> BehaviorAssessment {
+pub(super) fn judge(pairs: Vec<Pair>, profile: &Profile) -> BehaviorAssessment {
     let mut profile = profile.clone();
     profile.evaluation.sandbox_pairs = u32::try_from(pairs.len()).unwrap();
     let evidence = PairedEvidence { binding: binding(), pairs, hard_stops: Vec::new() };
@@ -224,7 +224,7 @@ fn is_as_expected(expected: HarmExpectation, found: &BehaviorAssessment) -> bool
     }
 }
 
-fn assessment_text(found: &BehaviorAssessment) -> String {
+pub(super) fn assessment_text(found: &BehaviorAssessment) -> String {
     let reasons: Vec<String> = found.assessment.reasons.iter().map(holdpoint_wording::line).collect();
     format!("{:?}: {}", found.assessment.outcome, reasons.join("; "))
 }

@@ -12,8 +12,6 @@ use holdpoint_cell::rng::Stream;
 use holdpoint_governance::behavior::{
     self, BehaviorAssessment, SequenceComparison, SequenceEvidence, SequencePair, SequenceStep,
 };
-use holdpoint_governance::distribution_shift::significant_shifts;
-use holdpoint_governance::evidence::{EvidenceBinding, Pair, PairedEvidence, ShadowSequence};
 use holdpoint_governance::finding::Finding;
 use holdpoint_governance::ids::Digest;
 use holdpoint_governance::outcome::BehaviorOutcome;
@@ -34,6 +32,7 @@ use holdpoint_trials::worker_pool::{PoolJob, WorkerPool};
 use toml::{Table, Value};
 
 use crate::candidate_pool::draft::Draft;
+use crate::harm_cases::{assessment_text, judge, pairs_of};
 
 /// Cell, rules and baselines.
 struct SequenceBench {
@@ -41,10 +40,6 @@ struct SequenceBench {
     profile: Profile,
     terms: SkillTerms,
     baselines: BTreeMap<TaskKind, Capability>,
-}
-
-fn digest() -> Digest {
-    Digest::of_parts("test", &[])
 }
 
 impl SequenceBench {
@@ -82,20 +77,10 @@ impl SequenceBench {
     }
 
     fn episodes(&self, version: &Capability, run: u64, pairs: u64) -> Vec<TaskRecord> {
-        self.episodes_in(version, Conditions::Sandbox, (run, SeedPurpose::Perturbation), pairs)
-    }
-
-    fn episodes_in(
-        &self,
-        version: &Capability,
-        conditions: Conditions,
-        (run, purpose): (u64, SeedPurpose),
-        pairs: u64,
-    ) -> Vec<TaskRecord> {
-        let seeds = (0..pairs).map(|index| episode_seed(run, purpose, index));
+        let seeds = (0..pairs).map(|index| episode_seed(run, SeedPurpose::Perturbation, index));
         let (worker_pool, cancel) = (WorkerPool::new(2), AtomicBool::new(false));
         let terms = self.trial_subject(version).terms;
-        batch(&worker_pool, &cancel, &self.cell, (version, &terms), conditions, seeds).unwrap()
+        batch(&worker_pool, &cancel, &self.cell, (version, &terms), Conditions::Sandbox, seeds).unwrap()
     }
 
     fn sequences(
@@ -125,24 +110,6 @@ impl SequenceBench {
         worker_pool.run_jobs((0..count).map(job).collect(), &AtomicBool::new(false)).unwrap()
     }
 
-    /// The verdict of a version's own pairs.
-    fn alone(&self, active: &[TaskRecord], candidate: &[TaskRecord]) -> BehaviorAssessment {
-        let pairs = pairs_of(active, candidate);
-        let mut profile = self.profile.clone();
-        profile.evaluation.sandbox_pairs = u32::try_from(pairs.len()).unwrap();
-        let binding = EvidenceBinding {
-            candidate: digest(),
-            active: Some(digest()),
-            profile: digest(),
-            policy: digest(),
-            environment: digest(),
-            neighbours: None,
-            anchor: None,
-        };
-        let evidence = PairedEvidence { binding, pairs, hard_stops: Vec::new() };
-        behavior::assess(&evidence, &binding, &profile)
-    }
-
     fn evidence(
         &self,
         task: TaskKind,
@@ -166,20 +133,6 @@ impl SequenceBench {
             pairs,
         }
     }
-}
-
-fn pairs_of(active: &[TaskRecord], candidate: &[TaskRecord]) -> Vec<Pair> {
-    let both = active.iter().zip(candidate);
-    let pair = |(old, new): (&TaskRecord, &TaskRecord)| {
-        let (active, candidate) = (old.values()?, new.values()?);
-        Some(Pair { seed: old.seed, active, candidate, live_like: false })
-    };
-    both.filter_map(pair).collect()
-}
-
-fn assessment_text(found: &BehaviorAssessment) -> String {
-    let reasons: Vec<String> = found.assessment.reasons.iter().map(holdpoint_wording::line).collect();
-    format!("{:?}: {}", found.assessment.outcome, reasons.join("; "))
 }
 
 /// The expected result of a case.
@@ -290,7 +243,7 @@ fn assess_case(
     let beside: Vec<Capability> =
         case.beside.iter().map(|(task, changes)| bench.altered_version(*task, changes)).collect();
     let own = known.episodes.entry(case.task).or_insert_with(|| bench.episodes(baseline, run, pairs));
-    let alone = bench.alone(own, &bench.episodes(&version, run, pairs));
+    let alone = judge(pairs_of(own, &bench.episodes(&version, run, pairs)), &bench.profile);
     let who = (case.task, format!("{:?}", case.beside));
     let old = known.sequences.entry(who).or_insert_with(|| bench.sequences(baseline, &beside, run, count));
     let evidence = bench.evidence(case.task, old, &bench.sequences(&version, &beside, run, count));
@@ -439,61 +392,5 @@ fn error_rates_and_power_of_sequences_are_measured() {
                 println!("{name}, {count} sequences, next fails in {rate} more: {worse:?}");
             }
         }
-    }
-}
-
-/// Prints how often shadow reports a shift between sandbox and live cell: for an unchanged baseline, for `Kept` cases,
-/// and for a grasp that does not settle. `SHIFT_SHADOWS` is the number of shadows, each examined at both budgets. Single
-/// tasks under live conditions replace the twins.
-#[test]
-fn frequency_of_reported_shifts_is_measured() {
-    let shadows = number("SHIFT_SHADOWS", 0);
-    if shadows == 0 {
-        return;
-    }
-    let bench = SequenceBench::new();
-    let settings = &bench.profile.evaluation;
-    let looks = [settings.shadow_sequences, settings.shadow_sequences_max];
-    let run = CALIBRATION_FROM_RUN + 60;
-    let other = case("unchanged", Grasp, "", &[], Kept);
-    let bet = case("does not settle", Grasp, "settle_secs = 0.0", &[], Kept);
-    let names = ["slower", "gentler", "higher approach", "sets down slower", "looks longer"];
-    let honest = names.iter().filter_map(|name| CASES.iter().find(|case| case.name == *name));
-    for case in honest.chain([&other, &bet]) {
-        let sides = [bench.baselines[&case.task].clone(), bench.altered_version(case.task, case.changes)];
-        let [old, new] =
-            sides.clone().map(|one| bench.episodes(&one, run, u64::from(settings.sandbox_pairs)));
-        let sandbox = pairs_of(&old, &new);
-        let live = u64::from(looks[1]) * shadows;
-        let [old, new] =
-            sides.map(|one| bench.episodes_in(&one, Conditions::Live, (run, SeedPurpose::Live), live));
-        let sequence = |(old, new): (&TaskRecord, &TaskRecord)| ShadowSequence {
-            seed: old.seed,
-            live_success: old.success,
-            twin_success: new.success,
-            live_policy_hit: old.violation,
-            twin_policy_hit: new.violation,
-            live_watcher_event: old.anomaly,
-            twin_watcher_event: new.anomaly,
-            output_divergence: 0.0,
-            envelope_divergence: 0.0,
-            live_conduct: old.conduct(),
-            twin_conduct: new.conduct(),
-            twin_difference: None,
-        };
-        let sequences: Vec<ShadowSequence> = old.iter().zip(&new).map(sequence).collect();
-        let mut counts: BTreeMap<String, u32> = BTreeMap::new();
-        let mut shifted_in = 0;
-        for shadow in sequences.chunks(looks[1] as usize) {
-            let found = looks.map(|look| {
-                significant_shifts(&sandbox, &shadow[..shadow.len().min(look as usize)], &bench.profile)
-            });
-            shifted_in += u32::from(found.iter().any(|reasons| !reasons.is_empty()));
-            for reason in found.into_iter().flatten() {
-                *counts.entry(holdpoint_wording::reason(&reason).chars().take(90).collect()).or_default() +=
-                    1;
-            }
-        }
-        println!("{}: {shifted_in} of {shadows} shadows shifted: {counts:?}", case.name);
     }
 }
