@@ -5,43 +5,18 @@
 use super::{failed, jobs_or_cores, progress};
 use std::path::PathBuf;
 
-use clap::{Args, ValueEnum};
+use clap::Args;
+use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 
 use super::truth::shard;
 use crate::paper_reproduction::run::{self, ExperimentPart, PaperOutcome, PaperPlan};
 use crate::paper_reproduction::{PaperSetup, Preset, report};
 use crate::pipeline_experiments::ExperimentError;
+use crate::wording::answers;
 use holdpoint::cli::output::CommandOutput;
 use holdpoint::cli::result_cache::CacheKeyArgs;
 use holdpoint::cli::run::JOBS_MAX;
 use holdpoint::error::{CliError, Exit};
-
-/// The number of runs.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub enum PresetArg {
-    /// One seed of calibration and one round: a quick check without statistical weight.
-    Smoke,
-    /// Five seeds, as in the paper's figure 4.
-    PaperFig4,
-    /// Fifteen seeds, as in the paper's table 7.
-    PaperE2,
-    /// Five seeds and eight rounds, as in the paper's section 7.8.
-    Protocol,
-    /// Forty seeds.
-    Claims,
-}
-
-impl From<PresetArg> for Preset {
-    fn from(preset: PresetArg) -> Self {
-        match preset {
-            PresetArg::Smoke => Self::Smoke,
-            PresetArg::PaperFig4 => Self::PaperFig4,
-            PresetArg::PaperE2 => Self::PaperE2,
-            PresetArg::Protocol => Self::Protocol,
-            PresetArg::Claims => Self::Claims,
-        }
-    }
-}
 
 /// The arguments of the paper's experiments.
 #[derive(Clone, Debug, PartialEq, Eq, Args)]
@@ -52,8 +27,8 @@ Examples:
   holdpoint-lab experiment e2 --preset claims --out paper --shard 1/8")]
 pub struct PaperArgs {
     /// The number of runs.
-    #[arg(long, value_name = "NAME", value_enum, default_value = "smoke")]
-    pub preset: PresetArg,
+    #[arg(long, value_name = "NAME", default_value_t = Preset::Smoke, value_parser = presets())]
+    pub preset: Preset,
     /// The first seed to run, of those in the preset [default: its first].
     #[arg(long, value_name = "SEED")]
     pub first_seed: Option<u64>,
@@ -83,6 +58,12 @@ pub struct PaperArgs {
     pub cache_key: CacheKeyArgs,
 }
 
+/// The presets with their content.
+fn presets() -> impl TypedValueParser<Value = Preset> {
+    let described = |preset: Preset| PossibleValue::new(preset.name()).help(answers::paper_preset(preset));
+    PossibleValuesParser::new(Preset::ALL.map(described)).try_map(|name| name.parse::<Preset>())
+}
+
 /// The arguments of `experiment report`.
 #[derive(Clone, Debug, PartialEq, Eq, Args)]
 #[command(after_help = "\
@@ -107,8 +88,7 @@ pub fn regenerate_report(args: &ReportArgs, out: &mut CommandOutput<'_>) -> Resu
 /// # Errors
 /// If the folder cannot be used, or a candidate does not reach an end.
 pub fn run(args: &PaperArgs, part: ExperimentPart, out: &mut CommandOutput<'_>) -> Result<Exit, CliError> {
-    let preset = Preset::from(args.preset);
-    let mut size = preset.size();
+    let mut size = args.preset.size();
     if let Some(first) = args.first_seed {
         size = size.beginning_at(first).ok_or_else(|| {
             CliError::usage(ExperimentError::Option {
@@ -133,7 +113,7 @@ pub fn run(args: &PaperArgs, part: ExperimentPart, out: &mut CommandOutput<'_>) 
     size.pools = args.pools.unwrap_or(size.pools).min(size.seeds);
     size.ablated = args.ablated.unwrap_or(size.ablated).min(size.pools);
     size.drifts = args.drifts.unwrap_or(size.drifts).min(size.seeds);
-    let plan = PaperPlan { part, preset, size, out: args.out.clone() };
+    let plan = PaperPlan { part, preset: args.preset, size, out: args.out.clone() };
     print_outcome(&run::run(&setup, &plan, &progress::tell).map_err(failed)?, out)
 }
 

@@ -11,6 +11,7 @@ use super::raw_rows::RawRows;
 use super::{Arm, PaperSetup, Preset, RoundRow, overhead, pool_screening, report, rounds};
 use crate::pipeline_experiments::drift::{self, DriftOptions};
 use crate::pipeline_experiments::{ExperimentError, ProgressFn, layer_failure};
+use crate::wording::answers;
 
 /// Which of the experiments.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -120,7 +121,7 @@ pub fn run(
         return Err(ExperimentError::Option {
             option: "--shard",
             value: format!("{}/{}", setup.shard.0 + 1, setup.shard.1),
-            allowed: "e4 and overhead are worked whole",
+            allowed: "e4 and overhead run whole",
         });
     }
     if plan.part == ExperimentPart::Overhead {
@@ -139,8 +140,7 @@ pub fn run(
     let drifts = plan.drifts(setup);
     if setup.shard.1 > 1 {
         let (part, of) = setup.shard;
-        let line = format!("part {} of {of} is worked; a run without --shard writes the report", part + 1);
-        return Ok(PaperOutcome { summary: vec![line] });
+        return Ok(PaperOutcome { summary: vec![answers::shard_is_run(part + 1, of)] });
     }
     let mut rows = RawRows { rounds: of_rounds, pools: of_pools, ..RawRows::default() };
     if let Some(options) = drifts {

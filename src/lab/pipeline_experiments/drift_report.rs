@@ -114,27 +114,28 @@ pub(super) fn markdown(report: &DriftReport) -> String {
 
 /// Recovery end to end against the magnitude, one curve for each drift; a cell has no point if no run needed a rollback.
 pub(super) fn svg(report: &DriftReport) -> Result<String, ExperimentError> {
+    draw(report).map_err(|error| ExperimentError::Plot(error.to_string()))
+}
+
+fn draw(report: &DriftReport) -> Result<String, Box<dyn std::error::Error>> {
     const COLORS: [RGBColor; 4] = [BLUE, RED, GREEN, MAGENTA];
-    let failed = |error: String| ExperimentError::Plot(error);
     let mut text = String::new();
     {
         let area = SVGBackend::with_string(&mut text, PLOT).into_drawing_area();
-        area.fill(&WHITE).map_err(|error| failed(error.to_string()))?;
+        area.fill(&WHITE)?;
         let mut chart = ChartBuilder::on(&area)
             .caption(wording::PLOT, ("sans-serif", 18))
             .margin(12)
             .x_label_area_size(36)
             .y_label_area_size(44)
-            .build_cartesian_2d(0.6..3.4_f64, 0.0..1.0_f64)
-            .map_err(|error| failed(error.to_string()))?;
+            .build_cartesian_2d(0.6..3.4_f64, 0.0..1.0_f64)?;
         chart
             .configure_mesh()
             .x_labels(3)
             .x_label_formatter(&|x| label(*x).to_owned())
             .y_desc("share")
             .x_desc("magnitude")
-            .draw()
-            .map_err(|error| failed(error.to_string()))?;
+            .draw()?;
         for (index, (kind, color)) in DriftKind::ALL.into_iter().zip(COLORS).enumerate() {
             // The curves are shifted, so that their bars do not overlap.
             let shift = 0.05 * (index as f64 - 1.5);
@@ -148,23 +149,15 @@ pub(super) fn svg(report: &DriftReport) -> Result<String, ExperimentError> {
                 let x = step as f64 + 1.0 + shift;
                 points.push((x, share));
                 let bar = vec![(x, ends.lower), (x, ends.upper)];
-                chart
-                    .draw_series(LineSeries::new(bar, color.stroke_width(1)))
-                    .map_err(|error| failed(error.to_string()))?;
+                chart.draw_series(LineSeries::new(bar, color.stroke_width(1)))?;
             }
             chart
-                .draw_series(LineSeries::new(points, color.stroke_width(2)))
-                .map_err(|error| failed(error.to_string()))?
+                .draw_series(LineSeries::new(points, color.stroke_width(2)))?
                 .label(kind.name())
                 .legend(move |(x, y)| PathElement::new(vec![(x, y), (x + 16, y)], color));
         }
-        chart
-            .configure_series_labels()
-            .border_style(BLACK)
-            .background_style(WHITE.mix(0.8))
-            .draw()
-            .map_err(|error| failed(error.to_string()))?;
-        area.present().map_err(|error| failed(error.to_string()))?;
+        chart.configure_series_labels().border_style(BLACK).background_style(WHITE.mix(0.8)).draw()?;
+        area.present()?;
     }
     Ok(text)
 }

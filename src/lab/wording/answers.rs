@@ -12,6 +12,7 @@ use crate::danger_thresholds::DangerReport;
 use crate::danger_thresholds::rule::{BOUND_ALPHA, DANGERS_MIN, FALSE_ALARMS_MAX};
 use crate::ground_truth::Roc;
 use crate::ground_truth::sensors::FamilyAgreement;
+use crate::paper_reproduction::Preset as PaperPreset;
 use crate::parameter_search::RefineReport;
 use crate::parameter_search::search::SearchProgress;
 use crate::pipeline_experiments::series::{SeriesReport, SeriesSummary};
@@ -282,6 +283,25 @@ pub fn danger_halves(report: &DangerReport) -> String {
     format!(
         "the tasks from {chosen_from} on chose; the tasks from {tested_from} on count, in 10,000 tasks with exact 95 % bounds:"
     )
+}
+
+// --- the paper's experiments ---
+
+/// The runs of a preset.
+pub const fn paper_preset(preset: PaperPreset) -> &'static str {
+    match preset {
+        PaperPreset::Smoke => {
+            "One seed of calibration and one round: a quick check without statistical weight"
+        }
+        PaperPreset::PaperFig4 => "Five seeds, as in the paper's figure 4",
+        PaperPreset::PaperE2 => "Fifteen seeds, as in the paper's table 7",
+        PaperPreset::Protocol => "Five seeds and eight rounds, as in the paper's section 7.8",
+        PaperPreset::Claims => "Forty seeds",
+    }
+}
+
+pub fn shard_is_run(part: usize, of: usize) -> String {
+    format!("part {part} of {of} is run; a run without --shard writes the report")
 }
 
 // --- experiment distinguisher ---
