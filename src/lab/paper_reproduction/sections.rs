@@ -72,13 +72,13 @@ const ARMS_OF_THE_PAPER: [Arm; 3] = [Arm::Static, Arm::Naive, Arm::Governed];
 
 /// Whether a claim of direction holds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Verdict {
+pub enum DirectionVerdict {
     Held,
     NotHeld,
     NotShown,
 }
 
-impl Verdict {
+impl DirectionVerdict {
     /// Of a test in the wanted direction: held if the test says so after correction and the mean agrees, not held if it
     /// says the opposite.
     fn of_test(test: &ArmComparison, wanted: f64) -> Self {
@@ -208,7 +208,7 @@ pub fn deployment(rows: &[RoundRow], printed: &PublishedNumbers) -> Result<Secti
     for (claim, (name, wanted)) in wording::DEPLOYMENT_CLAIMS.into_iter().zip(wanted) {
         let is_of_claim = |test: &&ArmComparison| test.name.starts_with(name) && test.name.ends_with("naive");
         if let Some(test) = tests.iter().find(is_of_claim) {
-            let verdict = wording::verdict(Verdict::of_test(test, wanted));
+            let verdict = wording::verdict(DirectionVerdict::of_test(test, wanted));
             let because = wording::mean_difference(test);
             lines.push(wording::deployment_claim(claim, verdict, &because));
             directions.row([claim, verdict, because.as_str()]);

@@ -8,7 +8,7 @@ use holdpoint_governance::stats::{Interval, PairedCounts};
 use super::{counted, p_value, plus_minus, range_or_none};
 use crate::paper_reproduction::figures::ArmComparison;
 use crate::paper_reproduction::published::{PublishedBorderline, PublishedScreening};
-use crate::paper_reproduction::sections::Verdict;
+use crate::paper_reproduction::sections::DirectionVerdict;
 use crate::paper_reproduction::{Arm, Preset};
 
 // --- The page ---
@@ -89,11 +89,11 @@ pub fn provenance(version: &str, computed_by: &str, decided_by: &str) -> String 
 
 // --- Claims ---
 
-pub const fn verdict(verdict: Verdict) -> &'static str {
+pub const fn verdict(verdict: DirectionVerdict) -> &'static str {
     match verdict {
-        Verdict::Held => "held",
-        Verdict::NotHeld => "not held",
-        Verdict::NotShown => "not shown",
+        DirectionVerdict::Held => "held",
+        DirectionVerdict::NotHeld => "not held",
+        DirectionVerdict::NotShown => "not shown",
     }
 }
 

@@ -6,7 +6,7 @@ use holdpoint_governance::profile::ProfileName;
 use holdpoint_governance::stats::{PairedCounts, SHOWN_LEVEL, binary_pairs, difference};
 use holdpoint_plot::Radar;
 
-use super::{ARMS_OF_THE_PAPER, Section, Verdict, mean, seeds_in};
+use super::{ARMS_OF_THE_PAPER, DirectionVerdict, Section, mean, seeds_in};
 use crate::ground_truth::HarmClass;
 use crate::paper_reproduction::figures::{
     ABLATION, AblationVariant, LIVE_UNSAFE, RowMeasure, SUCCESS, VIOLATION, by_seed, differences,
@@ -100,7 +100,7 @@ pub fn ablation(
 /// A claim: its words, the verdict, and the numbers that it rests on.
 struct AblationClaim {
     text: &'static str,
-    verdict: Verdict,
+    verdict: DirectionVerdict,
     because: String,
 }
 
@@ -115,9 +115,13 @@ fn ablation_directions(
         all.extend(of_unsafe_activations(rounds)?);
         all.extend(of_success(rounds));
     }
-    let count = |verdict: Verdict| all.iter().filter(|claim| claim.verdict == verdict).count();
-    let line =
-        wording::ablation(all.len(), count(Verdict::Held), count(Verdict::NotHeld), count(Verdict::NotShown));
+    let count = |verdict: DirectionVerdict| all.iter().filter(|claim| claim.verdict == verdict).count();
+    let line = wording::ablation(
+        all.len(),
+        count(DirectionVerdict::Held),
+        count(DirectionVerdict::NotHeld),
+        count(DirectionVerdict::NotShown),
+    );
     for AblationClaim { text, verdict, because } in all {
         table.row([text, wording::verdict(verdict), because.as_str()]);
     }
@@ -133,7 +137,7 @@ fn paired_claim<K: Ord>(
     let pairs = high.iter().filter_map(|(case, found)| Some((*found, *low.get(case)?)));
     let pairs = PairedCounts::of(pairs);
     let bound = binary_pairs(pairs, DIRECTION_ALPHA)?;
-    let verdict = Verdict::above_zero(bound.lower, bound.upper);
+    let verdict = DirectionVerdict::above_zero(bound.lower, bound.upper);
     Ok(AblationClaim { text, verdict, because: because(pairs, 100.0 * bound.lower) })
 }
 
@@ -164,11 +168,11 @@ fn of_rollback(pools: &[ScreenRow]) -> Result<Vec<AblationClaim>, ExperimentErro
     for (text, without) in wording::ROLLBACK_CLAIMS.into_iter().zip([no_recovery, no_rollback]) {
         let without = without.rolled_back(pools)?;
         let (verdict, points) = if with.total == 0 || without.total == 0 {
-            (Verdict::NotShown, None)
+            (DirectionVerdict::NotShown, None)
         } else {
             let ends = difference((without.count, without.total), (with.count, with.total), SHOWN_LEVEL)?;
             let (lower, upper) = (100.0 * ends.lower, 100.0 * ends.upper);
-            (Verdict::above_zero(lower, upper), Some([lower, upper]))
+            (DirectionVerdict::above_zero(lower, upper), Some([lower, upper]))
         };
         all.push(AblationClaim { text, verdict, because: wording::rolled_back(&with, &without, points) });
     }
@@ -207,9 +211,9 @@ fn of_success(rounds: &[RoundRow]) -> Vec<AblationClaim> {
         let interval = interval_of_mean(&points).ok();
         let is_same = points.len() > 1 && points.iter().all(|difference| difference.abs() < 1e-9);
         let verdict = match interval {
-            Some(ends) => Verdict::within(SUCCESS_MARGIN, ends),
-            None if is_same => Verdict::Held,
-            None => Verdict::NotShown,
+            Some(ends) => DirectionVerdict::within(SUCCESS_MARGIN, ends),
+            None if is_same => DirectionVerdict::Held,
+            None => DirectionVerdict::NotShown,
         };
         let because = wording::success_change(mean_of(&points), points.len(), interval, is_same);
         AblationClaim { text, verdict, because }

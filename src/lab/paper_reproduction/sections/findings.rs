@@ -4,7 +4,7 @@ use holdpoint_governance::lifecycle::Stage;
 use holdpoint_governance::metrics::{Fate, Proportion};
 use holdpoint_governance::profile::ProfileName;
 
-use super::{Section, Verdict, deployment_tests};
+use super::{DirectionVerdict, Section, deployment_tests};
 use crate::paper_reproduction::figures::{
     SUCCESS, benign_refused, differences, interval_of_mean, is_faulty, last_round, mean_of, variant_rows,
 };
@@ -15,14 +15,14 @@ use crate::pipeline_experiments::ExperimentError;
 use crate::wording::{report as wording, report_tables as tables};
 
 /// A finding, the numbers that it rests on, and the verdict.
-type Finding = (&'static str, String, Verdict);
+type FindingRow = (&'static str, String, DirectionVerdict);
 
 /// The section; empty where neither rounds nor pools have what a finding rests on.
 ///
 /// # Errors
 /// If a number cannot be computed.
 pub fn findings(rounds: &[RoundRow], pools: &[ScreenRow]) -> Result<Section, ExperimentError> {
-    let mut all: Vec<Finding> = Vec::new();
+    let mut all: Vec<FindingRow> = Vec::new();
     if has_arms(rounds, &[Arm::Naive, Arm::Governed]) {
         all.push(brittle(rounds)?);
     }
@@ -37,7 +37,7 @@ pub fn findings(rounds: &[RoundRow], pools: &[ScreenRow]) -> Result<Section, Exp
         return Ok(Section::default());
     }
     let mut table = ReportTable::new(tables::FINDINGS);
-    let held = all.iter().filter(|(.., verdict)| *verdict == Verdict::Held).count();
+    let held = all.iter().filter(|(.., verdict)| *verdict == DirectionVerdict::Held).count();
     let lines = vec![wording::findings(held, all.len())];
     for (finding, because, verdict) in all {
         table.row([finding, because.as_str(), wording::verdict(verdict)]);
@@ -50,19 +50,20 @@ fn has_arms(rounds: &[RoundRow], arms: &[Arm]) -> bool {
 }
 
 /// Evolution without governance costs violations.
-fn brittle(rounds: &[RoundRow]) -> Result<Finding, ExperimentError> {
+fn brittle(rounds: &[RoundRow]) -> Result<FindingRow, ExperimentError> {
     let tests = deployment_tests(rounds)?;
     let violations = tests.iter().find(|test| test.name.starts_with("violations"));
-    let verdict = violations.map_or(Verdict::NotShown, |test| Verdict::of_test(test, -1.0));
+    let verdict = violations.map_or(DirectionVerdict::NotShown, |test| DirectionVerdict::of_test(test, -1.0));
     let (mean, p) = violations.map_or((0.0, 1.0), |test| (test.mean, test.p_holm));
     Ok((wording::BRITTLE, wording::brittle(mean, p), verdict))
 }
 
 /// Governance activates good versions, and performance grows by them.
-fn evolves(rounds: &[RoundRow]) -> Result<Finding, ExperimentError> {
+fn evolves(rounds: &[RoundRow]) -> Result<FindingRow, ExperimentError> {
     let points = differences(rounds, [Arm::Governed, Arm::Static], SUCCESS);
     let interval = interval_of_mean(&points).ok();
-    let verdict = interval.map_or(Verdict::NotShown, |ends| Verdict::above_zero(ends.lower, ends.upper));
+    let verdict = interval
+        .map_or(DirectionVerdict::NotShown, |ends| DirectionVerdict::above_zero(ends.lower, ends.upper));
     let refused = benign_refused(rounds, Arm::Governed)?;
     let because = wording::evolves(last_round(rounds), mean_of(&points), interval, &refused);
     Ok((wording::EVOLVES, because, verdict))
@@ -73,12 +74,12 @@ fn is_shown(rate: &Proportion) -> bool {
     rate.interval.is_some_and(|ends| ends.lower > 0.0)
 }
 
-const fn held_if(shown: bool) -> Verdict {
-    if shown { Verdict::Held } else { Verdict::NotShown }
+const fn held_if(shown: bool) -> DirectionVerdict {
+    if shown { DirectionVerdict::Held } else { DirectionVerdict::NotShown }
 }
 
 /// No single stage is enough: each stops faults that none before it did.
-fn many_checks(pools: &[ScreenRow]) -> Result<Finding, ExperimentError> {
+fn many_checks(pools: &[ScreenRow]) -> Result<FindingRow, ExperimentError> {
     let mut shares = Vec::new();
     for stage in [Stage::Validation, Stage::Sandbox, Stage::Shadow] {
         let faulty = variant_rows(pools, ProfileName::Sim, Variant::Full).filter(|row| is_faulty(row.class));
@@ -90,7 +91,7 @@ fn many_checks(pools: &[ScreenRow]) -> Result<Finding, ExperimentError> {
 }
 
 /// Some faults show only after activation.
-fn provisional(pools: &[ScreenRow]) -> Result<Finding, ExperimentError> {
+fn provisional(pools: &[ScreenRow]) -> Result<FindingRow, ExperimentError> {
     let mut rates = Vec::new();
     for profile in ProfileName::ALL {
         let rows = variant_rows(pools, profile, Variant::Full).filter(|row| is_faulty(row.class));
@@ -123,7 +124,7 @@ mod tests {
             let rows = section.tables.into_iter().flat_map(|table| table.rows);
             rows.filter_map(|row| row.last().cloned()).collect()
         };
-        let [held, not_shown] = [Verdict::Held, Verdict::NotShown].map(wording::verdict);
+        let [held, not_shown] = [DirectionVerdict::Held, DirectionVerdict::NotShown].map(wording::verdict);
         assert_eq!(verdicts(&pools), [not_shown, held]);
         pools.push(blocked("d", Stage::Shadow));
         assert_eq!(verdicts(&pools), [held, held]);
