@@ -22,11 +22,13 @@ use std::path::PathBuf;
 use clap::{Args, Parser, Subcommand};
 use holdpoint::cli::output::TextTable;
 use holdpoint::cli::result_cache::CacheKeyArgs;
+use holdpoint::cli::run::{JOBS_MAX, ProfileArg};
 use holdpoint::cli::{CommandOutput, end, wants_json};
 use holdpoint::error::{CliError, Exit, print_usage};
 use holdpoint_store::ResultCache;
 
 use crate::pipeline_experiments::ExperimentError;
+use crate::pipeline_experiments::per_candidate::RunPlan;
 
 /// Measures Holdpoint: experiments, pools of candidates, an optimizer, benchmarks.
 #[derive(Clone, Debug, Parser)]
@@ -108,6 +110,42 @@ impl CacheArgs {
     fn open(&self) -> Result<Option<ResultCache>, CliError> {
         let folder = self.out.as_ref().map(|out| out.join("kept"));
         self.cache_key.open_cache_if_named(folder.as_deref(), "--out")
+    }
+}
+
+/// A pool whose candidates go through the stages.
+#[derive(Clone, Debug, PartialEq, Eq, Args)]
+pub struct PoolRunArgs {
+    /// The pool's folder; its truth file is beside it.
+    #[arg(long, value_name = "DIR")]
+    pub pool: PathBuf,
+    /// A profile, from the least strict to the strictest; can be given several times.
+    #[arg(long = "profile", value_name = "NAME", value_enum, default_value = "sim")]
+    pub profiles: Vec<ProfileArg>,
+    /// The first run seed. Below 100 its episodes were never used for tuning.
+    #[arg(long, default_value_t = 30, value_name = "N")]
+    pub seed: u64,
+    /// Run seeds that the candidates are distributed over, 1 to 100.
+    #[arg(long, default_value_t = 10, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=100))]
+    pub blocks: u64,
+    /// Candidates at once [default: the number of cores].
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=i64::from(JOBS_MAX)))]
+    pub jobs: Option<u16>,
+    /// The cache of finished results.
+    #[command(flatten)]
+    pub cache: CacheArgs,
+}
+
+impl PoolRunArgs {
+    fn plan(&self) -> Result<RunPlan, CliError> {
+        Ok(RunPlan {
+            pool: self.pool.clone(),
+            profiles: self.profiles.iter().map(|profile| (*profile).into()).collect(),
+            seed: self.seed,
+            blocks: self.blocks,
+            jobs: jobs_or_cores(self.jobs),
+            cache: self.cache.open()?,
+        })
     }
 }
 

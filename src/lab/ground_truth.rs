@@ -11,8 +11,6 @@ mod score;
 pub mod sensors;
 mod true_harm;
 
-use std::path::PathBuf;
-
 use serde::{Deserialize, Serialize};
 
 pub use self::classify::{
@@ -26,7 +24,7 @@ pub use self::score::{ClassScore, ErrorTarget, ProfileScore};
 pub use self::true_harm::{SqueezePeak, has_counterpart};
 use crate::candidate_pool::Pool;
 use crate::pipeline_experiments::candidate_run::{CandidateEnd, ThresholdScale};
-use crate::pipeline_experiments::per_candidate::{self, CandidateJob};
+use crate::pipeline_experiments::per_candidate::{self, CandidateJob, RunPlan};
 use crate::pipeline_experiments::{
     ExperimentError, ProgressFn, baselines, cache_or_new, cached_result, scratch,
 };
@@ -53,19 +51,12 @@ const BLOCK: u64 = 100;
 /// The candidates to judge, and the most effort.
 #[derive(Clone, Debug)]
 pub struct TruthPlan {
-    pub pool: PathBuf,
+    /// The pool and the decisions about it. The truth is measured under the least strict profile.
+    pub run: RunPlan,
     /// The most pairs of episodes of a candidate; one of [`LOOKS`].
     pub most: u64,
-    /// The profiles whose decisions are scored; the truth is measured under the least strict one.
-    pub profiles: Vec<ProfileName>,
-    /// The first run seed of the decisions, and the number of seeds.
-    pub seed: u64,
-    pub blocks: u64,
-    pub jobs: usize,
     /// Every `of`-th candidate from the `shard`-th on.
     pub shard: (usize, usize),
-    /// Finished results are cached here and not run again.
-    pub cache: Option<ResultCache>,
 }
 
 /// The truth of one candidate, and its end under each profile.
@@ -101,7 +92,7 @@ pub(crate) struct TruthBench {
 /// If the pool cannot be read, a candidate cannot be loaded or does not come to an end, or a cached result cannot be
 /// written.
 pub fn run(plan: &TruthPlan, tell: &ProgressFn<'_>) -> Result<TruthReport, ExperimentError> {
-    let pool = Pool::read(&plan.pool)?;
+    let pool = Pool::read(&plan.run.pool)?;
     let (shard, of) = plan.shard;
     let packages: Vec<_> = per_candidate::packages(&pool)?
         .into_iter()
@@ -111,15 +102,16 @@ pub fn run(plan: &TruthPlan, tell: &ProgressFn<'_>) -> Result<TruthReport, Exper
     let scratch = scratch()?;
     let bench = TruthBench::new(plan, scratch.path())?;
     let candidates = side_by_side(
-        plan.jobs,
+        plan.run.jobs,
         packages.len(),
         |worker, at| {
             let (index, (name, package)) = &packages[at];
             let version = Capability::load(name, package.clone())
                 .map_err(|error| ExperimentError::candidate(name, error.sentence()))?;
             let truth = bench.truth(worker, bench.judged_version(version))?;
-            let seed = plan.seed + *index as u64 % plan.blocks.max(1);
+            let seed = plan.run.seed + *index as u64 % plan.run.blocks.max(1);
             let ends = plan
+                .run
                 .profiles
                 .iter()
                 .map(|profile| {
@@ -143,6 +135,7 @@ pub fn run(plan: &TruthPlan, tell: &ProgressFn<'_>) -> Result<TruthReport, Exper
         tell,
     )?;
     let scores = plan
+        .run
         .profiles
         .iter()
         .map(|profile| ProfileScore::of(*profile, &candidates))
@@ -156,7 +149,7 @@ pub fn run(plan: &TruthPlan, tell: &ProgressFn<'_>) -> Result<TruthReport, Exper
 
 impl TruthBench {
     fn new(plan: &TruthPlan, scratch: &std::path::Path) -> Result<Self, ExperimentError> {
-        let cache = cache_or_new(plan.cache.as_ref(), scratch)?;
+        let cache = cache_or_new(plan.run.cache.as_ref(), scratch)?;
         let baselines = baselines()?;
         Self::with_team(Cell::of(&SimCells, None)?, cache, baselines, plan.most)
     }

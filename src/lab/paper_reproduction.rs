@@ -58,10 +58,9 @@ impl PaperSetup {
         Ok(Self { cell: Cell::of(&SimCells, None)?, cache, profile, shard, jobs })
     }
 
-    /// Whether a piece of the work belongs to this process.
-    #[must_use]
-    pub const fn is_in_shard(&self, index: usize) -> bool {
+    /// The pieces of the work that belong to this process.
+    fn of_shard<T>(&self, pieces: impl IntoIterator<Item = T>) -> Vec<T> {
         let (shard, of) = self.shard;
-        of == 0 || index % of == shard
+        pieces.into_iter().skip(shard).step_by(of.max(1)).collect()
     }
 }

@@ -3,8 +3,7 @@
 //! Prints the results of [`crate::pipeline_experiments::per_candidate`]; measures nothing and leaves nothing out
 //! (JSON has every digit).
 
-use super::{CacheArgs, failed, jobs_or_cores, progress, table};
-use std::path::PathBuf;
+use super::{PoolRunArgs, failed, progress, table};
 
 use clap::Args;
 
@@ -12,7 +11,6 @@ use crate::pipeline_experiments::claims::{ClaimVerdict, Summary};
 use crate::pipeline_experiments::per_candidate::{self, PerCandidateReport};
 use crate::wording::{answers, number, or_dash};
 use holdpoint::cli::output::CommandOutput;
-use holdpoint::cli::run::{JOBS_MAX, ProfileArg};
 use holdpoint::error::{CliError, Exit};
 use holdpoint_governance::metrics::Proportion;
 
@@ -26,24 +24,9 @@ Examples:
   holdpoint-lab experiment per-candidate --pool pool-7
   holdpoint-lab experiment per-candidate --pool pool-7 --profile sim --profile real --profile human --json")]
 pub struct PerCandidateArgs {
-    /// The pool's folder; its truth file is beside it.
-    #[arg(long, value_name = "DIR")]
-    pub pool: PathBuf,
-    /// A profile, from the least strict to the strictest; can be given several times.
-    #[arg(long = "profile", value_name = "NAME", value_enum, default_value = "sim")]
-    pub profiles: Vec<ProfileArg>,
-    /// The first run seed. Below 100 its episodes were never used for tuning.
-    #[arg(long, default_value_t = 30, value_name = "N")]
-    pub seed: u64,
-    /// Run seeds that the candidates are distributed over, 1 to 100.
-    #[arg(long, default_value_t = 10, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=100))]
-    pub blocks: u64,
-    /// Candidates at once [default: the number of cores].
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=i64::from(JOBS_MAX)))]
-    pub jobs: Option<u16>,
-    /// The cache of finished candidates.
+    /// The pool and its run.
     #[command(flatten)]
-    pub cache: CacheArgs,
+    pub run: PoolRunArgs,
 }
 
 /// Runs the experiment and prints its report.
@@ -51,15 +34,7 @@ pub struct PerCandidateArgs {
 /// # Errors
 /// If the pool or the folder cannot be used, or a candidate does not reach an end.
 pub fn run(args: &PerCandidateArgs, out: &mut CommandOutput<'_>) -> Result<Exit, CliError> {
-    let plan = per_candidate::RunPlan {
-        pool: args.pool.clone(),
-        profiles: args.profiles.iter().map(|profile| (*profile).into()).collect(),
-        seed: args.seed,
-        blocks: args.blocks,
-        jobs: jobs_or_cores(args.jobs),
-        cache: args.cache.open()?,
-    };
-    let report = per_candidate::run(&plan, &progress::tell).map_err(failed)?;
+    let report = per_candidate::run(&args.run.plan()?, &progress::tell).map_err(failed)?;
     if out.is_json() {
         for candidate in &report.candidates {
             out.json(candidate)?;

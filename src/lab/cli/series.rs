@@ -4,7 +4,6 @@
 //! every digit).
 
 use super::{CacheArgs, failed, jobs_or_cores, progress, table};
-use std::collections::BTreeMap;
 
 use clap::Args;
 
@@ -71,15 +70,11 @@ fn show(report: &SeriesReport, out: &mut CommandOutput<'_>) -> Result<(), CliErr
             end.tries_until_in().map_or_else(|| "none".to_owned(), |number| format!("try {number}")),
             end.pairs().to_string(),
             format!("{:.0}", end.cpu_secs()),
-            counts(&end.stopped_by()),
+            answers::tally(&end.stopped_by()),
         ]);
     }
     out.table(&table)?;
     let summary = &report.summary;
-    out.line(&answers::stopped_by(&counts(&summary.stopped_by)))?;
+    out.line(&answers::stopped_by(&summary.stopped_by))?;
     out.line(&answers::series(summary))
-}
-
-fn counts(reasons: &BTreeMap<String, u64>) -> String {
-    reasons.iter().map(|(reason, count)| format!("{count} {reason}")).collect::<Vec<_>>().join(", ")
 }

@@ -127,7 +127,6 @@ fn summary_row(summary: &ThrowerSummary) -> [String; 8] {
         )
     };
     let share = summary.activated_share;
-    let ends: Vec<String> = summary.ends.iter().map(|(end, count)| format!("{count} {end}")).collect();
     [
         summary.trigger.to_string(),
         summary.act.to_string(),
@@ -136,7 +135,7 @@ fn summary_row(summary: &ThrowerSummary) -> [String; 8] {
         summary.not_rolled_back.to_string(),
         quantile(summary.median),
         quantile(summary.p90),
-        ends.join(", "),
+        answers::tally(&summary.ends),
     ]
 }
 

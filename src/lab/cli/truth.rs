@@ -2,8 +2,7 @@
 //!
 //! Prints the results of [`crate::ground_truth`]; measures nothing and leaves nothing out (JSON has every digit).
 
-use super::{CacheArgs, failed, jobs_or_cores, progress, table};
-use std::path::PathBuf;
+use super::{PoolRunArgs, failed, progress, table};
 
 use clap::Args;
 
@@ -11,7 +10,6 @@ use crate::ground_truth::{self, LOOKS, TruthPlan, TruthReport};
 use crate::pipeline_experiments::claims::ClaimVerdict;
 use crate::wording::{answers, number};
 use holdpoint::cli::output::CommandOutput;
-use holdpoint::cli::run::{JOBS_MAX, ProfileArg};
 use holdpoint::error::{CliError, Exit};
 
 /// The arguments of `experiment truth`.
@@ -24,30 +22,15 @@ Examples:
   holdpoint-lab experiment truth --pool mutants --out truth
   holdpoint-lab experiment truth --pool mutants --out truth --most 600 --shard 1/4")]
 pub struct TruthArgs {
-    /// The pool's folder.
-    #[arg(long, value_name = "DIR")]
-    pub pool: PathBuf,
-    /// A profile whose decisions are scored; can be given several times.
-    #[arg(long = "profile", value_name = "NAME", value_enum, default_value = "sim")]
-    pub profiles: Vec<ProfileArg>,
+    /// The pool and the decisions that are scored.
+    #[command(flatten)]
+    pub run: PoolRunArgs,
     /// The most pairs of episodes for a candidate: 200, 600 or 2000.
     #[arg(long, value_name = "N", default_value_t = 2_000, value_parser = looks)]
     pub most: u64,
-    /// The first run seed of the decisions. Below 100 its episodes were never used for tuning.
-    #[arg(long, default_value_t = 30, value_name = "N")]
-    pub seed: u64,
-    /// Run seeds that the decisions are distributed over, 1 to 100.
-    #[arg(long, default_value_t = 10, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=100))]
-    pub blocks: u64,
-    /// Candidates at once [default: the number of cores].
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=i64::from(JOBS_MAX)))]
-    pub jobs: Option<u16>,
     /// One shard of the candidates, counted from 1.
     #[arg(long, value_name = "I/N", value_parser = shard, default_value = "1/1")]
     pub shard: (usize, usize),
-    /// The cache of finished results; shards share it.
-    #[command(flatten)]
-    pub cache: CacheArgs,
 }
 
 fn looks(text: &str) -> Result<u64, String> {
@@ -69,16 +52,7 @@ pub(super) fn shard(text: &str) -> Result<(usize, usize), String> {
 /// # Errors
 /// If the pool or the folder cannot be used, or a candidate does not reach an end.
 pub fn run(args: &TruthArgs, out: &mut CommandOutput<'_>) -> Result<Exit, CliError> {
-    let plan = TruthPlan {
-        pool: args.pool.clone(),
-        most: args.most,
-        profiles: args.profiles.iter().map(|profile| (*profile).into()).collect(),
-        seed: args.seed,
-        blocks: args.blocks,
-        jobs: jobs_or_cores(args.jobs),
-        shard: args.shard,
-        cache: args.cache.open()?,
-    };
+    let plan = TruthPlan { run: args.run.plan()?, most: args.most, shard: args.shard };
     let report = ground_truth::run(&plan, &progress::tell).map_err(failed)?;
     if out.is_json() {
         for candidate in &report.candidates {

@@ -192,12 +192,7 @@ pub fn screen(
             pieces.extend(pool.iter().take(candidates).map(piece));
         }
     }
-    let pieces: Vec<ScreenJob<'_>> = pieces
-        .into_iter()
-        .enumerate()
-        .filter(|(index, _)| setup.is_in_shard(*index))
-        .map(|(_, piece)| piece)
-        .collect();
+    let pieces: Vec<ScreenJob<'_>> = setup.of_shard(pieces);
     let workers = workers_each(setup.jobs, pieces.len());
     side_by_side(
         setup.jobs,

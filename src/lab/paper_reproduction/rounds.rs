@@ -107,12 +107,7 @@ pub fn rounds(
     arms: &[Arm],
     tell: &ProgressFn<'_>,
 ) -> Result<Vec<RoundRow>, ExperimentError> {
-    let seeds: Vec<u64> = size
-        .run_seeds()
-        .enumerate()
-        .filter(|(index, _)| setup.is_in_shard(*index))
-        .map(|(_, seed)| seed)
-        .collect();
+    let seeds = setup.of_shard(size.run_seeds());
     let workers = workers_each(setup.jobs, seeds.len());
     let of_seeds = side_by_side(
         setup.jobs,

@@ -1,5 +1,6 @@
 //! The lines and columns that the program's verbs print; `|` separates columns.
 
+use std::collections::BTreeMap;
 use std::path::Path;
 use std::time::Duration;
 
@@ -28,6 +29,11 @@ pub fn are_in(files: &str, folder: &Path) -> String {
 /// Items that the simulator could not run.
 pub fn not_counted(count: u64, what: &str) -> String {
     format!("{count} {what} could not run and are not counted")
+}
+
+/// Counts by name, as a list.
+pub fn tally(counts: &BTreeMap<String, u64>) -> String {
+    counts.iter().map(|(name, count)| format!("{count} {name}")).collect::<Vec<_>>().join(", ")
 }
 
 pub fn profile(name: &str) -> String {
@@ -205,8 +211,8 @@ pub fn calibration(report: &SeriesReport) -> String {
     )
 }
 
-pub fn stopped_by(reasons: &str) -> String {
-    format!("stopped by: {reasons}")
+pub fn stopped_by(reasons: &BTreeMap<String, u64>) -> String {
+    format!("stopped by: {}", tally(reasons))
 }
 
 pub fn series(summary: &SeriesSummary) -> String {
