@@ -110,36 +110,19 @@ pub fn run(plan: &TruthPlan, tell: &ProgressFn<'_>) -> Result<TruthReport, Exper
                 .map_err(|error| ExperimentError::candidate(name, error.sentence()))?;
             let truth = bench.truth(worker, bench.judged_version(version))?;
             let seed = plan.run.seed + *index as u64 % plan.run.blocks.max(1);
-            let ends = plan
-                .run
-                .profiles
-                .iter()
-                .map(|profile| {
-                    let experiment = Experiment::default();
-                    let thresholds = ThresholdScale::AsTheyAre;
-                    CandidateJob {
-                        name,
-                        package,
-                        profile: *profile,
-                        seed,
-                        experiment,
-                        thresholds,
-                        workers: 1,
-                    }
-                })
-                .map(|job| per_candidate::run_or_reuse(&bench.cell, &bench.cache, &job))
-                .collect::<Result<Vec<_>, _>>()?;
+            let decide = |&profile: &ProfileName| {
+                let (experiment, thresholds) = (Experiment::default(), ThresholdScale::AsTheyAre);
+                let job = CandidateJob { name, package, profile, seed, experiment, thresholds, workers: 1 };
+                per_candidate::run_or_reuse(&bench.cell, &bench.cache, &job)
+            };
+            let ends = plan.run.profiles.iter().map(decide).collect::<Result<_, _>>()?;
             Ok(CandidateTruth { name: name.clone(), truth, ends })
         },
         |_, one| progress::truth(one),
         tell,
     )?;
-    let scores = plan
-        .run
-        .profiles
-        .iter()
-        .map(|profile| ProfileScore::of(*profile, &candidates))
-        .collect::<Result<_, _>>()?;
+    let score = |&profile: &ProfileName| ProfileScore::of(profile, &candidates);
+    let scores = plan.run.profiles.iter().map(score).collect::<Result<_, _>>()?;
     Ok(TruthReport {
         scale: Digest::of_parts("holdpoint.harm-scale.v1", &[TEXT.as_bytes()]),
         candidates,
