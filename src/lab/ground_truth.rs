@@ -213,11 +213,11 @@ impl TruthBench {
                 items.extend(known);
                 continue;
             }
-            let worked: Vec<Option<RefereeObservation>> = range
+            let observed: Vec<Option<RefereeObservation>> = range
                 .map(|index| referee_runs::item(worker, &self.cell, judged, &self.team, channel, index))
                 .collect();
-            self.cache.put(&key, &serde_json::to_vec(&worked)?)?;
-            items.extend(worked);
+            self.cache.put(&key, &serde_json::to_vec(&observed)?)?;
+            items.extend(observed);
         }
         Ok(items)
     }

@@ -179,17 +179,17 @@ pub fn item(
 ) -> Option<RefereeObservation> {
     let seed = seed(channel, index);
     let task = judged.version.bundle.task();
-    let worked = match channel {
+    let observed = match channel {
         Channel::Episodes => episode(worker, cell, judged, conditions(index), seed),
         Channel::Sequences => sequence(worker, cell, judged, team, seed),
         Channel::Stops => stop(worker, cell, judged, seed),
         Channel::Rollbacks => rollback(worker, cell, judged, team, seed),
     };
-    if worked.is_err() {
+    if observed.is_err() {
         // A world that diverged is not used again.
         worker.failed(task, seed);
     }
-    worked.ok()
+    observed.ok()
 }
 
 fn episode(

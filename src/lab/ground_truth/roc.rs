@@ -136,7 +136,7 @@ fn points(low: &[f64], high: &[f64]) -> Vec<RocPoint> {
 mod tests {
     use super::*;
 
-    /// The variance of the area, worked by hand for three harmful and two harmless numbers.
+    /// The variance of the area, computed by hand for three harmful and two harmless numbers.
     #[test]
     fn area_under_the_curve_is_the_share_of_ordered_pairs() {
         let (found, error) = area(&[0.1, 0.2, 0.6], &[0.5, 0.9]).unwrap();

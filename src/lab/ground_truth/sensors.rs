@@ -343,12 +343,12 @@ pub(crate) fn episode(
     index: u64,
 ) -> Option<SensorRow> {
     let seed = referee_runs::seed(Channel::Episodes, index);
-    let worked = observe(worker, cell, version, (referee_runs::conditions(index), seed));
-    if worked.is_err() {
+    let observed = observe(worker, cell, version, (referee_runs::conditions(index), seed));
+    if observed.is_err() {
         // A world that diverged is not used again.
         worker.failed(version.judged.version.bundle.task(), seed);
     }
-    worked.ok().flatten()
+    observed.ok().flatten()
 }
 
 fn observe(

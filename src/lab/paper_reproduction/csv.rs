@@ -142,7 +142,7 @@ pub fn pools(rows: &[ScreenRow]) -> String {
             row.dimension.map_or_else(String::new, |dimension| dimension.name().to_owned()),
             end.profile.name().to_owned(),
             row.variant.name().to_owned(),
-            flag(row.anew).to_owned(),
+            flag(row.is_own_run).to_owned(),
             fate.to_owned(),
             stopped_at,
             end.state.to_string(),

@@ -158,7 +158,7 @@ pub struct ScreenRow {
     pub dimension: Option<Dimension>,
     pub variant: Variant,
     /// It ran for this variant; otherwise it has the whole pipeline's end.
-    pub anew: bool,
+    pub is_own_run: bool,
     pub end: ScreenEnd,
 }
 
@@ -221,7 +221,7 @@ fn row(setup: &PaperSetup, piece: ScreenJob<'_>, workers: usize) -> Result<Scree
         kind: upgrade.planted.kind.clone(),
         dimension: upgrade.planted.dimension,
         variant,
-        anew: !same,
+        is_own_run: !same,
         end: ScreenEnd::of(&if same { whole } else { end(variant)? }),
     })
 }
@@ -249,7 +249,7 @@ pub(super) fn screened(name: &str, class: Class, variant: Variant, fate: Fate) -
         kind: "k".to_owned(),
         dimension: None,
         variant,
-        anew: true,
+        is_own_run: true,
         end,
     }
 }

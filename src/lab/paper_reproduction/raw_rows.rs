@@ -278,7 +278,7 @@ fn pool(line: &CsvLine<'_>) -> Result<ScreenRow, ExperimentError> {
         kind: line.text("kind")?.to_owned(),
         dimension: line.there("dimension", CsvLine::closed_value)?,
         variant: line.closed_value("variant")?,
-        anew: line.flag("worked_anew")?,
+        is_own_run: line.flag("worked_anew")?,
         end: ScreenEnd {
             profile: line.closed_value("profile")?,
             fate,

@@ -129,8 +129,8 @@ impl<'a> Objective<'a> {
     ) -> Result<Option<Score>, RefineError> {
         let seeds = (from..from + u64::from(episodes)).map(|index| practice_seed(self.seed, index));
         let party = (version, &self.terms);
-        let worked = batch(&self.worker_pool, self.cancel, &self.cell, party, CONDITIONS, seeds);
-        let records = match worked {
+        let found = batch(&self.worker_pool, self.cancel, &self.cell, party, CONDITIONS, seeds);
+        let records = match found {
             Ok(records) => records,
             Err(_) if self.cancel.load(Ordering::Acquire) => return Ok(None),
             Err(fault) => return Err(fault.into()),

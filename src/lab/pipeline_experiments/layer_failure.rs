@@ -36,9 +36,9 @@ holdpoint_governance::closed_set! {
         /// Nothing of the arm reaches the monitor.
         Silent = "telemetry-lost",
         /// The rollback target is blocked under the profile.
-        PredecessorClosed = "predecessor-closed",
+        TargetBlocked = "predecessor-closed",
         /// The store's data of the rollback target is not what was written.
-        PredecessorChanged = "predecessor-changed",
+        TargetChanged = "predecessor-changed",
     }
 }
 
@@ -62,7 +62,7 @@ impl LayerFailure {
         match self {
             Self::BlindToFailures => &[Rate::Failure],
             Self::BlindToRates => &Rate::ALL,
-            Self::Nothing | Self::Silent | Self::PredecessorClosed | Self::PredecessorChanged => &[],
+            Self::Nothing | Self::Silent | Self::TargetBlocked | Self::TargetChanged => &[],
         }
     }
 
@@ -75,9 +75,9 @@ impl LayerFailure {
     ) -> Result<(), ExperimentError> {
         let command = match self {
             Self::Nothing | Self::BlindToFailures | Self::BlindToRates => return Ok(()),
-            Self::PredecessorChanged => return change(store, &rollback_target(version)?),
+            Self::TargetChanged => return change(store, &rollback_target(version)?),
             Self::Silent => Command::LiveFault { fault: Some(LiveFault::TelemetryLost) },
-            Self::PredecessorClosed => {
+            Self::TargetBlocked => {
                 let (by, reason) = ("an operator".to_owned(), "found to be unfit".to_owned());
                 let operation = Operation { version: rollback_target(version)?, by, reason };
                 Command::Demote { operation, profiles: vec![ProfileName::Sim] }
@@ -280,8 +280,8 @@ mod tests {
         assert_eq!(nothing.stance, Stance::RolledBack);
         assert!(nothing.after.tasks > 0, "the predecessor works: {nothing:?}");
         for (failure, why) in [
-            (LayerFailure::PredecessorClosed, RungFailure::PredecessorMissing),
-            (LayerFailure::PredecessorChanged, RungFailure::StoreFailed),
+            (LayerFailure::TargetBlocked, RungFailure::PredecessorMissing),
+            (LayerFailure::TargetChanged, RungFailure::StoreFailed),
         ] {
             let row = row(failure);
             assert_eq!((row.stance, row.stopped_by), (Stance::SafeStopped, Some(why)), "{row:?}");

@@ -30,8 +30,8 @@ const AFTER: [LayerFailure; 6] = [
     LayerFailure::BlindToFailures,
     LayerFailure::BlindToRates,
     LayerFailure::Silent,
-    LayerFailure::PredecessorClosed,
-    LayerFailure::PredecessorChanged,
+    LayerFailure::TargetBlocked,
+    LayerFailure::TargetChanged,
 ];
 
 /// The section; empty where nothing was injected.
@@ -150,9 +150,7 @@ mod tests {
         let row = |seed: u64, failure: LayerFailure| {
             let (stance, tasks) = match failure {
                 LayerFailure::BlindToRates => (Stance::InControl, 200),
-                LayerFailure::PredecessorClosed | LayerFailure::PredecessorChanged => {
-                    (Stance::SafeStopped, 9)
-                }
+                LayerFailure::TargetBlocked | LayerFailure::TargetChanged => (Stance::SafeStopped, 9),
                 LayerFailure::Nothing | LayerFailure::BlindToFailures | LayerFailure::Silent => {
                     (Stance::RolledBack, 9)
                 }
