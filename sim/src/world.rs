@@ -26,8 +26,8 @@ use crate::stepper::Stepper;
 use crate::work_count;
 use holdpoint_body::chain::Transform;
 use holdpoint_body::{
-    Body, BodyError, Command, GuardVerdict, Interrupt, JointVec, NamedReading, ObjectVec, Observation, Pose,
-    ReadingVec, TICK_SECS, TaskKind, Telemetry, Twist, check_command,
+    Body, BodyError, Command, GuardVerdict, Interrupt, JointVec, ObjectVec, Observation, Pose, ReadingVec,
+    TICK_SECS, TaskKind, Telemetry, Twist, check_command,
 };
 use holdpoint_cell::episode::{EpisodeSetup, Start};
 use holdpoint_cell::truth::{ContactForces, ContactPoint, JointState};

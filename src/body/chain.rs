@@ -106,6 +106,7 @@ pub struct Frames {
 /// Geometric Jacobian of the tool: one column (linear m/rad, angular) per joint.
 #[derive(Clone, Debug)]
 pub struct Jacobian {
+    /// Columns, base first.
     pub columns: ArrayVec<Vector6<f64>, MAX_JOINTS>,
 }
 

@@ -17,6 +17,7 @@ pub(super) use lifecycle::{break_glass, demote, go_on, release, repeat, restrict
 use super::data;
 use super::passphrase;
 use super::status::{StatusSubject, parse_subject};
+use super::stop;
 use super::verb_executor::{VerbExecutor, print_action_reply, require_verified_engine, running};
 use crate::cli::context::CliContext;
 use crate::cli::output::CommandOutput;

@@ -164,8 +164,8 @@ fn watchdog(variable: impl Fn(&str) -> Option<OsString>) -> Result<Option<Durati
 
 /// The state in one line.
 fn status(snapshot: &Snapshot) -> String {
-    if let Some(reading) = &snapshot.reading {
-        return sentences::verifying(reading);
+    if snapshot.reading.is_some() {
+        return sentences::verifying(snapshot.reading);
     }
     if let Some(why) = &snapshot.holding {
         return sentences::halted(Untrusted::new(why).line());

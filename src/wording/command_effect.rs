@@ -337,7 +337,7 @@ mod tests {
         let id: CapabilityId = "grasp@1.1.0".parse().unwrap();
         let profiles = [ProfileName::Real, ProfileName::Human];
         for (effect, text) in [
-            (V::Registered, "grasp@1.1.0 is registered"),
+            (V::Registered(&[]), "grasp@1.1.0 is registered"),
             (V::InStage(Stage::Sandbox), "grasp@1.1.0 is in sandbox"),
             (V::Moved(OperatorAct::Paused), "grasp@1.1.0 is paused"),
             (V::PromotionPaused, "grasp@1.1.0 keeps control provisionally; its promotion is paused"),

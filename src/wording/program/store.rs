@@ -2,7 +2,6 @@
 
 use std::fmt::Display;
 
-use super::counted;
 use super::recordings::{NO_RECORD, missing};
 use crate::counted;
 use holdpoint_governance::store_finding::OmissionCause;

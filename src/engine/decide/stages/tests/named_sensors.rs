@@ -36,8 +36,7 @@ fn code(sensor: &str, length: u32) -> Vec<u8> {
     let name = "holdpoint:skill/skill@2.0.0";
     let first = "(i32.load offset=12 (i32.load offset=176 (local.get 0)))";
     let words = [(68, 1024), (72, 5), (76, 16384), (80, described), (92, 1088), (96, 1)];
-    let stores: String =
-        words.iter().map(|(at, word)| format!("(i32.store (i32.const {at}) (i32.const {word}))")).collect();
+    let stores = words.map(|(at, word)| format!("(i32.store (i32.const {at}) (i32.const {word}))")).concat();
     let text = format!(
         r#"(module
             (memory (export "memory") 1)
