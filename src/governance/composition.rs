@@ -11,6 +11,7 @@ use super::decision::{
     Decision, DecisionAnswers, DecisionContext, DecisionMonitoring, DecisionRollback, Dimension, Kappa,
     Reason, ReasonCode,
 };
+use super::deployability::Deployability;
 use super::finding::Finding;
 use super::manifest::Manifest;
 use super::outcome::{
@@ -20,7 +21,6 @@ use super::outcome::{
 use super::profile::fields::Weights;
 use super::recovery::names_cell_fault;
 use super::time_excess::names_time_excess;
-use super::vocabulary::{deployability_of_shadow, vocabulary_row};
 
 /// The four assessments of one candidate.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -147,7 +147,7 @@ pub fn psi(kappas: &Kappas, context: PsiContext, made_under: DecisionContext) ->
         conditions: kappas.conditions(),
         monitoring: DecisionMonitoring::StageGuard.into(),
         rollback_when: DecisionRollback::NotActive.into(),
-        deployment: Some(vocabulary_row(outcome).deployability),
+        deployment: Some(outcome.into()),
     };
     Decision::new(outcome, reasons, answers, &made_under)
 }
@@ -161,8 +161,8 @@ pub fn psi_after_shadow(
     check: CheckResult,
 ) -> Decision<Recommendation> {
     let decision = psi(kappas, context, made_under);
-    let before = vocabulary_row(*decision.outcome()).deployability;
-    decision.with_deployment(deployability_of_shadow(check, before))
+    let before = Deployability::from(*decision.outcome());
+    decision.with_deployment(before.after_shadow(check))
 }
 
 /// Whether interface and policy admit a version to the sandbox, which is all that is known without running it: `Psi`

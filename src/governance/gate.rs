@@ -19,6 +19,7 @@ use super::decision::{
     Decision, DecisionAnswers, DecisionContext, DecisionMonitoring, DecisionRollback, Dimension, Reason,
     ReasonCode,
 };
+use super::deployability::Deployability;
 use super::evidence::{Conduct, EvidenceBinding, ShadowEvidence, ShadowSequence};
 use super::finding::{EvidenceGap, Finding, TwinSignal};
 pub use super::outcome::GateOutcome;
@@ -27,7 +28,6 @@ use super::policy::PolicyTable;
 use super::profile::{FreezeWindow, Profile, ProfileName};
 use super::strictness::Strictness;
 use super::submission::{Provenance, Risk};
-use super::vocabulary;
 use super::wall_time::{ClockMismatch, WallTime};
 use crate::stats::{self, PairedCounts};
 
@@ -569,7 +569,7 @@ impl GateFindings {
             } else {
                 DecisionRollback::EstablishedWorsening.into()
             },
-            deployment: Some(vocabulary::deployability_of_gate(outcome, &terms.modes)),
+            deployment: Some(Deployability::of_gate(outcome, &terms.modes)),
         };
         let passed = (outcome == GateOutcome::Pass).then_some(GatePassed {
             terms,

@@ -20,6 +20,7 @@ use holdpoint_approvals::{
 use holdpoint_governance::approval::{ApprovalDecision, Author, Requester, Role};
 use holdpoint_governance::condition::Condition;
 use holdpoint_governance::decision::{Dimension, Reason, ReasonCode};
+use holdpoint_governance::deployability::Deployability;
 use holdpoint_governance::evidence::{DrillKind, StaleCause};
 use holdpoint_governance::ids::{CapabilityId, Digest};
 use holdpoint_governance::lifecycle::State;
@@ -28,7 +29,6 @@ use holdpoint_governance::risk::RiskClass;
 use holdpoint_governance::start_domain::{OutsideResponse, StartDomain};
 use holdpoint_governance::submission::Risk;
 use holdpoint_governance::tries::CountedTry;
-use holdpoint_governance::vocabulary::Deployability;
 use holdpoint_governance::wall_time::WallTime;
 
 pub use self::question_refusal::{AnswerVoidCause, QuestionRefusal};

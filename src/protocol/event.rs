@@ -16,6 +16,7 @@ use holdpoint_governance::approval::{ApprovalDecision, Requester};
 use holdpoint_governance::closed_set::Lenient;
 use holdpoint_governance::condition::Condition;
 use holdpoint_governance::decision::{Dimension, Reason};
+use holdpoint_governance::deployability::Deployability;
 use holdpoint_governance::failure_cause::FailureCause;
 use holdpoint_governance::harm::HarmPast;
 use holdpoint_governance::ids::{CapabilityId, Digest, Family};
@@ -28,7 +29,6 @@ use holdpoint_governance::profile::{ProfileName, SiteName};
 use holdpoint_governance::record::UpgradeEnd;
 use holdpoint_governance::rollback::{RollbackRecord, Rung, RungFailure};
 use holdpoint_governance::submission::{InterfaceChange, Provenance, Risk};
-use holdpoint_governance::vocabulary::Deployability;
 use holdpoint_governance::wall_time::WallTime;
 
 /// One thing that happened, numbered and with its virtual time.

@@ -21,6 +21,7 @@ use holdpoint_governance::approval::Requester;
 use holdpoint_governance::closed_set::Lenient;
 use holdpoint_governance::condition::Condition;
 use holdpoint_governance::decision::Reason;
+use holdpoint_governance::deployability::Deployability;
 use holdpoint_governance::evidence::{DrillTallies, Signature, StaleCause};
 use holdpoint_governance::ids::{CapabilityId, Digest, Family};
 use holdpoint_governance::lifecycle::{Stage, State, VersionFlags};
@@ -31,7 +32,6 @@ use holdpoint_governance::risk::RiskClass;
 use holdpoint_governance::submission::{Provenance, Risk};
 use holdpoint_governance::tries::CountedTry;
 use holdpoint_governance::version_status::VersionStatus;
-use holdpoint_governance::vocabulary::Deployability;
 use holdpoint_governance::wall_time::{ClockMismatch, WallTime};
 
 mod version_status;

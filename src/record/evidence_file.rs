@@ -14,6 +14,7 @@ use holdpoint_governance::cell_ability::CellAbility;
 use holdpoint_governance::composition::{Kappas, composite};
 use holdpoint_governance::condition::Condition;
 use holdpoint_governance::decision::{Decision, Dimension, Kappa, Reason};
+use holdpoint_governance::deployability::Deployability;
 use holdpoint_governance::evidence::{
     AnchorEvidence, DrillKind, DrillTallies, EpisodeValues, EvidenceBinding, FailedDrill, HardStop,
     OutputSequence, Pair, SettlingTallies, ShadowEvidence, ShadowSequence, Signature, SoloEpisode,
@@ -31,7 +32,6 @@ use holdpoint_governance::shared_event::SharedEvent;
 use holdpoint_governance::start_domain::StartDomain;
 use holdpoint_governance::time_excess::TimeExcess;
 use holdpoint_governance::tries::CountedTry;
-use holdpoint_governance::vocabulary::Deployability;
 use holdpoint_governance::worst_case_search::SearchFinding;
 use holdpoint_protocol::detail::VersionDiff;
 use holdpoint_protocol::event::DimensionResult;

@@ -7,6 +7,7 @@ use holdpoint_governance::approval::Requester;
 use holdpoint_governance::closed_set::Lenient;
 use holdpoint_governance::condition::Condition;
 use holdpoint_governance::decision::{Dimension, Reason, ReasonCode};
+use holdpoint_governance::deployability::Deployability;
 use holdpoint_governance::evidence::{DrillKind, SandboxMode, Signature};
 use holdpoint_governance::ids::Family;
 use holdpoint_governance::lifecycle::{Stage, State, VersionFlags};
@@ -17,7 +18,6 @@ use holdpoint_governance::profile::ProfileName;
 use holdpoint_governance::record::{AuditRecord, RecordKind, VersionSummary};
 use holdpoint_governance::risk::RiskCause;
 use holdpoint_governance::submission::{Provenance, Risk};
-use holdpoint_governance::vocabulary::Deployability;
 use holdpoint_governance::wall_time::WallTime;
 use holdpoint_protocol::detail::{
     Detail, DrillView, FieldDiff, MeasuredValue, ModeView, RationaleView, RegistryPage,

@@ -470,10 +470,10 @@ fn shadow_by_governance_signals() {
 #[test]
 fn the_four_deployment_outcomes_are_on_record() {
     use holdpoint_governance::composition::psi_after_shadow;
-    use holdpoint_governance::outcome::CheckResult;
-    use holdpoint_governance::vocabulary::Deployability::{
+    use holdpoint_governance::deployability::Deployability::{
         Conditionally, EvaluationOnly, Fully, Incompatible,
     };
+    use holdpoint_governance::outcome::CheckResult;
     type OutcomeChange = fn(&mut Kappas);
     let of = |change: OutcomeChange| {
         let mut kappas = kappas(&profile(ProfileName::Sim), [1.0; 4]);
