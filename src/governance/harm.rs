@@ -6,183 +6,116 @@
 
 use serde::{Deserialize, Serialize};
 
-crate::closed_set! {
-    /// One measure of harm. For most more is worse; for distances less is.
-    HarmKind, "measure of harm", {
-        /// Largest mean force of the pads on the object, N.
-        GripPeak = "grip-peak",
-        /// Largest mean of the grip force over 50 ms, N.
-        GripHeld = "grip-held",
-        /// Largest force of robot and held object on their surroundings, N.
-        ContactPeak = "contact-peak",
-        /// Largest mean of that force over 50 ms, N.
-        ContactHeld = "contact-held",
-        /// Time in which the robot touches table, tray, clutter or itself, or the held object touches clutter, s.
-        ContactTime = "contact-time",
-        /// Largest speed of the tool, or of the pads against each other, as the robot begins to touch anything, m/s.
-        TouchSpeed = "touch-speed",
-        /// Largest downward speed of the object as it meets what it lands on, carried or falling, m/s.
-        LandingSpeed = "landing-speed",
-        /// Largest fall of the object from the hand, from the time that nothing touched it, m.
-        DropHeight = "drop-height",
-        /// Largest motion of the object in the closed hand, m.
-        Slip = "slip",
-        /// Least distance of the tool from a keep-out zone, m, at most 1.
-        ZoneClearance = "zone-clearance",
-        /// Least distance of the arm from the table plane and from itself, m, at most 1.
-        ArmClearance = "arm-clearance",
-        /// Least distance of the tool from the edge of the workspace, m, at most 1; negative outside.
-        WorkspaceMargin = "workspace-margin",
-        /// Least distance of a joint from its limit, rad, at most 1; negative beyond it.
-        JointMargin = "joint-margin",
-        /// Time in which a measured value was near its limit, or the tool near a keep-out zone, s.
-        NearTime = "near-time",
-        /// Largest jerk of the tool's path over 150 ms, m/s³.
-        Jerk = "jerk",
-        /// Integral of |torque × speed| over the joints while the skill commands, J.
-        Energy = "energy",
-        /// Share of the ticks whose command the guard reduced, for whatever reason, 0 to 1.
-        ClampedShare = "clamped-share",
-        /// Largest excess of a command over what the guard let through, as a share of that; 0: nothing was reduced.
-        ClampDepth = "clamp-depth",
-        /// Share of the ticks whose command asks for more speed or force than the manifest declares, 0 to 1.
-        ExcessShare = "excess-share",
-        /// Largest excess of a command over what the manifest declares, as a share of that; 0: never.
-        ExcessDepth = "excess-depth",
-        /// Share of the ticks whose command the guard refused, 0 to 1.
-        DeniedShare = "denied-share",
-    }
+use crate::profile::{HarmSettings, HarmTolerance};
+
+/// Makes the measures: documentation, name, field, unit (empty for a share or a ratio), the highest value that is
+/// distinguished, the step it is recorded in (finer is noise, and makes records long), and the digits people read.
+macro_rules! harm_measures {
+    ($($(#[$doc:meta])* $kind:ident = $name:literal, $field:ident: $unit:literal, $highest:expr, $step:literal, $digits:literal;)+) => {
+        crate::closed_set! {
+            /// One measure of harm. For most more is worse; for distances less is.
+            HarmKind, "measure of harm", { $($(#[$doc])* $kind = $name),+ }
+        }
+
+        /// What one episode did. A default episode did nothing: no force, no time, and every distance at its largest.
+        #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+        #[serde(deny_unknown_fields, default)]
+        pub struct HarmMeasures { $($(#[$doc])* pub $field: f64),+ }
+
+        impl HarmMeasures {
+            /// Nothing happened.
+            pub const STILL: Self = Self {
+                $($field: if HarmKind::$kind.is_worse_when_lower() { DISTANCE_MAX } else { 0.0 }),+
+            };
+
+            /// The value of one measure, in its unit.
+            #[must_use]
+            pub const fn of(&self, kind: HarmKind) -> f64 {
+                match kind { $(HarmKind::$kind => self.$field),+ }
+            }
+
+            /// The value of one measure, to write to.
+            pub const fn of_mut(&mut self, kind: HarmKind) -> &mut f64 {
+                match kind { $(HarmKind::$kind => &mut self.$field),+ }
+            }
+        }
+
+        impl HarmSettings {
+            /// The limits of a measure.
+            #[must_use]
+            pub const fn of(&self, kind: HarmKind) -> HarmTolerance {
+                match kind { $(HarmKind::$kind => self.$field),+ }
+            }
+        }
+
+        impl HarmKind {
+            /// Its unit; empty for a share or a ratio.
+            #[must_use]
+            pub const fn unit(self) -> &'static str {
+                match self { $(Self::$kind => $unit),+ }
+            }
+
+            const fn highest(self) -> f64 {
+                match self { $(Self::$kind => $highest),+ }
+            }
+
+            const fn step(self) -> f64 {
+                match self { $(Self::$kind => $step),+ }
+            }
+
+            const fn digits(self) -> usize {
+                match self { $(Self::$kind => $digits),+ }
+            }
+        }
+    };
 }
 
-/// What one episode did. A default episode did nothing: no force, no time, and every distance at its largest.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct HarmMeasures {
+harm_measures! {
     /// Largest mean force of the pads on the object, N.
-    pub grip_peak_n: f64,
+    GripPeak = "grip-peak", grip_peak_n: "N", 1.0e4, 0.01, 1;
     /// Largest mean of the grip force over 50 ms, N.
-    pub grip_held_n: f64,
+    GripHeld = "grip-held", grip_held_n: "N", 1.0e4, 0.01, 1;
     /// Largest force of robot and held object on their surroundings, N.
-    pub contact_peak_n: f64,
+    ContactPeak = "contact-peak", contact_peak_n: "N", 1.0e4, 0.01, 1;
     /// Largest mean of that force over 50 ms, N.
-    pub contact_held_n: f64,
+    ContactHeld = "contact-held", contact_held_n: "N", 1.0e4, 0.01, 1;
     /// Time in which the robot touches table, tray, clutter or itself, or the held object touches clutter, s.
-    pub contact_time_s: f64,
+    ContactTime = "contact-time", contact_time_s: "s", 1.0e4, 0.001, 3;
     /// Largest speed of the tool, or of the pads against each other, as the robot begins to touch anything, m/s.
-    pub touch_speed_m_s: f64,
+    TouchSpeed = "touch-speed", touch_speed_m_s: "m/s", 100.0, 0.000_1, 3;
     /// Largest downward speed of the object as it meets what it lands on, carried or falling, m/s.
-    pub landing_speed_m_s: f64,
+    LandingSpeed = "landing-speed", landing_speed_m_s: "m/s", 100.0, 0.000_1, 3;
     /// Largest fall of the object from the hand, from the time that nothing touched it, m.
-    pub drop_height_m: f64,
+    DropHeight = "drop-height", drop_height_m: "m", 10.0, 0.000_1, 4;
     /// Largest motion of the object in the closed hand, m.
-    pub slip_m: f64,
+    Slip = "slip", slip_m: "m", 10.0, 0.000_1, 4;
     /// Least distance of the tool from a keep-out zone, m, at most 1.
-    pub zone_clearance_m: f64,
+    ZoneClearance = "zone-clearance", zone_clearance_m: "m", DISTANCE_MAX, 0.000_1, 3;
     /// Least distance of the arm from the table plane and from itself, m, at most 1.
-    pub arm_clearance_m: f64,
+    ArmClearance = "arm-clearance", arm_clearance_m: "m", DISTANCE_MAX, 0.000_1, 4;
     /// Least distance of the tool from the edge of the workspace, m, at most 1; negative outside.
-    pub workspace_margin_m: f64,
+    WorkspaceMargin = "workspace-margin", workspace_margin_m: "m", DISTANCE_MAX, 0.000_1, 3;
     /// Least distance of a joint from its limit, rad, at most 1; negative beyond it.
-    pub joint_margin_rad: f64,
+    JointMargin = "joint-margin", joint_margin_rad: "rad", DISTANCE_MAX, 0.000_1, 3;
     /// Time in which a measured value was near its limit, or the tool near a keep-out zone, s.
-    pub near_time_s: f64,
+    NearTime = "near-time", near_time_s: "s", 1.0e4, 0.001, 3;
     /// Largest jerk of the tool's path over 150 ms, m/s³.
-    pub jerk_m_s3: f64,
+    Jerk = "jerk", jerk_m_s3: "m/s3", 1.0e6, 0.01, 1;
     /// Integral of |torque × speed| over the joints while the skill commands, J.
-    pub energy_j: f64,
+    Energy = "energy", energy_j: "J", 1.0e6, 0.01, 1;
     /// Share of the ticks whose command the guard reduced, for whatever reason, 0 to 1.
-    pub clamped_share: f64,
+    ClampedShare = "clamped-share", clamped_share: "", 1.0, 0.000_1, 3;
     /// Largest excess of a command over what the guard let through, as a share of that; 0: nothing was reduced.
-    pub clamp_depth: f64,
+    ClampDepth = "clamp-depth", clamp_depth: "", 100.0, 0.000_1, 3;
     /// Share of the ticks whose command asks for more speed or force than the manifest declares, 0 to 1.
-    pub excess_share: f64,
+    ExcessShare = "excess-share", excess_share: "", 1.0, 0.000_1, 3;
     /// Largest excess of a command over what the manifest declares, as a share of that; 0: never.
-    pub excess_depth: f64,
+    ExcessDepth = "excess-depth", excess_depth: "", 100.0, 0.000_1, 3;
     /// Share of the ticks whose command the guard refused, 0 to 1.
-    pub denied_share: f64,
+    DeniedShare = "denied-share", denied_share: "", 1.0, 0.000_1, 3;
 }
 
 impl HarmMeasures {
-    /// Nothing happened.
-    pub const STILL: Self = Self {
-        grip_peak_n: 0.0,
-        grip_held_n: 0.0,
-        contact_peak_n: 0.0,
-        contact_held_n: 0.0,
-        contact_time_s: 0.0,
-        touch_speed_m_s: 0.0,
-        landing_speed_m_s: 0.0,
-        drop_height_m: 0.0,
-        slip_m: 0.0,
-        zone_clearance_m: DISTANCE_MAX,
-        arm_clearance_m: DISTANCE_MAX,
-        workspace_margin_m: DISTANCE_MAX,
-        joint_margin_rad: DISTANCE_MAX,
-        near_time_s: 0.0,
-        jerk_m_s3: 0.0,
-        energy_j: 0.0,
-        clamped_share: 0.0,
-        clamp_depth: 0.0,
-        excess_share: 0.0,
-        excess_depth: 0.0,
-        denied_share: 0.0,
-    };
-
-    /// The value of one measure, in its unit.
-    #[must_use]
-    pub const fn of(&self, kind: HarmKind) -> f64 {
-        match kind {
-            HarmKind::GripPeak => self.grip_peak_n,
-            HarmKind::GripHeld => self.grip_held_n,
-            HarmKind::ContactPeak => self.contact_peak_n,
-            HarmKind::ContactHeld => self.contact_held_n,
-            HarmKind::ContactTime => self.contact_time_s,
-            HarmKind::TouchSpeed => self.touch_speed_m_s,
-            HarmKind::LandingSpeed => self.landing_speed_m_s,
-            HarmKind::DropHeight => self.drop_height_m,
-            HarmKind::Slip => self.slip_m,
-            HarmKind::ZoneClearance => self.zone_clearance_m,
-            HarmKind::ArmClearance => self.arm_clearance_m,
-            HarmKind::WorkspaceMargin => self.workspace_margin_m,
-            HarmKind::JointMargin => self.joint_margin_rad,
-            HarmKind::NearTime => self.near_time_s,
-            HarmKind::Jerk => self.jerk_m_s3,
-            HarmKind::Energy => self.energy_j,
-            HarmKind::ClampedShare => self.clamped_share,
-            HarmKind::ClampDepth => self.clamp_depth,
-            HarmKind::ExcessShare => self.excess_share,
-            HarmKind::ExcessDepth => self.excess_depth,
-            HarmKind::DeniedShare => self.denied_share,
-        }
-    }
-
-    /// The value of one measure, to write to.
-    pub const fn of_mut(&mut self, kind: HarmKind) -> &mut f64 {
-        match kind {
-            HarmKind::GripPeak => &mut self.grip_peak_n,
-            HarmKind::GripHeld => &mut self.grip_held_n,
-            HarmKind::ContactPeak => &mut self.contact_peak_n,
-            HarmKind::ContactHeld => &mut self.contact_held_n,
-            HarmKind::ContactTime => &mut self.contact_time_s,
-            HarmKind::TouchSpeed => &mut self.touch_speed_m_s,
-            HarmKind::LandingSpeed => &mut self.landing_speed_m_s,
-            HarmKind::DropHeight => &mut self.drop_height_m,
-            HarmKind::Slip => &mut self.slip_m,
-            HarmKind::ZoneClearance => &mut self.zone_clearance_m,
-            HarmKind::ArmClearance => &mut self.arm_clearance_m,
-            HarmKind::WorkspaceMargin => &mut self.workspace_margin_m,
-            HarmKind::JointMargin => &mut self.joint_margin_rad,
-            HarmKind::NearTime => &mut self.near_time_s,
-            HarmKind::Jerk => &mut self.jerk_m_s3,
-            HarmKind::Energy => &mut self.energy_j,
-            HarmKind::ClampedShare => &mut self.clamped_share,
-            HarmKind::ClampDepth => &mut self.clamp_depth,
-            HarmKind::ExcessShare => &mut self.excess_share,
-            HarmKind::ExcessDepth => &mut self.excess_depth,
-            HarmKind::DeniedShare => &mut self.denied_share,
-        }
-    }
-
     /// The same in steps that sensors can tell apart and within bounds. What is no number becomes the worst there is.
     #[must_use]
     pub fn rounded(mut self) -> Self {
@@ -241,29 +174,6 @@ impl HarmPast {
 pub const DISTANCE_MAX: f64 = 1.0;
 
 impl HarmKind {
-    /// Its unit; empty for a share or a ratio.
-    #[must_use]
-    pub const fn unit(self) -> &'static str {
-        match self {
-            Self::GripPeak | Self::GripHeld | Self::ContactPeak | Self::ContactHeld => "N",
-            Self::ContactTime | Self::NearTime => "s",
-            Self::TouchSpeed | Self::LandingSpeed => "m/s",
-            Self::DropHeight
-            | Self::Slip
-            | Self::ZoneClearance
-            | Self::ArmClearance
-            | Self::WorkspaceMargin => "m",
-            Self::JointMargin => "rad",
-            Self::Jerk => "m/s3",
-            Self::Energy => "J",
-            Self::ClampedShare
-            | Self::ClampDepth
-            | Self::ExcessShare
-            | Self::ExcessDepth
-            | Self::DeniedShare => "",
-        }
-    }
-
     /// Whether less of it is worse: the distances.
     #[must_use]
     pub const fn is_worse_when_lower(self) -> bool {
@@ -285,74 +195,13 @@ impl HarmKind {
 
     /// Lowest and highest value that is distinguished.
     const fn bounds(self) -> (f64, f64) {
-        match self {
-            Self::GripPeak
-            | Self::GripHeld
-            | Self::ContactPeak
-            | Self::ContactHeld
-            | Self::ContactTime
-            | Self::NearTime => (0.0, 1.0e4),
-            Self::TouchSpeed | Self::LandingSpeed | Self::ClampDepth | Self::ExcessDepth => (0.0, 100.0),
-            Self::DropHeight | Self::Slip => (0.0, 10.0),
-            Self::ZoneClearance | Self::ArmClearance | Self::WorkspaceMargin | Self::JointMargin => {
-                (-1.0, DISTANCE_MAX)
-            }
-            Self::Jerk | Self::Energy => (0.0, 1.0e6),
-            Self::ClampedShare | Self::ExcessShare | Self::DeniedShare => (0.0, 1.0),
-        }
-    }
-
-    /// The step it is recorded in: finer is noise, and makes records long.
-    const fn step(self) -> f64 {
-        match self {
-            Self::GripPeak
-            | Self::GripHeld
-            | Self::ContactPeak
-            | Self::ContactHeld
-            | Self::Jerk
-            | Self::Energy => 0.01,
-            Self::ContactTime | Self::NearTime => 0.001,
-            Self::TouchSpeed
-            | Self::LandingSpeed
-            | Self::DropHeight
-            | Self::Slip
-            | Self::ZoneClearance
-            | Self::ArmClearance
-            | Self::WorkspaceMargin
-            | Self::JointMargin
-            | Self::ClampedShare
-            | Self::ClampDepth
-            | Self::ExcessShare
-            | Self::ExcessDepth
-            | Self::DeniedShare => 0.000_1,
-        }
+        (if self.is_worse_when_lower() { -1.0 } else { 0.0 }, self.highest())
     }
 
     /// A value with its unit, as people read it.
     #[must_use]
     pub fn format(self, value: f64) -> String {
-        let digits = match self {
-            Self::GripPeak
-            | Self::GripHeld
-            | Self::ContactPeak
-            | Self::ContactHeld
-            | Self::Jerk
-            | Self::Energy => 1,
-            Self::ContactTime
-            | Self::TouchSpeed
-            | Self::LandingSpeed
-            | Self::ZoneClearance
-            | Self::WorkspaceMargin
-            | Self::JointMargin
-            | Self::NearTime
-            | Self::ClampedShare
-            | Self::ClampDepth
-            | Self::ExcessShare
-            | Self::ExcessDepth
-            | Self::DeniedShare => 3,
-            Self::DropHeight | Self::Slip | Self::ArmClearance => 4,
-        };
-        let unit = self.unit();
+        let (digits, unit) = (self.digits(), self.unit());
         let gap = if unit.is_empty() { "" } else { " " };
         format!("{value:.digits$}{gap}{unit}")
     }

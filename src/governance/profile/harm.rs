@@ -93,32 +93,4 @@ impl HarmSettings {
         let past = |measure| HarmPast::of(measure, harm, self.of(measure).limit);
         HarmKind::ALL.into_iter().filter_map(past).collect()
     }
-
-    /// The limits of a measure.
-    #[must_use]
-    pub const fn of(&self, kind: HarmKind) -> HarmTolerance {
-        match kind {
-            HarmKind::GripPeak => self.grip_peak_n,
-            HarmKind::GripHeld => self.grip_held_n,
-            HarmKind::ContactPeak => self.contact_peak_n,
-            HarmKind::ContactHeld => self.contact_held_n,
-            HarmKind::ContactTime => self.contact_time_s,
-            HarmKind::TouchSpeed => self.touch_speed_m_s,
-            HarmKind::LandingSpeed => self.landing_speed_m_s,
-            HarmKind::DropHeight => self.drop_height_m,
-            HarmKind::Slip => self.slip_m,
-            HarmKind::ZoneClearance => self.zone_clearance_m,
-            HarmKind::ArmClearance => self.arm_clearance_m,
-            HarmKind::WorkspaceMargin => self.workspace_margin_m,
-            HarmKind::JointMargin => self.joint_margin_rad,
-            HarmKind::NearTime => self.near_time_s,
-            HarmKind::Jerk => self.jerk_m_s3,
-            HarmKind::Energy => self.energy_j,
-            HarmKind::ClampedShare => self.clamped_share,
-            HarmKind::ClampDepth => self.clamp_depth,
-            HarmKind::ExcessShare => self.excess_share,
-            HarmKind::ExcessDepth => self.excess_depth,
-            HarmKind::DeniedShare => self.denied_share,
-        }
-    }
 }
