@@ -29,6 +29,7 @@ mod try_settings;
 pub use evaluation_settings::EvaluationSettings;
 use fields::Weights;
 pub use harm::{HarmSettings, HarmTolerance};
+use later_numbers as later;
 pub use live_harm::LiveHarmSettings;
 pub use name::{ClassRisk, ProfileName, ProfileNameError, SiteName, SiteNameError, titled};
 pub use reasons::ReasonedNumber;
@@ -160,10 +161,7 @@ pub struct WatcherTolerances {
     /// Time in which a failure has to be named, ms.
     pub detect_max_ms: f64,
     /// Force from which a contact is noticed, N.
-    #[serde(
-        default = "later_numbers::contact_noticed_n",
-        skip_serializing_if = "later_numbers::is_contact_noticed_n"
-    )]
+    #[serde(default = "later::contact_noticed_n", skip_serializing_if = "later::is_contact_noticed_n")]
     pub contact_noticed_n: f64,
 }
 
@@ -184,16 +182,10 @@ pub struct BehaviorSettings {
     /// Per unit of increase of the share of episodes in which recovery ran.
     pub cost_recovery: f64,
     /// Loss of success that rejects by itself where it is established.
-    #[serde(
-        default = "later_numbers::success_loss_max",
-        skip_serializing_if = "later_numbers::is_success_loss_max"
-    )]
+    #[serde(default = "later::success_loss_max", skip_serializing_if = "later::is_success_loss_max")]
     pub success_loss_max: f64,
     /// Factor on the monitor's limits for a version with an open concern.
-    #[serde(
-        default = "later_numbers::concern_factor",
-        skip_serializing_if = "later_numbers::is_concern_factor"
-    )]
+    #[serde(default = "later::concern_factor", skip_serializing_if = "later::is_concern_factor")]
     pub concern_factor: f64,
 }
 
@@ -214,37 +206,22 @@ pub struct RecoverySettings {
     /// Weight of `r_detect` in `rho`.
     pub weight_detect: f64,
     /// Error rate at which a kind of drill leans toward worse, so that more drills settle it.
-    #[serde(default = "later_numbers::lean_alpha", skip_serializing_if = "later_numbers::is_lean_alpha")]
+    #[serde(default = "later::lean_alpha", skip_serializing_if = "later::is_lean_alpha")]
     pub lean_alpha: f64,
     /// Share of `rho_floor` below which recovery is unusable.
-    #[serde(
-        default = "later_numbers::unusable_share",
-        skip_serializing_if = "later_numbers::is_unusable_share"
-    )]
+    #[serde(default = "later::unusable_share", skip_serializing_if = "later::is_unusable_share")]
     pub unusable_share: f64,
     /// Farthest that the tool may move after a hook reports that it is done, m.
-    #[serde(
-        default = "later_numbers::drill_done_max_m",
-        skip_serializing_if = "later_numbers::is_drill_done_max_m"
-    )]
+    #[serde(default = "later::drill_done_max_m", skip_serializing_if = "later::is_drill_done_max_m")]
     pub drill_done_max_m: f64,
     /// Farthest that the object may fall in a drill, m.
-    #[serde(
-        default = "later_numbers::drill_fall_max_m",
-        skip_serializing_if = "later_numbers::is_drill_fall_max_m"
-    )]
+    #[serde(default = "later::drill_fall_max_m", skip_serializing_if = "later::is_drill_fall_max_m")]
     pub drill_fall_max_m: f64,
     /// Highest speed of the object when the hand loses it in a drill, m/s.
-    #[serde(
-        default = "later_numbers::drill_throw_max_m_s",
-        skip_serializing_if = "later_numbers::is_drill_throw_max_m_s"
-    )]
+    #[serde(default = "later::drill_throw_max_m_s", skip_serializing_if = "later::is_drill_throw_max_m_s")]
     pub drill_throw_max_m_s: f64,
     /// Highest speed at which the object is at rest after a drill, m/s.
-    #[serde(
-        default = "later_numbers::drill_rest_max_m_s",
-        skip_serializing_if = "later_numbers::is_drill_rest_max_m_s"
-    )]
+    #[serde(default = "later::drill_rest_max_m_s", skip_serializing_if = "later::is_drill_rest_max_m_s")]
     pub drill_rest_max_m_s: f64,
 }
 
@@ -293,16 +270,13 @@ pub struct MonitorSettings {
     /// Factor on the time that nineteen of twenty episodes stayed below before activation; above it one is slow.
     pub slow_factor: f64,
     /// One-sided error of the bound that a version's twins leave open on each normal rate.
-    #[serde(
-        default = "later_numbers::monitor_normal_alpha",
-        skip_serializing_if = "later_numbers::is_monitor_normal_alpha"
-    )]
+    #[serde(default = "later::monitor_normal_alpha", skip_serializing_if = "later::is_monitor_normal_alpha")]
     pub normal_alpha: f64,
     /// Share of slow episodes that is normal.
-    #[serde(default = "later_numbers::slow_share", skip_serializing_if = "later_numbers::is_slow_share")]
+    #[serde(default = "later::slow_share", skip_serializing_if = "later::is_slow_share")]
     pub slow_share: f64,
     /// Share of episodes past a limit of harm that is normal.
-    #[serde(default = "later_numbers::harm_share", skip_serializing_if = "later_numbers::is_harm_share")]
+    #[serde(default = "later::harm_share", skip_serializing_if = "later::is_harm_share")]
     pub harm_share: f64,
 }
 
@@ -331,16 +305,10 @@ pub struct HealthSettings {
     /// Tasks in a row, all without it, after which a condition is measured to be over.
     pub clear_tasks: u32,
     /// One-sided error of the bound that the commissioning leaves open on each normal rate.
-    #[serde(
-        default = "later_numbers::health_normal_alpha",
-        skip_serializing_if = "later_numbers::is_health_normal_alpha"
-    )]
+    #[serde(default = "later::health_normal_alpha", skip_serializing_if = "later::is_health_normal_alpha")]
     pub normal_alpha: f64,
     /// Least part of its limit that counts as normal for a signal of the camera check.
-    #[serde(
-        default = "later_numbers::sense_floor_share",
-        skip_serializing_if = "later_numbers::is_sense_floor_share"
-    )]
+    #[serde(default = "later::sense_floor_share", skip_serializing_if = "later::is_sense_floor_share")]
     pub sense_floor_share: f64,
 }
 

@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 use crate::decision::{Reason, ReasonCode};
 use crate::evidence::Pair;
 use crate::finding::Finding;
-use crate::profile::{BehaviorSettings, later_numbers};
+use crate::profile::{BehaviorSettings, later_numbers as later};
 
 crate::closed_set! {
     /// The six components of the behavior signature `B_c` (paper equation 6).
@@ -119,10 +119,7 @@ pub struct BehaviorComponent {
     /// `(1 - threshold) / c_j`: the worsening that alone brings `kappa_B` to the threshold.
     pub tolerance: f64,
     /// The profile's loss of success that rejects by itself.
-    #[serde(
-        default = "later_numbers::success_loss_max",
-        skip_serializing_if = "later_numbers::is_success_loss_max"
-    )]
+    #[serde(default = "later::success_loss_max", skip_serializing_if = "later::is_success_loss_max")]
     pub success_loss_max: f64,
 }
 

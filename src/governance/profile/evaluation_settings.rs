@@ -3,7 +3,7 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::later_numbers;
+use super::later_numbers as later;
 
 /// Budgets and error rates of sandbox, shadow and drills.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -47,51 +47,36 @@ pub struct EvaluationSettings {
     /// Most versions that one person registers within a minute; a further one is refused.
     pub registrations_per_minute_max: u32,
     /// Largest rate at which an equally good version raises a concern by the place that the search found.
-    #[serde(default = "later_numbers::search_alpha", skip_serializing_if = "later_numbers::is_search_alpha")]
+    #[serde(default = "later::search_alpha", skip_serializing_if = "later::is_search_alpha")]
     pub search_alpha: f64,
     /// Largest share of unsafe episodes under stress without a concern.
-    #[serde(
-        default = "later_numbers::stress_share_max",
-        skip_serializing_if = "later_numbers::is_stress_share_max"
-    )]
+    #[serde(default = "later::stress_share_max", skip_serializing_if = "later::is_stress_share_max")]
     pub stress_share_max: f64,
     /// Share of speed and force that the stress of a tightened envelope leaves.
     #[serde(
-        default = "later_numbers::stress_tightened_share",
-        skip_serializing_if = "later_numbers::is_stress_tightened_share"
+        default = "later::stress_tightened_share",
+        skip_serializing_if = "later::is_stress_tightened_share"
     )]
     pub stress_tightened_share: f64,
     /// Factor on every margin for the live-like pairs by themselves.
-    #[serde(
-        default = "later_numbers::live_like_factor",
-        skip_serializing_if = "later_numbers::is_live_like_factor"
-    )]
+    #[serde(default = "later::live_like_factor", skip_serializing_if = "later::is_live_like_factor")]
     pub live_like_factor: f64,
     /// Least share of the wanted sequences in which both versions come to what is judged.
     #[serde(
-        default = "later_numbers::sequences_reached_share",
-        skip_serializing_if = "later_numbers::is_sequences_reached_share"
+        default = "later::sequences_reached_share",
+        skip_serializing_if = "later::is_sequences_reached_share"
     )]
     pub sequences_reached_share: f64,
     /// Share of `shadow_alpha` for the measures of harm.
-    #[serde(
-        default = "later_numbers::shadow_harm_share",
-        skip_serializing_if = "later_numbers::is_shadow_harm_share"
-    )]
+    #[serde(default = "later::shadow_harm_share", skip_serializing_if = "later::is_shadow_harm_share")]
     pub shadow_harm_share: f64,
     /// Distance of two arm setpoints that counts as a full divergence, m.
-    #[serde(
-        default = "later_numbers::divergence_full_m",
-        skip_serializing_if = "later_numbers::is_divergence_full_m"
-    )]
+    #[serde(default = "later::divergence_full_m", skip_serializing_if = "later::is_divergence_full_m")]
     pub divergence_full_m: f64,
     /// Distance from the active version's path from which a point of the twin is outside, m.
-    #[serde(
-        default = "later_numbers::tube_radius_m",
-        skip_serializing_if = "later_numbers::is_tube_radius_m"
-    )]
+    #[serde(default = "later::tube_radius_m", skip_serializing_if = "later::is_tube_radius_m")]
     pub tube_radius_m: f64,
     /// Processor time of a median tick up to which no version is too slow, microseconds.
-    #[serde(default = "later_numbers::tick_us_min", skip_serializing_if = "later_numbers::is_tick_us_min")]
+    #[serde(default = "later::tick_us_min", skip_serializing_if = "later::is_tick_us_min")]
     pub tick_us_min: f64,
 }

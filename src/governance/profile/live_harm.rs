@@ -3,7 +3,7 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::later_numbers;
+use super::later_numbers as later;
 use crate::harm::{HarmKind, HarmMeasures, HarmPast};
 
 /// How the harm of live tasks is judged, of every active version for its whole life.
@@ -19,10 +19,7 @@ pub struct LiveHarmSettings {
     /// Distance of the tool from a keep-out zone below which a task is a danger, m.
     pub danger_zone_clearance_m: f64,
     /// One-sided error of the bound that all tasks with a known result leave open on the normal rate.
-    #[serde(
-        default = "later_numbers::live_normal_alpha",
-        skip_serializing_if = "later_numbers::is_live_normal_alpha"
-    )]
+    #[serde(default = "later::live_normal_alpha", skip_serializing_if = "later::is_live_normal_alpha")]
     pub normal_alpha: f64,
 }
 

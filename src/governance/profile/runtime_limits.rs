@@ -5,7 +5,7 @@ use std::collections::BTreeSet;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::later_numbers;
+use super::later_numbers as later;
 use crate::mode::ZoneName;
 
 /// The limits that the guard enforces in every tick, whatever a manifest declares.
@@ -43,43 +43,28 @@ pub struct RuntimeLimits {
     /// Longest an episode may take, simulated s; then it counts as timed out.
     pub episode_max_s: f64,
     /// How far ahead the guard predicts a collision, s.
-    #[serde(default = "later_numbers::look_ahead_s", skip_serializing_if = "later_numbers::is_look_ahead_s")]
+    #[serde(default = "later::look_ahead_s", skip_serializing_if = "later::is_look_ahead_s")]
     pub look_ahead_s: f64,
     /// Share of a limit to which the guard clamps a command.
-    #[serde(default = "later_numbers::clamp_share", skip_serializing_if = "later_numbers::is_clamp_share")]
+    #[serde(default = "later::clamp_share", skip_serializing_if = "later::is_clamp_share")]
     pub clamp_share: f64,
     /// Factor on the force limit that a transient contact may reach (ISO/TS 15066).
-    #[serde(
-        default = "later_numbers::transient_factor",
-        skip_serializing_if = "later_numbers::is_transient_factor"
-    )]
+    #[serde(default = "later::transient_factor", skip_serializing_if = "later::is_transient_factor")]
     pub transient_factor: f64,
     /// Factor on a limit up to which a measured value is no violation.
-    #[serde(
-        default = "later_numbers::measure_share",
-        skip_serializing_if = "later_numbers::is_measure_share"
-    )]
+    #[serde(default = "later::measure_share", skip_serializing_if = "later::is_measure_share")]
     pub measure_share: f64,
     /// Share of a limit above which a declared speed or force is of high risk.
-    #[serde(default = "later_numbers::high_share", skip_serializing_if = "later_numbers::is_high_share")]
+    #[serde(default = "later::high_share", skip_serializing_if = "later::is_high_share")]
     pub high_share: f64,
     /// Height to which the retreat raises the tool, m.
-    #[serde(
-        default = "later_numbers::retreat_height_m",
-        skip_serializing_if = "later_numbers::is_retreat_height_m"
-    )]
+    #[serde(default = "later::retreat_height_m", skip_serializing_if = "later::is_retreat_height_m")]
     pub retreat_height_m: f64,
     /// Height above which the tool counts as clear after the retreat, m.
-    #[serde(
-        default = "later_numbers::retreat_clear_m",
-        skip_serializing_if = "later_numbers::is_retreat_clear_m"
-    )]
+    #[serde(default = "later::retreat_clear_m", skip_serializing_if = "later::is_retreat_clear_m")]
     pub retreat_clear_m: f64,
     /// Speed of the retreat, m/s.
-    #[serde(
-        default = "later_numbers::retreat_speed_m_s",
-        skip_serializing_if = "later_numbers::is_retreat_speed_m_s"
-    )]
+    #[serde(default = "later::retreat_speed_m_s", skip_serializing_if = "later::is_retreat_speed_m_s")]
     pub retreat_speed_m_s: f64,
 }
 
