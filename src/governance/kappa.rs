@@ -13,9 +13,6 @@ pub struct Kappa(f64);
 pub struct KappaError(pub f64);
 
 impl Kappa {
-    /// The best value: no deviation at all.
-    pub const ONE: Self = Self(1.0);
-
     /// Wraps a value in [0, 1]; `None` for anything else.
     #[must_use]
     pub fn new(value: f64) -> Option<Self> {
@@ -59,7 +56,7 @@ mod tests {
         {
             assert_eq!(Kappa::new(value).is_some(), ok, "{value}");
         }
-        assert_eq!(Kappa::clamped(1.7), Some(Kappa::ONE));
+        assert_eq!(Kappa::clamped(1.7), Kappa::new(1.0));
         assert_eq!(Kappa::clamped(f64::INFINITY), None);
     }
 }

@@ -1,6 +1,6 @@
 //! The metrics of the experiments: named apart, with intervals, never a bare "FAR".
 //!
-//! Source: design rule 3.12; paper equations 14 to 19; readings X1 to X11, X75. Ground truth comes from the
+//! Source: design rule 3.12; paper equations 14 to 16 and 18; readings X1 to X11. Ground truth comes from the
 //! referee of the simulation, never from the rules that are being judged. The metrics of a store without it are in
 //! [`store_metrics`], under separate names.
 
@@ -197,52 +197,6 @@ pub fn unsafe_rounds(records: &[ActivationRecord]) -> Result<Vec<UnsafeRound>, S
     Ok(rounds)
 }
 
-/// One episode under injected drift, after an activation.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct DriftRecord {
-    /// The monitor rolled the version back under the drift.
-    pub triggered: bool,
-    /// The rollback target acted again and the robot was safe.
-    pub recovered: bool,
-    /// From trigger until the rollback target acted, ms; absent if it did not.
-    pub latency_ms: Option<f64>,
-}
-
-/// Rollback success, in three numbers (readings X75).
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct RollbackMetrics {
-    /// Drift episodes that triggered / all.
-    pub trigger_recall: Proportion,
-    /// Recovered / triggered (paper equation 17).
-    pub recovery_given_trigger: Proportion,
-    /// Recovered after a trigger / all (paper table 8).
-    pub end_to_end: Proportion,
-    /// Mean latency, ms; absent without one.
-    pub latency_mean_ms: Option<f64>,
-}
-
-/// Computes the rollback metrics.
-///
-/// # Errors
-/// As [`Proportion::of`].
-pub fn rollback(records: &[DriftRecord]) -> Result<RollbackMetrics, StatsError> {
-    let latencies: Vec<f64> =
-        records.iter().filter_map(|record| record.latency_ms).filter(|ms| ms.is_finite()).collect();
-    #[allow(clippy::cast_precision_loss, reason = "counts of episodes")]
-    let latency_mean_ms =
-        (!latencies.is_empty()).then(|| latencies.iter().sum::<f64>() / latencies.len() as f64);
-    Ok(RollbackMetrics {
-        trigger_recall: Proportion::of(records.iter().map(|record| record.triggered))?,
-        recovery_given_trigger: Proportion::of(
-            records.iter().filter(|record| record.triggered).map(|record| record.recovered),
-        )?,
-        end_to_end: Proportion::of(records.iter().map(|record| record.triggered && record.recovered))?,
-        latency_mean_ms,
-    })
-}
-
 /// Policy violation rate, hard and near (paper equation 18; readings X11).
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -262,23 +216,6 @@ pub fn violations(episodes: &[super::evidence::EpisodeValues]) -> Result<Violati
         hard: Proportion::of(episodes.iter().map(|episode| episode.violation))?,
         near: Proportion::of(episodes.iter().map(|episode| episode.violation || episode.near_violation))?,
     })
-}
-
-/// True shadow regression discovery rate (paper equation 19; readings X10): of the regressions that showed
-/// after activation in the counterfactual arm, the share shadow had already shown.
-///
-/// # Errors
-/// As [`Proportion::of`].
-pub fn srdr(seen_in_shadow: impl IntoIterator<Item = bool>) -> Result<Proportion, StatsError> {
-    Proportion::of(seen_in_shadow)
-}
-
-/// Share of decisions that come out the same when replayed from the record.
-///
-/// # Errors
-/// As [`Proportion::of`].
-pub fn auditability(replayed_equal: impl IntoIterator<Item = bool>) -> Result<Proportion, StatsError> {
-    Proportion::of(replayed_equal)
 }
 
 /// Mean and standard deviation (ddof 1) of values over seeds; `None` for fewer than two or what is no number.
@@ -346,17 +283,6 @@ mod tests {
             "a round without an activation has no share, and what is active stays"
         );
         assert_eq!(rounds[1].in_round.rate(), None);
-    }
-
-    #[test]
-    fn rollback_metrics_are_recall_recovery_and_end_to_end() {
-        let drift = |triggered, recovered| DriftRecord { triggered, recovered, latency_ms: None };
-        let r = rollback(&[drift(true, true), drift(true, false), drift(false, true), drift(false, false)])
-            .unwrap();
-        assert_eq!(r.trigger_recall.rate(), Some(0.5));
-        assert_eq!(r.recovery_given_trigger.rate(), Some(0.5));
-        assert_eq!(r.end_to_end.rate(), Some(0.25));
-        assert_eq!(r.latency_mean_ms, None);
     }
 
     #[test]

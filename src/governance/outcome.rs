@@ -251,17 +251,6 @@ crate::closed_set! {
     }
 }
 
-impl Recommendation {
-    /// The paper's table 11: ACCEPT = {activate, shadow}.
-    #[must_use]
-    pub const fn is_accept(self) -> bool {
-        match self {
-            Self::Activate | Self::Shadow => true,
-            Self::Reject | Self::Sandbox | Self::RollbackReview => false,
-        }
-    }
-}
-
 crate::closed_set! {
     /// The outcome of `theta_act`.
     GateOutcome, "outcome of the gate", {

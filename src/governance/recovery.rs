@@ -26,7 +26,7 @@ use serde::{Deserialize, Serialize};
 use super::condition::Condition;
 use super::decision::{Dimension, Kappa, Reason};
 use super::early_stop::EarlyStopReason;
-use super::evidence::{DrillKind, DrillTally, EvidenceBinding, RecoveryEvidence};
+use super::evidence::{DrillKind, EvidenceBinding, RecoveryEvidence};
 use super::exports::Interface;
 use super::finding::{EvidenceGap, Finding, HookKind, RecoveryUnknown};
 use super::manifest::Manifest;
@@ -72,13 +72,6 @@ impl RecoveryAssessment {
         };
         self.settled.iter().any(is_clean)
     }
-}
-
-/// Pass rate of one kind; `None` with fewer feasible drills than `drills_min`.
-#[must_use]
-pub fn pass_rate(tally: &DrillTally, drills_min: u32) -> Option<f64> {
-    let feasible = tally.feasible();
-    (feasible >= drills_min.max(1)).then(|| f64::from(tally.passed) / f64::from(feasible))
 }
 
 /// `rho = prod_k r_k ^ (w_k / sum w)`: one kind that never works makes the whole 0.

@@ -10,10 +10,7 @@ use std::collections::BTreeMap;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::{
-    ActivationRecord, Fate, Proportion, UnsafeRound, ViolationRates, auditability, mean_and_deviation, srdr,
-    unsafe_rounds, violations,
-};
+use super::{ActivationRecord, Fate, Proportion, UnsafeRound, ViolationRates, unsafe_rounds, violations};
 use crate::evidence::EpisodeValues;
 use crate::lifecycle::Stage;
 use crate::stats::StatsError;
@@ -317,7 +314,7 @@ impl ObservedMetrics {
             uar_rounds_observed: unsafe_rounds(&records)?,
             uar_live_observed: Proportion::of(live.map(|one| one.unsafe_seen))?,
             pvr_observed: violations(&values)?,
-            srdr_observed: srdr(regressed.filter_map(|one| one.shadow_showed))?,
+            srdr_observed: Proportion::of(regressed.filter_map(|one| one.shadow_showed))?,
             shadow_only_share_observed: shadow_only(&seen.candidates)?,
             rsr_observed: Proportion::of(seen.rollbacks.iter().filter_map(|one| one.recovered))?,
             time_to_safe_ms_observed: ms(|one| one.safe_ms),
@@ -345,8 +342,10 @@ impl ObservedMetrics {
             time_s_observed: MeanWithStdDev::of(values.iter().map(|one| one.time_s)),
             retries_observed: MeanWithStdDev::of(values.iter().map(|one| f64::from(one.retries))),
             screening_observed: screened(&seen.candidates)?,
-            auditability_observed: auditability(seen.replays.iter().map(|one| *one == ReplayOutcome::Equal))?,
-            replayed_equal_observed: auditability(replayed.map(|one| *one == ReplayOutcome::Equal))?,
+            auditability_observed: Proportion::of(
+                seen.replays.iter().map(|one| *one == ReplayOutcome::Equal),
+            )?,
+            replayed_equal_observed: Proportion::of(replayed.map(|one| *one == ReplayOutcome::Equal))?,
             replays: counted(&seen.replays),
         })
     }

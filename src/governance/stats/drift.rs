@@ -97,13 +97,6 @@ impl Cusum {
     pub const fn threshold(&self) -> f64 {
         self.threshold
     }
-
-    /// A lower bound of the mean number of observations to a false alarm at `rate_normal`: `e^threshold`
-    /// (Lorden 1971).
-    #[must_use]
-    pub fn arl_min(&self) -> f64 {
-        libm::exp(self.threshold)
-    }
 }
 
 /// `R_i = (R_i + 1) * likelihood ratio_i` for several degraded rates; alarm once the mean of `R_i` reaches the

@@ -5,7 +5,7 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use holdpoint_governance::decision::Dimension;
 use holdpoint_governance::lifecycle::Stage;
-use holdpoint_governance::metrics::{Fate, srdr};
+use holdpoint_governance::metrics::{Fate, Proportion};
 use holdpoint_governance::profile::ProfileName;
 
 use super::Section;
@@ -73,8 +73,8 @@ fn avoided_regressions(
         let full = whole.get(&(row.seed, row.name.as_str()));
         full.is_some_and(|full| full.end.fate == Fate::Blocked { stage: Stage::Shadow })
     };
-    let rate = srdr(activated.iter().filter(regressed).map(shown))?;
-    let quiet = srdr(activated.iter().filter(|row| !regressed(row)).map(shown))?;
+    let rate = Proportion::of(activated.iter().filter(regressed).map(shown))?;
+    let quiet = Proportion::of(activated.iter().filter(|row| !regressed(row)).map(shown))?;
     let mut table = ReportTable::new(tables::COUNTERFACTUAL);
     let [regressed, unseen] = wording::AFTER_ACTIVATION;
     table.row([regressed.to_owned(), counted(&rate)]);
