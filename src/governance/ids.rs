@@ -9,6 +9,26 @@ use holdpoint_text::hex::{hex, unhex};
 use serde::{Deserialize, Serialize};
 use sha2::{Digest as _, Sha256};
 
+/// The form in records and JSON: the text that `Display` writes and `FromStr` reads.
+macro_rules! text_form {
+    ($type:ident, $error:ident) => {
+        impl TryFrom<String> for $type {
+            type Error = $error;
+            fn try_from(text: String) -> Result<Self, $error> {
+                text.parse()
+            }
+        }
+
+        impl From<$type> for String {
+            fn from(value: $type) -> Self {
+                value.to_string()
+            }
+        }
+    };
+}
+
+pub(crate) use text_form;
+
 /// The longest name of a family, identity or channel, in bytes.
 pub const NAME_LEN_MAX: usize = 64;
 
@@ -107,18 +127,7 @@ impl FromStr for CapabilityId {
     }
 }
 
-impl TryFrom<String> for CapabilityId {
-    type Error = CapabilityIdError;
-    fn try_from(text: String) -> Result<Self, Self::Error> {
-        text.parse()
-    }
-}
-
-impl From<CapabilityId> for String {
-    fn from(id: CapabilityId) -> Self {
-        id.to_string()
-    }
-}
+text_form! { CapabilityId, CapabilityIdError }
 
 impl fmt::Display for CapabilityId {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
@@ -222,18 +231,7 @@ impl FromStr for Digest {
     }
 }
 
-impl TryFrom<String> for Digest {
-    type Error = DigestError;
-    fn try_from(text: String) -> Result<Self, Self::Error> {
-        text.parse()
-    }
-}
-
-impl From<Digest> for String {
-    fn from(digest: Digest) -> Self {
-        digest.to_string()
-    }
-}
+text_form! { Digest, DigestError }
 
 #[cfg(test)]
 mod tests {

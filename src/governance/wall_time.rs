@@ -9,6 +9,7 @@ use std::str::FromStr;
 use serde::{Deserialize, Serialize};
 
 use super::calendar;
+use super::ids::text_form;
 
 /// A moment by the machine's clock, with milliseconds, from 1970 to the end of the year 9999. As text and in JSON it is
 /// RFC 3339 with its zone, written in UTC.
@@ -117,18 +118,7 @@ impl FromStr for WallTime {
     }
 }
 
-impl TryFrom<String> for WallTime {
-    type Error = WallTimeError;
-    fn try_from(text: String) -> Result<Self, WallTimeError> {
-        text.parse()
-    }
-}
-
-impl From<WallTime> for String {
-    fn from(time: WallTime) -> Self {
-        time.to_string()
-    }
-}
+text_form! { WallTime, WallTimeError }
 
 impl schemars::JsonSchema for WallTime {
     fn schema_name() -> std::borrow::Cow<'static, str> {

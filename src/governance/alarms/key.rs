@@ -5,7 +5,7 @@ use std::str::FromStr;
 
 use serde::{Deserialize, Serialize};
 
-use crate::ids::{CapabilityId, Family};
+use crate::ids::{CapabilityId, Family, text_form};
 
 crate::closed_set! {
     /// The groups of alarms in a flood: those of one topic share a row.
@@ -178,18 +178,7 @@ impl fmt::Display for AlarmKey {
     }
 }
 
-impl TryFrom<String> for AlarmKey {
-    type Error = AlarmKeyError;
-    fn try_from(text: String) -> Result<Self, Self::Error> {
-        text.parse()
-    }
-}
-
-impl From<AlarmKey> for String {
-    fn from(key: AlarmKey) -> Self {
-        key.to_string()
-    }
-}
+text_form! { AlarmKey, AlarmKeyError }
 
 impl Ord for AlarmKey {
     fn cmp(&self, other: &Self) -> std::cmp::Ordering {
