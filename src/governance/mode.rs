@@ -12,32 +12,32 @@ use super::manifest::Permissions;
 use super::profile::RuntimeLimits;
 pub use super::zone_name::{UnknownZone, ZoneName};
 
-/// A path by which a version can move something.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, JsonSchema)]
-#[serde(rename_all = "kebab-case")]
-pub enum Channel {
-    /// The arm's joints, through the servo.
-    Arm,
-    /// The gripper, through its servo.
-    Gripper,
-    /// The field bus: direct actuator access, past the mediated channels.
-    Bus,
+crate::closed_set! {
+    /// A path by which a version can move something.
+    Channel, "channel", {
+        /// The arm's joints, through the servo.
+        Arm = "arm",
+        /// The gripper, through its servo.
+        Gripper = "gripper",
+        /// The field bus: direct actuator access, past the mediated channels.
+        Bus = "bus",
+    }
 }
 
-/// The kind of a command as policies name it (the paper's action type).
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, JsonSchema)]
-#[serde(rename_all = "kebab-case")]
-pub enum CommandKind {
-    /// Straight line of the tool to a pose.
-    ToolPose,
-    /// Joint motion to a configuration.
-    Joints,
-    /// Fingers to a width with at most a force.
-    Gripper,
-    /// Standstill: every joint is braked to zero speed.
-    Stop,
-    /// Raw actuator values on the field bus.
-    Direct,
+crate::closed_set! {
+    /// The kind of a command as policies name it (the paper's action type).
+    CommandKind, "kind of command", {
+        /// Straight line of the tool to a pose.
+        ToolPose = "tool-pose",
+        /// Joint motion to a configuration.
+        Joints = "joints",
+        /// Fingers to a width with at most a force.
+        Gripper = "gripper",
+        /// Standstill: every joint is braked to zero speed.
+        Stop = "stop",
+        /// Raw actuator values on the field bus.
+        Direct = "direct",
+    }
 }
 
 crate::closed_set! {
@@ -63,17 +63,6 @@ crate::closed_set! {
 }
 
 impl Channel {
-    /// Every channel, the mediated ones first.
-    pub const ALL: [Self; 3] = [Self::Arm, Self::Gripper, Self::Bus];
-    /// The name in policies and manifests.
-    #[must_use]
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::Arm => "arm",
-            Self::Gripper => "gripper",
-            Self::Bus => "bus",
-        }
-    }
     /// Whether this channel takes this kind of command.
     #[must_use]
     pub const fn takes(self, command: CommandKind) -> bool {
@@ -86,19 +75,6 @@ impl Channel {
 }
 
 impl CommandKind {
-    /// Every kind, in the order of the compiled table.
-    pub const ALL: [Self; 5] = [Self::ToolPose, Self::Joints, Self::Gripper, Self::Stop, Self::Direct];
-    /// The name in policies and manifests.
-    #[must_use]
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::ToolPose => "tool-pose",
-            Self::Joints => "joints",
-            Self::Gripper => "gripper",
-            Self::Stop => "stop",
-            Self::Direct => "direct",
-        }
-    }
     /// The kind and channel of a command at the robot's boundary; `None` for those that move nothing
     /// (hold, done, fail) and so need no permission.
     #[must_use]
@@ -195,14 +171,7 @@ impl ModeKey {
 impl std::fmt::Display for ModeKey {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let Self { channel, command, zone, authority } = self;
-        write!(
-            f,
-            "{}/{} in {} at authority {}",
-            channel.name(),
-            command.name(),
-            zone.name(),
-            authority.level()
-        )
+        write!(f, "{channel}/{command} in {} at authority {}", zone.name(), authority.level())
     }
 }
 

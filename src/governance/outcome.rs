@@ -98,35 +98,18 @@ convert_equal_terms! {
 }
 convert_equal_terms! { RecoveryOutcome => DimensionOutcome: Compatible, Conditional, Fragile, Incompatible, NoData }
 
-/// The activation modes (paper table 4). Several can apply at once.
-#[derive(
-    Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, schemars::JsonSchema,
-)]
-#[serde(rename_all = "kebab-case")]
-pub enum ActivationMode {
-    /// Every permission the manifest declares, within the profile's limits.
-    Full,
-    /// Under typed conditions of use, which guard and monitor enforce (see
-    /// [`Condition`](super::condition::Condition)).
-    Conditional,
-    /// Only with people's approval, signed and bound to this activation.
-    ApprovalBound,
-    /// The predecessor stays loaded and takes over at the first trip.
-    RollbackCoupled,
-}
-
-impl ActivationMode {
-    /// Every mode, the least restricted first.
-    pub const ALL: [Self; 4] = [Self::Full, Self::Conditional, Self::RollbackCoupled, Self::ApprovalBound];
-    /// The name on screen and in records.
-    #[must_use]
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::Full => "full",
-            Self::Conditional => "conditional",
-            Self::ApprovalBound => "approval-bound",
-            Self::RollbackCoupled => "rollback-coupled",
-        }
+crate::closed_set! {
+    /// The activation modes (paper table 4). Several can apply at once.
+    ActivationMode, "activation mode", {
+        /// Every permission the manifest declares, within the profile's limits.
+        Full = "full",
+        /// Under typed conditions of use, which guard and monitor enforce (see
+        /// [`Condition`](super::condition::Condition)).
+        Conditional = "conditional",
+        /// Only with people's approval, signed and bound to this activation.
+        ApprovalBound = "approval-bound",
+        /// The predecessor stays loaded and takes over at the first trip.
+        RollbackCoupled = "rollback-coupled",
     }
 }
 

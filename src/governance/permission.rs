@@ -300,7 +300,7 @@ impl PermissionExcess {
 impl fmt::Display for PermissionExcess {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::Command(sent) => write!(f, "command {}/{}", sent.channel.name(), sent.command.name()),
+            Self::Command(sent) => write!(f, "command {}/{}", sent.channel, sent.command),
             Self::Zone(zone) => write!(f, "zone {}", zone.name()),
             Self::Asked { quantity: PeakQuantity::Speed, asked, declared } => {
                 write!(f, "it asks for a speed of {asked:.3} m/s and declares {declared}")
