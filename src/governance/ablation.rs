@@ -85,13 +85,8 @@ impl AblatedParts {
     #[must_use]
     pub fn fill_ablated(self, mut kappas: Kappas) -> Kappas {
         fn gap<O>(dimension: Dimension, outcome: O) -> Assessment<O> {
-            Assessment {
-                outcome,
-                kappa: None,
-                basis: Basis::Estimated,
-                reasons: vec![AblatedParts::skip_reason(dimension)],
-                conditions: Vec::new(),
-            }
+            let reasons = vec![AblatedParts::skip_reason(dimension)];
+            Assessment::without_value(outcome, Basis::Estimated, reasons)
         }
         if self.covers(Dimension::Interface) {
             kappas.interface = gap(Dimension::Interface, InterfaceOutcome::Compatible);

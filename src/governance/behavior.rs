@@ -223,40 +223,27 @@ pub fn estimate(candidate: &Signature, active: &Signature, profile: &Profile) ->
     let outcome =
         if value.get() < threshold { BehaviorOutcome::Incompatible } else { BehaviorOutcome::Suspicious };
     let reason = reason(Finding::Estimated).with(value.get(), threshold);
+    let assessment = Assessment {
+        kappa: Some(value),
+        ..Assessment::without_value(outcome, Basis::Estimated, vec![reason])
+    };
     BehaviorAssessment {
-        assessment: Assessment {
-            outcome,
-            kappa: Some(value),
-            basis: Basis::Estimated,
-            reasons: vec![reason],
-            conditions: Vec::new(),
-        },
-        established: None,
-        interval: None,
-        components: Vec::new(),
-        harm: Vec::new(),
-        sequences: Vec::new(),
-        live_like: None,
-        anchor: None,
         active: Some(*active),
         candidate: Some(*candidate),
-        improved: false,
-        pairs: 0,
-        ended: None,
+        ..without_measurements(assessment)
     }
 }
 
 /// An assessment without a value: nothing advances on it.
 #[must_use]
 pub fn without_value(gap: EvidenceGap) -> BehaviorAssessment {
+    let reasons = vec![reason(Finding::BehaviorGap { gap })];
+    without_measurements(Assessment::without_value(BehaviorOutcome::NoData, Basis::Measured, reasons))
+}
+
+const fn without_measurements(assessment: Assessment<BehaviorOutcome>) -> BehaviorAssessment {
     BehaviorAssessment {
-        assessment: Assessment {
-            outcome: BehaviorOutcome::NoData,
-            kappa: None,
-            basis: Basis::Measured,
-            reasons: vec![reason(Finding::BehaviorGap { gap })],
-            conditions: Vec::new(),
-        },
+        assessment,
         established: None,
         interval: None,
         components: Vec::new(),
@@ -327,26 +314,20 @@ fn measured_within(
     };
     let gained = PairedCounts::of(pairs.iter().map(|pair| (pair.candidate.success, pair.active.success)));
     let success = stats::binary_pairs(gained, each).map_err(|_| EvidenceGap::SuccessUnbounded)?;
+    let assessment = Assessment {
+        kappa: Some(value),
+        ..Assessment::without_value(BehaviorOutcome::Compatible, Basis::Measured, Vec::new())
+    };
     let mut result = BehaviorAssessment {
-        assessment: Assessment {
-            outcome: BehaviorOutcome::Compatible,
-            kappa: Some(value),
-            basis: Basis::Measured,
-            reasons: Vec::new(),
-            conditions: Vec::new(),
-        },
         established: Some(established),
         interval: Some(ends),
         active: signature(pairs.iter().map(|pair| &pair.active)),
         candidate: signature(pairs.iter().map(|pair| &pair.candidate)),
         improved: success.lower > 0.0,
         pairs: u32::try_from(pairs.len()).unwrap_or(u32::MAX),
-        ended: None,
         components,
         harm: harm::compare(pairs, profile)?,
-        sequences: Vec::new(),
-        live_like: None,
-        anchor: None,
+        ..without_measurements(assessment)
     };
     let excess_concern = harm::limit_request_concern(pairs, profile);
     conclude_behavior(&mut result, budget, success.mean > 0.0, excess_concern, profile);

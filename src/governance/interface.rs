@@ -120,13 +120,7 @@ pub fn assess(input: &InterfaceInput<'_>, thresholds: &Thresholds) -> InterfaceA
     let mut found = InterfaceFindings::default();
     let Some(exports) = input.exports else {
         let reasons = vec![reason(Finding::ExportsUnknown)];
-        let assessment = Assessment {
-            outcome: InterfaceOutcome::NoData,
-            kappa: None,
-            basis: Basis::Measured,
-            reasons,
-            conditions: Vec::new(),
-        };
+        let assessment = Assessment::without_value(InterfaceOutcome::NoData, Basis::Measured, reasons);
         return InterfaceAssessment { assessment, deviations: Deviations::default() };
     };
     found.exports(input.candidate, exports);

@@ -218,6 +218,14 @@ pub struct Assessment<O> {
     pub conditions: Vec<super::condition::Condition>,
 }
 
+impl<O> Assessment<O> {
+    /// An outcome without a value and without conditions.
+    #[must_use]
+    pub const fn without_value(outcome: O, basis: Basis, reasons: Vec<Reason>) -> Self {
+        Self { outcome, kappa: None, basis, reasons, conditions: Vec::new() }
+    }
+}
+
 crate::closed_set! {
     /// The recommendation of `Psi` = the next permitted stage (paper equation 2; readings X39).
     Recommendation, "recommendation", {

@@ -116,13 +116,11 @@ const fn gap(gap: EvidenceGap) -> Finding {
 
 fn without_value(finding: Finding) -> RecoveryAssessment {
     RecoveryAssessment {
-        assessment: Assessment {
-            outcome: RecoveryOutcome::NoData,
-            kappa: None,
-            basis: Basis::Measured,
-            reasons: vec![reason(finding)],
-            conditions: Vec::new(),
-        },
+        assessment: Assessment::without_value(
+            RecoveryOutcome::NoData,
+            Basis::Measured,
+            vec![reason(finding)],
+        ),
         rho_candidate: None,
         rho_active: None,
         rates: Vec::new(),
@@ -317,5 +315,5 @@ pub fn static_part(input: &StaticInput<'_>) -> Assessment<RecoveryOutcome> {
     if outcome == RecoveryOutcome::Compatible {
         wrong.push(reason(Finding::RecoveryReady));
     }
-    Assessment { outcome, kappa: None, basis: Basis::Estimated, reasons: wrong, conditions: Vec::new() }
+    Assessment::without_value(outcome, Basis::Estimated, wrong)
 }

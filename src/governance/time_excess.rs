@@ -69,13 +69,7 @@ impl TimeExcess {
     /// The assessment of behavior with this excess: no value, so that nothing advances on it.
     #[must_use]
     pub fn behavior(&self, profile: &Profile) -> Assessment<BehaviorOutcome> {
-        Assessment {
-            outcome: BehaviorOutcome::NoData,
-            kappa: None,
-            basis: Basis::Measured,
-            reasons: vec![self.reason(profile)],
-            conditions: Vec::new(),
-        }
+        Assessment::without_value(BehaviorOutcome::NoData, Basis::Measured, vec![self.reason(profile)])
     }
 
     /// Leaves an inconclusive shadow so, because its re-evaluation did not end in time.

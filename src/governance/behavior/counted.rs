@@ -37,11 +37,5 @@ pub fn without_try(finding: Finding) -> Assessment<BehaviorOutcome> {
     } else {
         BehaviorOutcome::NoData
     };
-    Assessment {
-        outcome,
-        kappa: None,
-        basis: Basis::Measured,
-        reasons: vec![reason(finding)],
-        conditions: Vec::new(),
-    }
+    Assessment::without_value(outcome, Basis::Measured, vec![reason(finding)])
 }

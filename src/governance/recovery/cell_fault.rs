@@ -87,13 +87,9 @@ pub fn assess_drills(
     if !is_open {
         return found;
     }
-    let assessment = Assessment {
-        outcome: RecoveryOutcome::NoData,
-        kappa: None,
-        basis: found.assessment.basis,
-        reasons: undrillable.into_iter().map(|drill| reason(Finding::ActiveUndrillable { drill })).collect(),
-        conditions: Vec::new(),
-    };
+    let reasons = undrillable.into_iter().map(|drill| reason(Finding::ActiveUndrillable { drill }));
+    let basis = found.assessment.basis;
+    let assessment = Assessment::without_value(RecoveryOutcome::NoData, basis, reasons.collect());
     RecoveryAssessment { assessment, interval: None, ..found }
 }
 
