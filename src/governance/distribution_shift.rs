@@ -102,12 +102,13 @@ struct SignalComparison {
     now: Vec<f64>,
 }
 
-/// The signals that are significantly worse now by more than a trivial difference, with their p-values.
-fn significant_signals(
-    compared: Vec<SignalComparison>,
-    profile: &Profile,
+/// A reason for each signal that is significantly worse now by more than a trivial difference.
+fn significantly_worse(
+    compared: impl Iterator<Item = SignalComparison>,
     level: f64,
-) -> Vec<(SignalComparison, f64)> {
+    profile: &Profile,
+    reason: impl Fn(&SignalComparison) -> Reason,
+) -> Vec<Reason> {
     let mut tested = Vec::new();
     for one in compared {
         let trifle = one.signal.negligible_difference(profile);
@@ -117,8 +118,8 @@ fn significant_signals(
     }
     let p_values: Vec<f64> = tested.iter().map(|(_, p_value)| *p_value).collect();
     let adjusted = holm(&p_values).unwrap_or_default();
-    let significant = tested.into_iter().zip(adjusted).filter(|(_, p_value)| *p_value <= level);
-    significant.map(|((one, _), p_value)| (one, p_value)).collect()
+    let significant = tested.iter().zip(adjusted).filter(|(_, p_value)| *p_value <= level);
+    significant.map(|((one, _), p_value)| reason(one).with(p_value, level)).collect()
 }
 
 /// One reason with both means for each signal that is significantly worse in shadow than in the sandbox.
@@ -133,18 +134,16 @@ pub fn significant_shifts(sandbox: &[Pair], shadow: &[ShadowSequence], profile: 
         })
     });
     let level = profile.evaluation.shift_alpha / f64::from(SHADOW_LOOKS);
-    let reasons =
-        significant_signals(compared.collect(), profile, level).into_iter().map(|(one, p_value)| {
-            let finding = Finding::ShiftedInShadow {
-                signal: one.signal,
-                live: mean(&one.now),
-                sequences: shadow.len() as u64,
-                sandbox: mean(&one.before),
-                pairs: sandbox.len() as u64,
-            };
-            Reason::new(Dimension::Shadow, finding).with(p_value, level)
-        });
-    reasons.collect()
+    significantly_worse(compared, level, profile, |one| {
+        let finding = Finding::ShiftedInShadow {
+            signal: one.signal,
+            live: mean(&one.now),
+            sequences: shadow.len() as u64,
+            sandbox: mean(&one.before),
+            pairs: sandbox.len() as u64,
+        };
+        Reason::new(Dimension::Shadow, finding)
+    })
 }
 
 /// Whether a look is due after this many live tasks of an active version.
@@ -171,18 +170,16 @@ pub fn live_shifts(twins: &[EpisodeValues], live: &[EpisodeValues], profile: &Pr
         Some(SignalComparison { signal, before: of(twins)?, now: of(live)? })
     });
     let level = profile.evaluation.shift_alpha / LIVE_LOOKS.len() as f64;
-    let reasons =
-        significant_signals(compared.collect(), profile, level).into_iter().map(|(one, p_value)| {
-            let finding = Finding::ShiftedLive {
-                signal: one.signal,
-                live: mean(&one.now),
-                tasks: live.len() as u64,
-                twin: mean(&one.before),
-                twins: twins.len() as u64,
-            };
-            Reason::new(Dimension::Monitor, finding).with(p_value, level)
-        });
-    reasons.collect()
+    significantly_worse(compared, level, profile, |one| {
+        let finding = Finding::ShiftedLive {
+            signal: one.signal,
+            live: mean(&one.now),
+            tasks: live.len() as u64,
+            twin: mean(&one.before),
+            twins: twins.len() as u64,
+        };
+        Reason::new(Dimension::Monitor, finding)
+    })
 }
 
 /// Whether shadow found a version inconclusive: it differs there from the sandbox.
@@ -272,21 +269,8 @@ mod tests {
     use crate::profile::ProfileName;
 
     fn values(slip_m: f64) -> EpisodeValues {
-        EpisodeValues {
-            failure: None,
-            success: true,
-            violation: false,
-            anomaly: false,
-            recovery: false,
-            intervention: false,
-            timeout: false,
-            near_violation: false,
-            policy_warning: false,
-            retries: 0,
-            time_s: 4.0,
-            unsafe_continuation_ms: 0.0,
-            harm: Some(HarmMeasures { slip_m, ..HarmMeasures::STILL }),
-        }
+        let harm = Some(HarmMeasures { slip_m, ..HarmMeasures::STILL });
+        EpisodeValues { time_s: 4.0, harm, ..EpisodeValues::CLEAN }
     }
 
     /// Slips less than 1 mm more in the sandbox, with some spread.

@@ -138,21 +138,8 @@
 //!     neighbours: None,
 //!     anchor: None,
 //! };
-//! let episode = |success| EpisodeValues {
-//!     success,
-//!     violation: false,
-//!     anomaly: false,
-//!     recovery: !success,
-//!     intervention: false,
-//!     timeout: false,
-//!     near_violation: false,
-//!     policy_warning: false,
-//!     harm: None,
-//!     retries: 0,
-//!     time_s: 3.0,
-//!     unsafe_continuation_ms: 0.0,
-//!     failure: None,
-//! };
+//! let episode =
+//!     |success| EpisodeValues { success, recovery: !success, time_s: 3.0, ..EpisodeValues::CLEAN };
 //! let pairs = (0..u64::from(profile.evaluation.sandbox_pairs))
 //!     .map(|seed| Pair {
 //!         seed,
