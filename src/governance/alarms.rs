@@ -179,57 +179,24 @@ impl Alarm {
 /// An event about alarms. `by` is an identity's name.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
+#[allow(missing_docs, reason = "a field is named as the thing that it is")]
 pub enum AlarmEvent {
-    /// A condition appeared (or appeared again, or became more urgent).
-    Raise {
-        /// Name of the alarm; raising one that is present changes its text and may make it more urgent, never less.
-        key: AlarmKey,
-        /// How soon the operator must act.
-        priority: Priority,
-        /// Whether it stays after its condition has ended, until it is reset.
-        latching: bool,
-        /// What happened.
-        text: NoticeOrText,
-    },
-    /// The condition is gone; the alarm stays until it is acknowledged and, if it latches, reset.
-    Clear {
-        /// Name of the alarm whose condition ended; one that is not in the book is no error.
-        key: AlarmKey,
-    },
-    /// An operator acknowledges it; resumes nothing.
-    Acknowledge {
-        /// Name of the alarm that stops calling for attention; its condition is untouched.
-        key: AlarmKey,
-        /// Identity of the operator who acknowledges it.
-        by: String,
-    },
-    /// A latched alarm is closed; acknowledges as well.
-    Reset {
-        /// Name of a latched alarm whose condition has ended.
-        key: AlarmKey,
-        /// Identity of the operator who answers for the reset.
-        by: String,
-        /// Why it is safe to close the alarm; a blank reason is refused.
-        reason: Untrusted,
-    },
-    /// Shelves an alarm for a time.
-    Shelve {
-        /// Name of the alarm to shelve; refused for critical ones.
-        key: AlarmKey,
-        /// Identity of the operator who shelves it.
-        by: String,
-        /// When the shelf ends by itself; at most [`SHELF_MS_MAX`] from now.
-        until: WallTime,
-        /// Why it may be out of sight meanwhile; a blank reason is refused.
-        reason: Untrusted,
-    },
-    /// Takes an alarm from its shelf before the shelf's end.
-    Unshelve {
-        /// Name of a shelved alarm; still unacknowledged below its shelf, it calls again.
-        key: AlarmKey,
-        /// Identity of the operator who unshelves it.
-        by: String,
-    },
+    /// A condition appeared (or appeared again, or became more urgent). Raising an alarm that is present changes its
+    /// text and may make it more urgent, never less. One that latches stays after its condition has ended, until it
+    /// is reset.
+    Raise { key: AlarmKey, priority: Priority, latching: bool, text: NoticeOrText },
+    /// The condition is gone; the alarm stays until it is acknowledged and, if it latches, reset. One that is not in
+    /// the book is no error.
+    Clear { key: AlarmKey },
+    /// An operator acknowledges it: it stops calling for attention. Resumes nothing.
+    Acknowledge { key: AlarmKey, by: String },
+    /// A latched alarm whose condition has ended is closed; acknowledges as well. A blank reason is refused.
+    Reset { key: AlarmKey, by: String, reason: Untrusted },
+    /// Shelves an alarm until a time, at most [`SHELF_MS_MAX`] from now; refused for critical ones, and with a blank
+    /// reason.
+    Shelve { key: AlarmKey, by: String, until: WallTime, reason: Untrusted },
+    /// Takes an alarm from its shelf before the shelf's end; still unacknowledged below it, it calls again.
+    Unshelve { key: AlarmKey, by: String },
     /// Time passed: shelves end, floods end, and long-normal alarms are dropped.
     Tick,
 }
@@ -237,28 +204,15 @@ pub enum AlarmEvent {
 /// One change of the book, complete enough to be stored and replayed.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
+#[allow(missing_docs, reason = "a field is named as the thing that it is")]
 pub enum AlarmChange {
-    /// An alarm is now this; `annunciated` if it calls for attention again.
-    Set {
-        /// The alarm after the change, complete: replaying needs nothing but the changes.
-        alarm: Alarm,
-        /// Its state before; `Normal` if it was not in the book.
-        from: AlarmState,
-        /// Whether it calls for attention again, which counts toward a flood.
-        annunciated: bool,
-        /// Time of the event, in the book's milliseconds.
-        at_ms: u64,
-    },
-    /// An alarm that is normal was dropped from the book.
-    Dropped {
-        /// Name of the alarm that left; raised again it starts as a new one.
-        key: AlarmKey,
-    },
+    /// An alarm is now this, complete, so that replaying needs nothing but the changes. `from` is its state before,
+    /// `Normal` if it was not in the book. `annunciated`: it calls for attention again, which counts toward a flood.
+    Set { alarm: Alarm, from: AlarmState, annunciated: bool, at_ms: u64 },
+    /// An alarm that is normal was dropped from the book; raised again it starts as a new one.
+    Dropped { key: AlarmKey },
     /// The rate of alarms rose above [`FLOOD_START`] or fell below [`FLOOD_END`].
-    Flood {
-        /// Whether there is a flood from now on.
-        on: bool,
-    },
+    Flood { on: bool },
 }
 
 /// Why an event was refused. The book is as it was.

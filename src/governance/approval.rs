@@ -221,30 +221,19 @@ pub struct QuorumRequest {
 /// The result of a request at one moment.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", tag = "approval")]
+#[allow(missing_docs, reason = "a field is named as the thing that it is")]
 pub enum ApprovalOutcome {
     /// The quorum is 0: the profile requires no approval.
     NotNeeded,
-    /// Enough distinct people approved, or one by break-glass.
-    Granted {
-        /// Names of the identities whose approvals counted, sorted.
-        people: BTreeSet<String>,
-        /// When the grant expires: the earliest end among the votes.
-        until: WallTime,
-        /// Whether it was granted by break-glass, which forces rollback coupling and a review.
-        break_glass: bool,
-    },
-    /// On hold: answers are missing.
-    Pending {
-        /// How many more people have to approve, 1 or more.
-        missing: u8,
-    },
+    /// Enough distinct people approved, or one by break-glass, which forces rollback coupling and a review. Has the
+    /// names whose approvals counted, sorted, and the earliest end among their votes.
+    Granted { people: BTreeSet<String>, until: WallTime, break_glass: bool },
+    /// On hold: at least one more person has to approve.
+    Pending { missing: u8 },
     /// On hold: the request expired before the quorum was reached.
     TimedOut,
     /// One person's refusal counted; the candidate is rejected.
-    Refused {
-        /// Name of the identity that refused.
-        person: String,
-    },
+    Refused { person: String },
 }
 
 /// The outcome of asking people, with its reasons.

@@ -164,6 +164,7 @@ crate::closed_set! {
 
 /// What would remove a reason, or let a rung of the ladder succeed.
 #[derive(Clone, Debug, PartialEq)]
+#[allow(missing_docs, reason = "a field is named as the thing that it is")]
 pub enum Remedy {
     /// This action; the finding adds nothing to it.
     Act(RemedyAction),
@@ -171,49 +172,19 @@ pub enum Remedy {
     ActOn(RemedyAction, ReasonContent),
     /// What was found is the case no longer; the code names no action.
     Resolve(ReasonContent),
-    /// The worsening of a component lies within its margin.
-    WorsenLess {
-        /// The component with its bounds.
-        component: BehaviorComponent,
-        /// The episodes that have to be better; absent for what is not counted by episode, or cannot be reached.
-        fewer: Option<EpisodeReduction>,
-    },
+    /// The worsening of a component lies within its margin. `fewer`: the episodes that have to be better; absent for
+    /// what is not counted by episode, or cannot be reached.
+    WorsenLess { component: BehaviorComponent, fewer: Option<EpisodeReduction> },
     /// A worsening within its margin is not significant any more: for this component the rules accept none.
     EndSignificance(BehaviorComponent),
     /// The manifest declares what the code asks for, or the code asks for no more than is declared.
-    RaiseDeclaration {
-        /// The quantity.
-        quantity: PeakQuantity,
-        /// The largest value that a command asked for.
-        asked: f64,
-        /// The declared limit.
-        declared: f64,
-    },
+    RaiseDeclaration { quantity: PeakQuantity, asked: f64, declared: f64 },
     /// More rollback drills pass.
-    PassRollbackDrills {
-        /// Drills that passed.
-        passed: u32,
-        /// Drills that were carried out.
-        all: u32,
-        /// Drills that have to pass.
-        needed: u32,
-    },
-    /// Recovery rises, first in the drills that pass least often.
-    StrengthenRecovery {
-        /// The kind of drill that passes least often.
-        weakest: DrillKind,
-        /// The drills of this kind.
-        tally: DrillTally,
-        /// Recovery as measured; absent if the reason has no number.
-        recovery: Option<f64>,
-        /// The least recovery that is needed; absent if the reason has no limit.
-        least: Option<f64>,
-    },
+    PassRollbackDrills { passed: u32, all: u32, needed: u32 },
+    /// Recovery, as measured, rises to the least that is needed, first in the drills that pass least often.
+    StrengthenRecovery { weakest: DrillKind, tally: DrillTally, recovery: Option<f64>, least: Option<f64> },
     /// More operators approve.
-    Approve {
-        /// Approvals that are missing.
-        missing: u32,
-    },
+    Approve { missing: u32 },
     /// The condition under which a failed rung of the ladder succeeds is met.
     RepairRung(RungFailure),
 }
@@ -258,51 +229,20 @@ pub struct DrillComparison {
 
 /// A remark in the explanation of a decision that is no reason of a rule.
 #[derive(Clone, Debug, PartialEq)]
+#[allow(missing_docs, reason = "a field is named as the thing that it is")]
 pub enum DecisionRemark {
-    /// A person answered an approval request.
-    Answer {
-        /// The person, by name.
-        person: String,
-        /// The role the person answered in.
-        role: Role,
-        /// The answer.
-        answer: ApprovalDecision,
-        /// The person's own reason.
-        reason: String,
-    },
+    /// A person answered an approval request in a role, for this reason.
+    Answer { person: String, role: Role, answer: ApprovalDecision, reason: String },
     /// A person or a deadline changed the state.
     StateChange(NoticeOrText),
-    /// What triggered a rollback.
-    RollbackTrigger {
-        /// The class of the cause.
-        kind: TriggerKind,
-        /// Virtual tick of the live world.
-        tick: u64,
-        /// What happened.
-        notice: NoticeOrText,
-        /// The live task of a safety event, with the value and the limit.
-        measured: Option<MeasuredInTask>,
-    },
-    /// How fast a rollback was.
-    RollbackTimes {
-        /// Until every joint was at standstill, ms; absent if that never happened.
-        safe_ms: Option<u64>,
-        /// Until the rollback target took over, ms; absent if that never happened.
-        restored_ms: Option<u64>,
-        /// Motion after the trigger, ms.
-        unsafe_continuation_ms: u64,
-    },
-    /// How a rung of the ladder ended.
-    RungEnd {
-        /// The rung.
-        rung: Rung,
-        /// Why it failed; absent if it succeeded.
-        failure: Option<RungFailure>,
-        /// The time it took, ms.
-        ms: u64,
-        /// What was found.
-        notice: NoticeOrText,
-    },
+    /// What triggered a rollback, at which virtual tick of the live world. `measured`: the live task of a safety
+    /// event.
+    RollbackTrigger { kind: TriggerKind, tick: u64, notice: NoticeOrText, measured: Option<MeasuredInTask> },
+    /// How fast a rollback was: until every joint was at standstill and until the rollback target took over, each
+    /// absent if that never happened; and the motion after the trigger.
+    RollbackTimes { safe_ms: Option<u64>, restored_ms: Option<u64>, unsafe_continuation_ms: u64 },
+    /// How a rung of the ladder ended; without a failure it succeeded.
+    RungEnd { rung: Rung, failure: Option<RungFailure>, ms: u64, notice: NoticeOrText },
 }
 
 impl DecisionRemark {
@@ -319,14 +259,10 @@ impl DecisionRemark {
 
 /// What followed a decision, as one record states it.
 #[derive(Clone, Debug, PartialEq)]
+#[allow(missing_docs, reason = "a field is named as the thing that it is")]
 pub enum Consequence {
     /// The state of the version changed.
-    StateChanged {
-        /// The state before.
-        from: State,
-        /// The state after.
-        to: State,
-    },
+    StateChanged { from: State, to: State },
     /// Approvers were asked.
     ApproversAsked,
     /// The record of the upgrade was closed.
@@ -345,48 +281,25 @@ pub enum Consequence {
     BreakGlassReviewed,
     /// The version was found suspicious for these reasons.
     ConcernFound(Vec<Reason>),
-    /// The version was re-evaluated.
-    ReEvaluated {
-        /// The drift in force in the live cell; absent if there was none.
-        drift: Option<Drift>,
-        /// The result, then the findings against the version.
-        reasons: Vec<Reason>,
-    },
+    /// The version was re-evaluated, under a drift of the live cell if there was one: the result, then the findings
+    /// against the version.
+    ReEvaluated { drift: Option<Drift>, reasons: Vec<Reason> },
     /// A confirmation used cached results.
     ConfirmationCached(CachedResultUse),
     /// Cached results differed when they were run again.
-    CacheVoided {
-        /// The place of the cache.
-        place: CacheLocation,
-        /// How many differed.
-        differing: u64,
-        /// How many were run again.
-        rerun: u64,
-    },
+    CacheVoided { place: CacheLocation, differing: u64, rerun: u64 },
     /// This build cannot read the record.
-    Unreadable {
-        /// The kind of the record.
-        kind: Lenient<RecordKind>,
-    },
+    Unreadable { kind: Lenient<RecordKind> },
 }
 
 /// The fact that decided a check.
 #[derive(Clone, Debug, PartialEq)]
+#[allow(missing_docs, reason = "a field is named as the thing that it is")]
 pub enum DecidingFact {
-    /// This speaks against the version.
-    Against {
-        /// What was found.
-        finding: CheckFinding,
-        /// The first reason of the rules; absent where it states the same.
-        reason: Option<CheckReason>,
-    },
+    /// This speaks against the version. `reason`: the first of the rules; absent where it states the same.
+    Against { finding: CheckFinding, reason: Option<CheckReason> },
     /// Nothing speaks against the version.
-    InFavor {
-        /// The value of the check; absent if there is none.
-        kappa: Option<Kappa>,
-        /// Why.
-        support: Support,
-    },
+    InFavor { kappa: Option<Kappa>, support: Support },
     /// Nothing is measured yet: the sandbox does that.
     NotMeasured,
 }
@@ -446,23 +359,12 @@ pub struct ComponentFinding {
 
 /// A component of behavior in the episodes of both versions.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[allow(missing_docs, reason = "a field is named as the thing that it is")]
 pub enum ComponentValues {
-    /// The number of episodes in which it is bad.
-    Episodes {
-        /// The candidate's.
-        candidate: usize,
-        /// The active version's.
-        active: usize,
-        /// All episodes.
-        of: usize,
-    },
+    /// The number of episodes, of all, in which it is bad.
+    Episodes { candidate: usize, active: usize, of: usize },
     /// The mean over the episodes.
-    Mean {
-        /// The candidate's.
-        candidate: f64,
-        /// The active version's.
-        active: f64,
-    },
+    Mean { candidate: f64, active: f64 },
 }
 
 /// The bound that makes a verdict where the mean lies within the margin.
@@ -545,16 +447,10 @@ crate::closed_set! {
 
 /// Why a lookup in the registry or in the audit log is refused.
 #[derive(Clone, Debug, PartialEq, Eq)]
+#[allow(missing_docs, reason = "a field is named as the thing that it is")]
 pub enum LookupRefusal {
     /// The registry has no such version.
     UnknownVersion(CapabilityId),
-    /// The text that is looked for is too long.
-    TextTooLong {
-        /// The field with the text.
-        field: SearchField,
-        /// Its length, bytes.
-        bytes: usize,
-        /// The longest allowed length, bytes.
-        max: usize,
-    },
+    /// The text that is looked for is longer than is allowed.
+    TextTooLong { field: SearchField, bytes: usize, max: usize },
 }

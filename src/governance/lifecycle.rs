@@ -210,148 +210,68 @@ pub enum DeactivationKind {
 /// An event of a family; it is refused or applied as a whole.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", tag = "event", deny_unknown_fields)]
+#[allow(missing_docs, reason = "a field is named as the thing that it is")]
 pub enum LifecycleEvent {
     /// The first version is made active by an explicit record, without a gate.
     Bootstrap,
     /// A new version is registered.
     Register,
-    /// A stage begins; no other may be running and the version must not be paused.
-    Start {
-        /// The version, in the state that precedes the stage.
-        version: VersionRef,
-        /// The stage that is to run.
-        stage: Stage,
-    },
+    /// A stage begins on a version in the state before it; no other may be running and the version must not be
+    /// paused.
+    Start { version: VersionRef, stage: Stage },
     /// The running stage is passed (activation: the gate is).
-    Pass {
-        /// The version that passes its running stage.
-        version: VersionRef,
-        /// The stage, which must be the one that runs.
-        stage: Stage,
-    },
+    Pass { version: VersionRef, stage: Stage },
     /// The running stage ended without a result; it can be started again.
-    Abort {
-        /// The version whose stage is aborted; its state stays.
-        version: VersionRef,
-    },
-    /// The version lacks evidence for the running stage, or a person or the profile holds it back.
-    Demote {
-        /// The version, validated, sandboxed or shadowed; an active one leaves by rollback.
-        version: VersionRef,
-    },
-    /// Rejected by a rule or by a person.
-    Reject {
-        /// The version, neither active nor pinned as a rollback target.
-        version: VersionRef,
-    },
-    /// A passed stage is to run again; or a demoted version returns to the sandbox.
-    Repeat {
-        /// The version, sandboxed, shadowed or demoted, with no stage running.
-        version: VersionRef,
-        /// Sandbox, or shadow if the sandbox evidence is still current; any other is refused.
-        stage: Stage,
-    },
+    Abort { version: VersionRef },
+    /// The version lacks evidence for the running stage, or a person or the profile holds it back. An active one
+    /// leaves by rollback.
+    Demote { version: VersionRef },
+    /// Rejected by a rule or by a person; neither an active version nor a pinned rollback target is.
+    Reject { version: VersionRef },
+    /// Sandbox or shadow, once passed, is to run again, with no stage running; or a demoted version returns to the
+    /// sandbox. Shadow takes current sandbox evidence.
+    Repeat { version: VersionRef, stage: Stage },
     /// An approval request about a version is made.
-    RequestApproval {
-        /// The version of the request.
-        version: VersionRef,
-    },
-    /// All approvals the profile needs are there.
-    Approved {
-        /// The approved version; its request must be open.
-        version: VersionRef,
-        /// The row version the approvals name; it must be the present one.
-        row_version: u64,
-    },
-    /// The approval expired or no approver answered: on hold.
-    ApprovalExpired {
-        /// The version whose request or approval expired; its gate pass is void too.
-        version: VersionRef,
-    },
-    /// The binding moves: old active -> superseded, this -> active, in one transaction.
-    Activate {
-        /// The shadowed version with a current gate pass and, if the profile requires them, current approvals.
-        version: VersionRef,
-    },
-    /// As [`LifecycleEvent::Activate`], by one person's break-glass approval, which opens a review.
-    ActivateUnreviewed {
-        /// The shadowed version that one person lets in.
-        version: VersionRef,
-        /// When the break-glass approval expires.
-        until: WallTime,
-    },
-    /// The break-glass activation of a version was reviewed; the verdict changes nothing here.
-    Reviewed {
-        /// The version under review, in any state.
-        version: VersionRef,
-    },
-    /// A version is blocked under a profile: the gate holds it there.
-    Close {
-        /// The version, not terminal.
-        version: VersionRef,
-        /// The profile under which it is not to act.
-        profile: ProfileName,
-    },
+    RequestApproval { version: VersionRef },
+    /// All approvals the profile needs are there, of an open request; the row version that they name must be the
+    /// present one.
+    Approved { version: VersionRef, row_version: u64 },
+    /// The approval expired or no approver answered: on hold, and the gate pass is void too.
+    ApprovalExpired { version: VersionRef },
+    /// The binding moves: old active -> superseded, this -> active, in one transaction. It takes a shadowed version
+    /// with a current gate pass and, if the profile requires them, current approvals.
+    Activate { version: VersionRef },
+    /// As [`LifecycleEvent::Activate`], by one person's break-glass approval, which opens a review and expires at
+    /// `until`.
+    ActivateUnreviewed { version: VersionRef, until: WallTime },
+    /// The break-glass activation of a version, in any state, was reviewed; the verdict changes nothing here.
+    Reviewed { version: VersionRef },
+    /// A version that is not terminal is blocked under a profile: the gate holds it there.
+    Close { version: VersionRef, profile: ProfileName },
     /// A version is unblocked under a profile.
-    Open {
-        /// The version, not terminal.
-        version: VersionRef,
-        /// The profile under which it was blocked.
-        profile: ProfileName,
-    },
-    /// The provisional window passed without a trip and no concern is open.
-    Confirm {
-        /// The confirmed version: active, provisional, unrestricted and reviewed.
-        version: VersionRef,
-    },
-    /// The monitor narrows the envelope.
-    Restrict {
-        /// The active version; one being rolled back is refused.
-        version: VersionRef,
-    },
+    Open { version: VersionRef, profile: ProfileName },
+    /// The provisional window passed without a trip and no concern is open; the version is unrestricted and reviewed.
+    Confirm { version: VersionRef },
+    /// The monitor narrows the envelope of an active version that is not being rolled back.
+    Restrict { version: VersionRef },
     /// People lift the restriction.
-    Release {
-        /// The restricted active version.
-        version: VersionRef,
-    },
+    Release { version: VersionRef },
     /// The ladder starts; from here on the version has no command authority.
-    BeginRollback {
-        /// The active version that is rolled back or deactivated.
-        version: VersionRef,
-    },
+    BeginRollback { version: VersionRef },
     /// The ladder is done: this -> rolled-back or demoted, rollback target -> active, in one transaction.
-    FinishRollback {
-        /// The version whose rollback began.
-        version: VersionRef,
-        /// Whether it is finally rolled back or returns to evaluation.
-        leave: DeactivationKind,
-    },
+    FinishRollback { version: VersionRef, leave: DeactivationKind },
     /// A rung failed or there is no target: this -> demoted, family safe-stopped.
-    FailRollback {
-        /// The version whose rollback failed.
-        version: VersionRef,
-    },
+    FailRollback { version: VersionRef },
     /// An operator reactivates a superseded or demoted version of a safe-stopped family that was active before. Where
     /// people decide, the only demoted version allowed is the family's first.
-    Rearm {
-        /// The version that is to act again.
-        version: VersionRef,
-    },
+    Rearm { version: VersionRef },
     /// Paused by a person; only reject, demote, rollback and resume are accepted.
-    Pause {
-        /// The version that must not advance until it is resumed.
-        version: VersionRef,
-    },
+    Pause { version: VersionRef },
     /// The pause ends.
-    Resume {
-        /// The paused version.
-        version: VersionRef,
-    },
-    /// Profile, policy or thresholds changed: gate passes and approvals are void.
-    ContextChanged {
-        /// Whether the new profile needs people's approval before an activation.
-        needs_approval: bool,
-    },
+    Resume { version: VersionRef },
+    /// Profile, policy or thresholds changed: gate passes and approvals are void. `needs_approval`: whether the new
+    /// profile needs people's approval before an activation.
+    ContextChanged { needs_approval: bool },
     /// The engine came up again: what ran is marked as not done.
     Restart,
 }
@@ -359,59 +279,25 @@ pub enum LifecycleEvent {
 /// One change that has to be written, with its audit record, in the transaction of the event.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", tag = "change", deny_unknown_fields)]
+#[allow(missing_docs, reason = "a field is named as the thing that it is")]
 pub enum LifecycleChange {
-    /// A version entered the family, by registration or bootstrap.
-    Added {
-        /// Its place in the family, the next free one.
-        version: VersionRef,
-        /// [`State::Registered`], or [`State::Active`] for a bootstrap.
-        state: State,
-    },
+    /// A version entered the family at the next free place, by registration or bootstrap.
+    Added { version: VersionRef, state: State },
     /// A version's state changed.
-    State {
-        /// The version whose state changed.
-        version: VersionRef,
-        /// The state it left.
-        from: State,
-        /// The state it entered; never the same.
-        to: State,
-    },
+    State { version: VersionRef, from: State, to: State },
     /// A version's flags changed.
-    Flags {
-        /// The version whose flags changed.
-        version: VersionRef,
-        /// All flags before the event.
-        from: VersionFlags,
-        /// All flags after it.
-        to: VersionFlags,
-    },
+    Flags { version: VersionRef, from: VersionFlags, to: VersionFlags },
     /// The active pointer moved, or was emptied.
-    Active {
-        /// The version that was in control; `None` if there was none.
-        from: Option<VersionRef>,
-        /// The version in control from now on; `None` if there is none.
-        to: Option<VersionRef>,
-    },
-    /// A gate pass, approval or evidence was recorded or voided.
-    Standing {
-        /// The version whose round, predecessor, evidence stamps, gate pass or approval changed.
-        version: VersionRef,
-    },
+    Active { from: Option<VersionRef>, to: Option<VersionRef> },
+    /// A gate pass, approval, evidence, the round or the predecessor of a version was recorded or voided.
+    Standing { version: VersionRef },
     /// The family was safe-stopped or reactivated.
-    SafeStopped {
-        /// Whether the family is safe-stopped from now on.
-        stopped: bool,
-    },
-    /// The review of a break-glass activation was opened or closed.
-    Review {
-        /// The version under review from now on; `None` if there is none.
-        open: Option<VersionRef>,
-    },
-    /// Gate passes, approvals and comparative evidence of earlier contexts are void.
-    Context {
-        /// The new count; what bears an older one no longer counts.
-        context: u32,
-    },
+    SafeStopped { stopped: bool },
+    /// The review of a break-glass activation was opened or closed. `open`: the version under review from now on.
+    Review { open: Option<VersionRef> },
+    /// Gate passes, approvals and comparative evidence of earlier contexts are void: what bears an older count no
+    /// longer counts.
+    Context { context: u32 },
 }
 
 impl FamilyState {

@@ -204,47 +204,20 @@ pub enum TaskBudget {
 
 /// A use beyond the declaration. Its text is that of the record.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[allow(missing_docs, reason = "a field is named as the thing that it is")]
 pub enum PermissionExcess {
     /// It sent a command that is not declared.
     Command(RequiredCommand),
     /// It entered a zone that is not declared, or aimed at one.
     Zone(ZoneName),
     /// A command asked for more than the declared limit.
-    Asked {
-        /// The quantity.
-        quantity: PeakQuantity,
-        /// The largest value asked for.
-        asked: f64,
-        /// The declared limit.
-        declared: f64,
-    },
+    Asked { quantity: PeakQuantity, asked: f64, declared: f64 },
     /// A measured peak is above the declared limit of commands.
-    Peak {
-        /// The quantity.
-        quantity: PeakQuantity,
-        /// The largest measured value.
-        measured: f64,
-        /// The declared limit.
-        declared: f64,
-    },
+    Peak { quantity: PeakQuantity, measured: f64, declared: f64 },
     /// A task used more than its declared budget.
-    Budget {
-        /// The budget.
-        budget: TaskBudget,
-        /// The largest use of a task.
-        used: u64,
-        /// The declared budget.
-        declared: u32,
-    },
+    Budget { budget: TaskBudget, used: u64, declared: u32 },
     /// Its code failed.
-    Fault {
-        /// The fault.
-        fault: CodeFault,
-        /// Tasks with this fault.
-        failed: u64,
-        /// Tasks in all.
-        tasks: u32,
-    },
+    Fault { fault: CodeFault, failed: u64, tasks: u32 },
     /// Its code reads a sensor that is not declared.
     Sensor(Sensor),
     /// Its code reads or commands a tool that is not declared.

@@ -146,37 +146,17 @@ pub enum PolicyProblem {
 
 /// A policy text that was refused; no table exists.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[allow(missing_docs, reason = "a field is named as the thing that it is")]
 pub enum PolicyError {
     /// More than 64 KiB of text in a file, or more than 256 policies or 20 zones in the set.
     #[error("{file}: {found} are too many; up to {allowed} are allowed")]
-    TooMany {
-        /// Name of the file that pushed the set over the limit.
-        file: String,
-        /// How many bytes, or of what there were too many.
-        found: String,
-        /// The limit that was passed: 64 KiB of text, 256 policies, or 20 zones.
-        allowed: String,
-    },
+    TooMany { file: String, found: String, allowed: String },
     /// Cedar's parser does not accept the text.
     #[error("{file}: {message}")]
-    Syntax {
-        /// Name of the file that does not parse.
-        file: String,
-        /// The message of Cedar's parser, with its position.
-        message: String,
-    },
+    Syntax { file: String, message: String },
     /// A name that does not exist, a type that does not fit, or a form this table has no place for.
     #[error("{file}: the policy {policy:?}: {message}")]
-    Policy {
-        /// Name of the file the policy is in.
-        file: String,
-        /// Cedar's id of the policy, or its `@id`.
-        policy: String,
-        /// The objection of Cedar's validator or the compiler.
-        message: String,
-        /// A form that is accepted, for the message's hint.
-        hint: &'static str,
-    },
+    Policy { file: String, policy: String, message: String, hint: &'static str },
     /// The program's own schema or a request could not be built.
     #[error("the policy vocabulary could not be built: {0}")]
     Vocabulary(String),

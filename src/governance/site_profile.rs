@@ -129,6 +129,7 @@ pub struct SiteProfile {
 
 /// Invalid texts of a profile; none of their values is used.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[allow(missing_docs, reason = "a field is named as the thing that it is")]
 pub enum SiteProfileError {
     /// The profile does not parse, or contradicts itself.
     #[error(transparent)]
@@ -141,16 +142,7 @@ pub enum SiteProfileError {
     Zone(#[from] UnknownZone),
     /// The policies allow by themselves what the class leaves to people, or to no one.
     #[error("{file}: {mode} is allowed by {because}, which a profile of class {class} must not")]
-    TooOpen {
-        /// Name of the policies' file.
-        file: String,
-        /// The allowed mode, e.g. `arm/joints in human at authority 1`.
-        mode: String,
-        /// The policies that allow it.
-        because: String,
-        /// The class of the profile.
-        class: ProfileName,
-    },
+    TooOpen { file: String, mode: String, because: String, class: ProfileName },
 }
 
 impl Hint for SiteProfileError {

@@ -75,55 +75,26 @@ impl Interval {
 
 /// Why no statistic could be computed. The gate reads every one of these as missing evidence.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[allow(missing_docs, reason = "a field is named as the thing that it is")]
 pub enum StatsError {
     /// Fewer observations than the method needs to say anything.
     #[error("{got} observations are too few; at least {needed} are needed")]
-    TooFew {
-        /// How many there were.
-        got: usize,
-        /// How many the method needs.
-        needed: usize,
-    },
+    TooFew { got: usize, needed: usize },
     /// More observations than [`SAMPLES_MAX`], or more resamples than [`RESAMPLES_MAX`].
     #[error("{got} is over the limit of {limit}")]
-    TooMany {
-        /// The requested number.
-        got: usize,
-        /// The most that is accepted.
-        limit: usize,
-    },
+    TooMany { got: usize, limit: usize },
     /// A value that is NaN or infinite.
     #[error("observation {index} is {value}; only finite numbers are allowed")]
-    NotFinite {
-        /// Position in the input.
-        index: usize,
-        /// The offending value: NaN or an infinity.
-        value: f64,
-    },
+    NotFinite { index: usize, value: f64 },
     /// A parameter outside its range.
     #[error("{name} is {value}; it must be {allowed}")]
-    Parameter {
-        /// Name of the parameter, as in the function's signature.
-        name: &'static str,
-        /// The value it was called with.
-        value: f64,
-        /// The allowed range in words.
-        allowed: &'static str,
-    },
+    Parameter { name: &'static str, value: f64, allowed: &'static str },
     /// Counts that contradict each other, e.g. more successes than trials.
     #[error("the counts {count} of {total} contradict each other")]
-    Counts {
-        /// The part, e.g. successes.
-        count: u64,
-        /// The whole, e.g. trials.
-        total: u64,
-    },
+    Counts { count: u64, total: u64 },
     /// All observations are equal, so the method knows nothing of their spread.
     #[error("all {n} observations are equal; their spread is unknown")]
-    NoSpread {
-        /// How many observations there were, all of them equal.
-        n: usize,
-    },
+    NoSpread { n: usize },
 }
 
 impl Hint for StatsError {

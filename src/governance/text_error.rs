@@ -9,43 +9,19 @@ use serde::de::DeserializeOwned;
 
 /// A refused text; none of its values is used.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[allow(missing_docs, reason = "a field is named as the thing that it is")]
 pub enum TextError {
     /// More bytes than allowed; it was not parsed.
     #[error("{file}: {bytes} bytes are too many; up to {allowed} are allowed")]
-    TooLarge {
-        /// Name of the file, as the caller gave it.
-        file: String,
-        /// Size of the text, bytes.
-        bytes: usize,
-        /// The largest size accepted, bytes.
-        allowed: usize,
-    },
+    TooLarge { file: String, bytes: usize, allowed: usize },
     /// Not TOML, or a field is unknown, missing or of the wrong kind.
     #[error("{file}:{line}: {message}")]
-    Syntax {
-        /// Name of the file, as the caller gave it.
-        file: String,
-        /// Line, counted from 1.
-        line: usize,
-        /// The parser's message, with what it expected.
-        message: String,
-    },
+    Syntax { file: String, line: usize, message: String },
     /// A field's value lies outside its range or its set.
     #[error(
         "{file}:{line}: the field {field:?} has the value {value:?}, which is not allowed; allowed: {allowed}"
     )]
-    Value {
-        /// Name of the file, as the caller gave it.
-        file: String,
-        /// Line of the field, or of the table it is in, counted from 1.
-        line: usize,
-        /// Path of the field from the top of the file, e.g. `permissions.max_force_n`.
-        field: String,
-        /// The value as it was read.
-        value: String,
-        /// The range or the set that is accepted, in words.
-        allowed: String,
-    },
+    Value { file: String, line: usize, field: String, value: String, allowed: String },
 }
 
 impl Hint for TextError {

@@ -17,19 +17,12 @@ const MS_PER_MINUTE: f64 = 60_000.0;
 /// A time that is longer than allowed.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "of", rename_all = "kebab-case", rename_all_fields = "snake_case", deny_unknown_fields)]
+#[allow(missing_docs, reason = "a field is named as the thing that it is")]
 pub enum TimeExcess {
     /// The median of its ticks takes longer than it declares.
-    Tick {
-        /// Processor time of the median tick, us.
-        measured_us: f64,
-        /// The declared processor time of a tick, us.
-        declared_us: u32,
-    },
+    Tick { measured_us: f64, declared_us: u32 },
     /// Its evaluation takes longer than the profile allows.
-    Evaluation {
-        /// Wall time that the evaluation has taken, ms.
-        worked_ms: u64,
-    },
+    Evaluation { worked_ms: u64 },
 }
 
 /// The longest time of a median tick, us: the declared one times the profile's factor, and no less than its minimum.

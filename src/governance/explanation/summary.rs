@@ -60,41 +60,25 @@ pub struct RecordMoment {
 
 /// What a version is now.
 #[derive(Clone, Debug, PartialEq)]
+#[allow(missing_docs, reason = "a field is named as the thing that it is")]
 pub enum VersionPosition {
-    /// A rule rejected it.
-    Rejected {
-        /// The stage whose rule it was.
-        stage: Stage,
-        /// How much the stage had measured.
-        extent: EvidenceExtent,
-    },
+    /// A rule of this stage rejected it, by what the stage had measured.
+    Rejected { stage: Stage, extent: EvidenceExtent },
     /// A person rejected it.
     RejectedByPeople(DecisionRemark),
-    /// It was in control and was rolled back.
+    /// It was in control and was rolled back. `target`: the version that took over, if any. `measured`: the live task
+    /// of a safety event.
     RolledBack {
-        /// What became of it, or of its family.
         status: PostStatus,
-        /// The version that took over; absent if none did.
         target: Option<CapabilityId>,
-        /// Why.
         cause: NoticeOrText,
-        /// The live task of a safety event, with the value and the limit.
         measured: Option<MeasuredInTask>,
     },
-    /// It was returned to evaluation before it was in control.
-    Returned {
-        /// The stage whose rule it was; absent if a person or a deadline did it.
-        stage: Option<Stage>,
-        /// Why; absent where the reasons of the stage say it.
-        cause: Option<NoticeOrText>,
-    },
-    /// Another version replaced it.
-    Superseded {
-        /// The version in control after it; absent if the record does not name it.
-        by: Option<CapabilityId>,
-        /// Whether it is the rollback target now.
-        is_target: bool,
-    },
+    /// It was returned to evaluation before it was in control. `stage` is absent if a person or a deadline did it,
+    /// `cause` where the reasons of the stage say it.
+    Returned { stage: Option<Stage>, cause: Option<NoticeOrText> },
+    /// Another version replaced it; absent if the record does not name it.
+    Superseded { by: Option<CapabilityId>, is_target: bool },
     /// It is in control.
     Active(ActiveTerms),
     /// It waits.

@@ -8,38 +8,23 @@ use holdpoint_text::{ErrorDetails, ErrorReason, Hint};
 /// Why an event was refused; nothing changed.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error, serde::Serialize)]
 #[serde(rename_all = "kebab-case", tag = "refusal")]
+#[allow(missing_docs, reason = "a field is named as the thing that it is")]
 pub enum LifecycleRefusal {
     /// The family has no version at this place.
     #[error("there is no version number {version}")]
-    UnknownVersion {
-        /// The place that was named, counted from 0.
-        version: u16,
-    },
-    /// The event does not apply in this state.
+    UnknownVersion { version: u16 },
+    /// The event, a gerund such as "confirming", does not apply in this state.
     #[error("{event} is not possible in the state {state}; it is from {}", names(allowed))]
-    State {
-        /// The refused action, as a gerund for the message, e.g. "confirming".
-        event: &'static str,
-        /// The state the version is in.
-        state: State,
-        /// States in which the event is possible.
-        allowed: Vec<State>,
-    },
+    State { event: &'static str, state: State, allowed: Vec<State> },
     /// A person paused the version; it does not advance until it is resumed.
     #[error("the version is paused; resume, reject, demote or roll back are possible")]
     Paused,
     /// Another stage is running, or the named one is not.
     #[error("the running stage is {running:?}, which does not fit")]
-    Running {
-        /// The running stage; `None` if there is none.
-        running: Option<Stage>,
-    },
+    Running { running: Option<Stage> },
     /// Evidence, gate pass or approval is missing, or of earlier circumstances.
     #[error("the {what} is missing or was made under other circumstances")]
-    Stale {
-        /// The missing or stale item: evidence, gate pass or approval.
-        what: &'static str,
-    },
+    Stale { what: &'static str },
     /// The version's rollback is running; nothing else may happen to it.
     #[error("a rollback is under way")]
     RollbackPending,
@@ -54,10 +39,7 @@ pub enum LifecycleRefusal {
     ReviewOpen,
     /// A condition of the event is not met.
     #[error("{why}")]
-    Condition {
-        /// The condition in words, for the operator.
-        why: &'static str,
-    },
+    Condition { why: &'static str },
 }
 
 impl Hint for LifecycleRefusal {
