@@ -5,7 +5,6 @@
 //! Anything that is not a finite number, or no evidence at all, is an error and never a value.
 
 mod bootstrap;
-mod curtail;
 mod drift;
 mod multiple;
 mod paired;
@@ -23,7 +22,6 @@ use holdpoint_text::Hint;
 use serde::{Deserialize, Serialize};
 
 pub use bootstrap::{RESAMPLES_MAX, bca, percentile};
-pub use curtail::{CurtailVerdict, Curtailment, PassRule};
 pub use drift::{ARL_MAX, Cusum, DriftSignal, ShiryaevRoberts};
 pub use multiple::holm;
 pub use paired::{

@@ -278,25 +278,18 @@ mod tests {
     }
 
     #[test]
-    fn run_budget_agrees_with_the_pass_rule() {
-        use crate::stats::{CurtailVerdict, PassRule};
-        let runs = RunBudget::new(40).unwrap();
-        for needed in [1, 20, 28, 40] {
-            let rule = PassRule::new(40, needed).unwrap();
-            for seen in 0..=40 {
-                for passed in 0..=seen {
-                    let (least, most) = runs.passes(passed, seen, 0.01).unwrap();
-                    let verdict = match (least >= needed, most < needed) {
-                        (true, _) => CurtailVerdict::Pass,
-                        (_, true) => CurtailVerdict::Fail,
-                        _ => CurtailVerdict::Open,
-                    };
-                    assert_eq!(
-                        rule.ppr(passed, seen, 0.01).unwrap().verdict,
-                        verdict,
-                        "{passed}/{seen} {needed}"
-                    );
-                }
+    fn passes_equal_enumeration() {
+        let ln = |n: u64, k: u64| if k > n { f64::NEG_INFINITY } else { ln_choose(n as f64, k as f64) };
+        let (runs, alpha) = (RunBudget::new(40).unwrap(), 0.01);
+        for seen in 0..=40 {
+            for passed in 0..=seen {
+                let ln_bar = (alpha / (seen as f64 + 1.0)).ln() - LN_SLACK;
+                let possible = (0..=40_u64).filter(|total| {
+                    ln(*total, passed) + ln(40 - total, seen - passed) - ln(40, seen) > ln_bar
+                });
+                let totals: Vec<u64> = possible.collect();
+                let found = runs.passes(passed, seen, alpha).unwrap();
+                assert_eq!(found, (totals[0], totals[totals.len() - 1]), "{passed}/{seen}");
             }
         }
     }

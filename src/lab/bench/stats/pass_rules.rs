@@ -6,7 +6,8 @@ use super::Study;
 use super::figure::{StatedBound, StudyFigure, rate, unjudged};
 use super::sampling::SampleStream;
 use holdpoint::bench::BenchError;
-use holdpoint_governance::stats::{CurtailVerdict, PassRule, StatsError};
+use holdpoint_governance::stats::StatsError;
+use holdpoint_governance::stats::population::RunBudget;
 
 /// Runs and passes needed: the published example, and a kind of drills at the floor of `real`.
 const RULES: [(u64, u64); 2] = [(150, 135), (40, 30)];
@@ -20,8 +21,8 @@ const RATES: [f64; 6] = [0.5, 0.7, 0.85, 0.9, 0.95, 1.0];
 pub(super) fn study(study: &Study) -> Result<Vec<StudyFigure>, BenchError> {
     let mut findings = Vec::new();
     for (runs, needed) in RULES {
-        let rule = PassRule::new(runs, needed)?;
-        let mut looks = CachedVerdicts { rule, known: HashMap::new() };
+        let population = RunBudget::new(runs)?;
+        let mut looks = CachedVerdicts { runs, needed, population, known: HashMap::new() };
         for rate in RATES {
             let under = format!("{needed} of {runs}, success {rate}");
             let mut draw = SampleStream::new(&under);
@@ -42,19 +43,31 @@ pub(super) fn study(study: &Study) -> Result<Vec<StudyFigure>, BenchError> {
     Ok(findings)
 }
 
-/// The rule's verdicts, each computed once.
+/// Whether the full run would pass; `None` while that is open. Each verdict of the finite population is computed once.
 struct CachedVerdicts {
-    rule: PassRule,
-    known: HashMap<(u64, u64, u64), CurtailVerdict>,
+    runs: u64,
+    needed: u64,
+    population: RunBudget,
+    known: HashMap<(u64, u64, u64), Option<bool>>,
 }
 
 impl CachedVerdicts {
-    fn verdict(&mut self, successes: u64, seen: u64, alpha: f64) -> Result<CurtailVerdict, StatsError> {
+    /// Whatever the remaining runs are.
+    fn exact(&self, successes: u64, seen: u64) -> Option<bool> {
+        self.within(successes, successes + (self.runs - seen))
+    }
+
+    fn within(&self, least: u64, most: u64) -> Option<bool> {
+        (least >= self.needed || most < self.needed).then_some(least >= self.needed)
+    }
+
+    fn verdict(&mut self, successes: u64, seen: u64, alpha: f64) -> Result<Option<bool>, StatsError> {
         let key = (successes, seen, alpha.to_bits());
         if let Some(verdict) = self.known.get(&key) {
             return Ok(*verdict);
         }
-        let verdict = self.rule.ppr(successes, seen, alpha)?.verdict;
+        let (least, most) = self.population.passes(successes, seen, alpha)?;
+        let verdict = self.within(least, most);
         self.known.insert(key, verdict);
         Ok(verdict)
     }
@@ -63,18 +76,18 @@ impl CachedVerdicts {
     fn end(
         &mut self,
         outcomes: &[bool],
-        mut decide: impl FnMut(&mut Self, u64, u64) -> Result<CurtailVerdict, StatsError>,
-    ) -> Result<(u64, CurtailVerdict), StatsError> {
+        mut decide: impl FnMut(&mut Self, u64, u64) -> Result<Option<bool>, StatsError>,
+    ) -> Result<(u64, Option<bool>), StatsError> {
         let (mut successes, mut seen) = (0, 0);
         for outcome in outcomes {
             successes += u64::from(*outcome);
             seen += 1;
             let verdict = decide(self, successes, seen)?;
-            if verdict != CurtailVerdict::Open {
+            if verdict.is_some() {
                 return Ok((seen, verdict));
             }
         }
-        Ok((seen, CurtailVerdict::Open))
+        Ok((seen, None))
     }
 }
 
@@ -90,8 +103,8 @@ fn one(
     for run in 0..study.runs {
         let outcomes = outcomes(run);
         let total = outcomes.iter().filter(|success| **success).count() as u64;
-        let full = if total >= looks.rule.needed() { CurtailVerdict::Pass } else { CurtailVerdict::Fail };
-        let (seen, verdict) = looks.end(&outcomes, |looks, k, t| Ok(looks.rule.curtail(k, t)?.verdict))?;
+        let full = Some(total >= looks.needed);
+        let (seen, verdict) = looks.end(&outcomes, |looks, k, t| Ok(looks.exact(k, t)))?;
         curtailed += seen;
         differing += u64::from(verdict != full);
         for (index, alpha) in ALPHAS.into_iter().enumerate() {
