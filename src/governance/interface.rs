@@ -144,28 +144,14 @@ struct InterfaceFindings {
     checked: BTreeSet<String>,
 }
 
-/// The deviation, one of four.
-#[derive(Clone, Copy)]
-enum DeviationKind {
-    Signature,
-    Schema,
-    Conditions,
-    Dependencies,
-}
-
 impl InterfaceFindings {
-    fn add(&mut self, part: DeviationKind, deviation: Deviation, finding: Finding) {
-        let slot = match part {
-            DeviationKind::Signature => &mut self.deviations.signature,
-            DeviationKind::Schema => &mut self.deviations.schema,
-            DeviationKind::Conditions => &mut self.deviations.conditions,
-            DeviationKind::Dependencies => &mut self.deviations.dependencies,
-        };
-        *slot = (*slot).max(deviation);
+    fn add(&mut self, part: fn(&mut Deviations) -> &mut Deviation, deviation: Deviation, finding: Finding) {
+        let worst = part(&mut self.deviations);
+        *worst = (*worst).max(deviation);
         self.reasons.push(reason(finding));
     }
 
-    fn mismatch(&mut self, finding: Finding) {
+    fn break_signature(&mut self, finding: Finding) {
         self.deviations.signature = Deviation::Breaking;
         self.reasons.push(reason(finding));
     }
@@ -173,7 +159,7 @@ impl InterfaceFindings {
     /// The code's exports against the manifest: a manifest that promises what the code lacks is breaking.
     fn exports(&mut self, manifest: &Manifest, exports: &Interface) {
         for name in manifest.invocation.entry_points.difference(&exports.entry_points) {
-            self.mismatch(Finding::EntryPointNotExported { name: name.clone() });
+            self.break_signature(Finding::EntryPointNotExported { name: name.clone() });
         }
         for (part, declared, real) in [
             (FieldPart::Input, &manifest.inputs, &exports.inputs),
@@ -182,9 +168,9 @@ impl InterfaceFindings {
         ] {
             for (name, spec) in declared {
                 match real.get(name) {
-                    None => self.mismatch(Finding::FieldUnknownToCode { part, name: name.clone() }),
+                    None => self.break_signature(Finding::FieldUnknownToCode { part, name: name.clone() }),
                     Some(code) if !same_kind(code, spec) => {
-                        self.mismatch(Finding::FieldDiffersInCode { part, name: name.clone() });
+                        self.break_signature(Finding::FieldDiffersInCode { part, name: name.clone() });
                     }
                     Some(_) => {}
                 }
@@ -192,11 +178,11 @@ impl InterfaceFindings {
         }
         for (name, spec) in &exports.inputs {
             if spec.required && !manifest.inputs.contains_key(name) {
-                self.mismatch(Finding::InputUndeclared { name: name.clone() });
+                self.break_signature(Finding::InputUndeclared { name: name.clone() });
             }
         }
         for signal in exports.failure_signals.difference(&manifest.recovery.failure_signals) {
-            self.mismatch(Finding::SignalUndeclared { signal: *signal });
+            self.break_signature(Finding::SignalUndeclared { signal: *signal });
         }
     }
 
@@ -204,27 +190,19 @@ impl InterfaceFindings {
     fn signature(&mut self, active: &Manifest, candidate: &Manifest) {
         let (old, new) = (&active.invocation, &candidate.invocation);
         for name in old.entry_points.difference(&new.entry_points) {
-            self.add(
-                DeviationKind::Signature,
-                Deviation::Breaking,
-                Finding::EntryPointGone { name: name.clone() },
-            );
+            self.break_signature(Finding::EntryPointGone { name: name.clone() });
         }
         for (part, old, new) in [
             (FieldPart::Input, &active.inputs, &candidate.inputs),
             (FieldPart::Parameter, &old.parameters, &new.parameters),
         ] {
             for name in old.keys().filter(|name| !new.contains_key(*name)) {
-                self.add(
-                    DeviationKind::Signature,
-                    Deviation::Breaking,
-                    Finding::ArgumentGone { part, name: name.clone() },
-                );
+                self.break_signature(Finding::ArgumentGone { part, name: name.clone() });
             }
             for (name, spec) in new {
                 if let Some(how) = breaks(old.get(name), spec) {
                     let finding = Finding::ArgumentBroken { part, name: name.clone(), how };
-                    self.add(DeviationKind::Signature, Deviation::Breaking, finding);
+                    self.break_signature(finding);
                 }
             }
         }
@@ -236,7 +214,7 @@ impl InterfaceFindings {
             let name = name.clone();
             let broken = match candidate.outputs.get(&name) {
                 None => {
-                    self.add(DeviationKind::Schema, Deviation::Breaking, Finding::OutputGone { name });
+                    self.add(|all| &mut all.schema, Deviation::Breaking, Finding::OutputGone { name });
                     continue;
                 }
                 Some(new) if !same_kind(old, new) => FieldBreak::OtherKind,
@@ -246,7 +224,7 @@ impl InterfaceFindings {
                 Some(_) => continue,
             };
             let finding = Finding::OutputBroken { name, how: broken };
-            self.add(DeviationKind::Schema, Deviation::Breaking, finding);
+            self.add(|all| &mut all.schema, Deviation::Breaking, finding);
         }
     }
 
@@ -260,10 +238,10 @@ impl InterfaceFindings {
             if candidate.inputs.contains_key(name) {
                 self.checked.insert(name.clone());
                 let finding = Finding::PreconditionChecked { name: name.clone() };
-                self.add(DeviationKind::Conditions, Deviation::Adaptable, finding);
+                self.add(|all| &mut all.conditions, Deviation::Adaptable, finding);
             } else {
                 self.add(
-                    DeviationKind::Conditions,
+                    |all| &mut all.conditions,
                     Deviation::Breaking,
                     Finding::PreconditionStronger { name: name.clone() },
                 );
@@ -272,7 +250,7 @@ impl InterfaceFindings {
         for (name, before) in &old.postconditions {
             if !new.postconditions.get(name).is_some_and(|bound| within(bound, before)) {
                 self.add(
-                    DeviationKind::Conditions,
+                    |all| &mut all.conditions,
                     Deviation::Breaking,
                     Finding::PostconditionWeaker { name: name.clone() },
                 );
@@ -293,10 +271,10 @@ impl InterfaceFindings {
                 (true, false) => (Deviation::Adaptable, Finding::DependencyNotActive { family, requirement }),
                 (true, true) => continue,
             };
-            self.add(DeviationKind::Dependencies, deviation, finding);
+            self.add(|all| &mut all.dependencies, deviation, finding);
         }
         if circular(candidate, registered) {
-            self.add(DeviationKind::Dependencies, Deviation::Breaking, Finding::DependencyCycle);
+            self.add(|all| &mut all.dependencies, Deviation::Breaking, Finding::DependencyCycle);
         }
     }
 

@@ -23,8 +23,6 @@ mod live_harm;
 pub mod name;
 mod reasons;
 mod runtime_limits;
-mod shadow_settings;
-mod try_settings;
 
 pub use evaluation_settings::EvaluationSettings;
 use fields::Weights;
@@ -35,8 +33,6 @@ pub use name::{ClassRisk, ProfileName, ProfileNameError, SiteName, SiteNameError
 pub use reasons::ReasonedNumber;
 use reasons::Reasons;
 pub use runtime_limits::RuntimeLimits;
-pub use shadow_settings::{OutputsAlone, ShadowSettings};
-pub use try_settings::TrySettings;
 
 /// The largest profile text, bytes; checked before it is parsed.
 pub const PROFILE_BYTES_MAX: usize = 64 * 1024;
@@ -163,6 +159,40 @@ pub struct WatcherTolerances {
     /// Force from which a contact is noticed, N.
     #[serde(default = "later::contact_noticed_n", skip_serializing_if = "later::is_contact_noticed_n")]
     pub contact_noticed_n: f64,
+}
+
+crate::closed_set! {
+    /// Whether shadow may rest on outputs alone.
+    OutputsAlone, "answer to outputs alone", {
+        /// It passes a version; a large divergence of outputs makes it longer.
+        Enough = "enough",
+        /// The version is put on hold.
+        Hold = "hold",
+    }
+}
+
+/// What is demanded of shadow where the cell has no twin.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct ShadowSettings {
+    /// What follows where a live cell can neither export its state nor have a trial cell set to what it observed.
+    pub outputs_alone: OutputsAlone,
+}
+
+/// Error rates and number of tries (see [`tries`](crate::tries)).
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct TrySettings {
+    /// The loss of success that every accepted version has to exclude at the level of its try.
+    pub margin: f64,
+    /// Most probability that an author ever gets a version accepted that loses the margin or more, between two reviews.
+    pub author_alpha: f64,
+    /// The same for all authors of a family together.
+    pub family_alpha: f64,
+    /// Tries of an author in a family; then a person has to review them.
+    pub per_author: u32,
+    /// Tries of all authors in a family, likewise.
+    pub per_family: u32,
 }
 
 /// Costs of `kappa_B` per unit of worsening.
