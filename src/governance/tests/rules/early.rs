@@ -138,6 +138,7 @@ fn drills_end_by_the_counts() {
     let early = Some(EarlyStopReason::FinitePopulation { alpha: profile.evaluation.early_alpha });
     let seven = DrillTally { passed: 0, failed: 7, infeasible: 0, failed_alone: 0 };
     let whole = done(40, 40);
+    let drilled_alike = RecoveryEvidence { candidate: whole, active: whole, ..drilled([95; 4], [95; 4]) };
     for (candidate, expected) in [
         (DrillTallies::default(), None),
         (done(20, 20), None),
@@ -163,12 +164,7 @@ fn drills_end_by_the_counts() {
         ),
         (DrillTallies { fallback: seven, ..whole }, None),
     ] {
-        let evidence = RecoveryEvidence {
-            binding: binding(),
-            candidate,
-            active: whole,
-            settling: SettlingTallies::default(),
-        };
+        let evidence = RecoveryEvidence { candidate, ..drilled_alike };
         assert_eq!(recovery::end_reason(&evidence, &binding(), &profile), expected, "{candidate:?}");
         let Some(named) = expected else { continue };
         let found = recovery::assess_early_stop(&evidence, &binding(), &profile, named);
@@ -188,12 +184,7 @@ fn drills_end_by_the_counts() {
         );
     }
     // A named rule that the evidence does not confirm is no data.
-    let begun = RecoveryEvidence {
-        binding: binding(),
-        candidate: done(20, 20),
-        active: whole,
-        settling: SettlingTallies::default(),
-    };
+    let begun = RecoveryEvidence { candidate: done(20, 20), ..drilled_alike };
     for named in
         [EarlyStopReason::Full, EarlyStopReason::Curtailed, EarlyStopReason::FinitePopulation { alpha: 0.01 }]
     {
@@ -202,12 +193,7 @@ fn drills_end_by_the_counts() {
     }
     let mut off = profile;
     off.evaluation.early_alpha = 0.0;
-    let lost = RecoveryEvidence {
-        binding: binding(),
-        candidate: DrillTallies { rollback: seven, ..whole },
-        active: whole,
-        settling: SettlingTallies::default(),
-    };
+    let lost = RecoveryEvidence { candidate: DrillTallies { rollback: seven, ..whole }, ..drilled_alike };
     assert_eq!(recovery::end_reason(&lost, &binding(), &off), None);
 }
 

@@ -29,22 +29,20 @@ fn recovery_fails(kappas: &mut Kappas, code: ReasonCode) {
 
 #[test]
 fn psi_follows_the_order_of_procedure_2() {
+    use PolicyOutcome::Review;
     use Recommendation::{Activate, Reject, RollbackReview, Sandbox, Shadow};
     type KappaChange = fn(&mut Kappas);
     let table: [(&str, KappaChange, Recommendation, Recommendation); 21] = [
         (
             "P review, B incompatible",
-            |k| {
-                k.policy.outcome = PolicyOutcome::Review;
-                k.behavior.outcome = BehaviorOutcome::Incompatible;
-            },
+            |k| (k.policy.outcome, k.behavior.outcome) = (Review, BehaviorOutcome::Incompatible),
             Sandbox,
             Sandbox,
         ),
         (
             "P review, B estimated as incompatible",
             |k| {
-                k.policy.outcome = PolicyOutcome::Review;
+                k.policy.outcome = Review;
                 (k.behavior.outcome, k.behavior.basis) = (BehaviorOutcome::Incompatible, Basis::Estimated);
             },
             RollbackReview,
@@ -52,17 +50,14 @@ fn psi_follows_the_order_of_procedure_2() {
         ),
         (
             "P review, B not measured yet",
-            |k| {
-                k.policy.outcome = PolicyOutcome::Review;
-                k.behavior.outcome = BehaviorOutcome::NoData;
-            },
+            |k| (k.policy.outcome, k.behavior.outcome) = (Review, BehaviorOutcome::NoData),
             RollbackReview,
             RollbackReview,
         ),
         (
             "P review, R without rollback",
             |k| {
-                k.policy.outcome = PolicyOutcome::Review;
+                k.policy.outcome = Review;
                 recovery_fails(k, RecoveryRollbackBelowFloor);
             },
             Sandbox,
@@ -71,7 +66,7 @@ fn psi_follows_the_order_of_procedure_2() {
         (
             "P review, R incompatible",
             |k| {
-                k.policy.outcome = PolicyOutcome::Review;
+                k.policy.outcome = Review;
                 recovery_fails(k, RecoveryBelowThreshold);
             },
             Sandbox,
@@ -82,7 +77,7 @@ fn psi_follows_the_order_of_procedure_2() {
         ("I no data", |k| k.interface.outcome = InterfaceOutcome::NoData, Reject, Reject),
         ("I conditional", |k| k.interface.outcome = InterfaceOutcome::Conditional, Shadow, Shadow),
         ("P incompatible", |k| k.policy.outcome = PolicyOutcome::Incompatible, Reject, Reject),
-        ("P review", |k| k.policy.outcome = PolicyOutcome::Review, RollbackReview, RollbackReview),
+        ("P review", |k| k.policy.outcome = Review, RollbackReview, RollbackReview),
         ("P conditional", |k| k.policy.outcome = PolicyOutcome::Conditional, Shadow, Shadow),
         ("B incompatible", |k| k.behavior.outcome = BehaviorOutcome::Incompatible, Sandbox, Sandbox),
         ("B inconclusive", |k| k.behavior.outcome = BehaviorOutcome::Inconclusive, Sandbox, Sandbox),
@@ -248,68 +243,45 @@ fn activation_modes_follow_the_profile() {
 #[test]
 fn gate_outcomes_and_reasons_by_case() {
     use GateOutcome::{AwaitApproval, Demote, Hold, Pass, Reject};
+    use ProfileName::{Human, Real, Sim};
     type CaseChange = fn(&mut Case);
     let refused =
         ApprovalResult { outcome: ApprovalOutcome::Refused { person: "ann".into() }, reasons: Vec::new() };
     let timed_out = ApprovalResult { outcome: ApprovalOutcome::TimedOut, reasons: Vec::new() };
     let table: [(&str, ProfileName, CaseChange, GateOutcome, ReasonCode); 26] = [
-        ("nothing", ProfileName::Sim, |_| (), Pass, GatePassed),
+        ("nothing", Sim, |_| (), Pass, GatePassed),
         (
             "I fails",
-            ProfileName::Sim,
+            Sim,
             |c| c.kappas.interface.outcome = InterfaceOutcome::Incompatible,
             Reject,
             GateDimensionFailed,
         ),
-        (
-            "B estimated",
-            ProfileName::Sim,
-            |c| c.kappas.behavior.basis = Basis::Estimated,
-            Demote,
-            GateNotMeasured,
-        ),
-        (
-            "B no data",
-            ProfileName::Sim,
-            |c| c.kappas.behavior.outcome = BehaviorOutcome::NoData,
-            Demote,
-            GateNoData,
-        ),
-        ("B no value", ProfileName::Sim, |c| c.kappas.behavior.kappa = None, Demote, GateNoData),
-        (
-            "R inconclusive",
-            ProfileName::Sim,
-            |c| c.kappas.recovery.outcome = RecoveryOutcome::NoData,
-            Demote,
-            GateNoData,
-        ),
+        ("B estimated", Sim, |c| c.kappas.behavior.basis = Basis::Estimated, Demote, GateNotMeasured),
+        ("B no data", Sim, |c| c.kappas.behavior.outcome = BehaviorOutcome::NoData, Demote, GateNoData),
+        ("B no value", Sim, |c| c.kappas.behavior.kappa = None, Demote, GateNoData),
+        ("R inconclusive", Sim, |c| c.kappas.recovery.outcome = RecoveryOutcome::NoData, Demote, GateNoData),
         (
             "R fails",
-            ProfileName::Sim,
+            Sim,
             |c| recovery_fails(&mut c.kappas, RecoveryBelowThreshold),
             Reject,
             GateDimensionFailed,
         ),
         (
             "P review, no approver",
-            ProfileName::Sim,
+            Sim,
             |c| c.kappas.policy.outcome = PolicyOutcome::Review,
             Reject,
             GateDimensionFailed,
         ),
-        ("no shadow", ProfileName::Sim, |c| c.shadow = None, Demote, GateNoData),
-        ("no evidence", ProfileName::Sim, |c| c.bindings.clear(), Demote, GateNoData),
-        (
-            "stale evidence",
-            ProfileName::Sim,
-            |c| c.bindings[1].active = Some(digest("older")),
-            Demote,
-            GateStaleEvidence,
-        ),
-        ("other policies", ProfileName::Sim, |c| c.policy = digest("other"), Demote, GateStaleEvidence),
+        ("no shadow", Sim, |c| c.shadow = None, Demote, GateNoData),
+        ("no evidence", Sim, |c| c.bindings.clear(), Demote, GateNoData),
+        ("stale evidence", Sim, |c| c.bindings[1].active = Some(digest("older")), Demote, GateStaleEvidence),
+        ("other policies", Sim, |c| c.policy = digest("other"), Demote, GateStaleEvidence),
         (
             "frozen",
-            ProfileName::Sim,
+            Sim,
             |c| {
                 c.profile.freeze =
                     vec![FreezeWindow { from: at(50), until: at(101), reason: "audit".into() }];
@@ -319,22 +291,22 @@ fn gate_outcomes_and_reasons_by_case() {
         ),
         (
             "a clock that was set",
-            ProfileName::Sim,
+            Sim,
             |c| c.clock_doubt = Some(ClockMismatch::Jumped { by_ms: 9_000 }),
             Hold,
             GateClockDoubted,
         ),
-        ("unmet", ProfileName::Sim, |c| c.unmet = vec!["align@^2".into()], Hold, GateDependencyUnmet),
+        ("unmet", Sim, |c| c.unmet = vec!["align@^2".into()], Hold, GateDependencyUnmet),
         (
             "no requester on record it, people nearby",
-            ProfileName::Human,
+            Human,
             |c| c.requester = Requester::Unknown,
             Hold,
             GateRequesterUnknown,
         ),
         (
             "no requester on record it, and a review on a real cell",
-            ProfileName::Real,
+            Real,
             |c| {
                 c.requester = Requester::Unknown;
                 c.profile.approval.quorum_medium = 1;
@@ -342,25 +314,13 @@ fn gate_outcomes_and_reasons_by_case() {
             Hold,
             GateRequesterUnknown,
         ),
-        ("review open", ProfileName::Sim, |c| c.review_open = true, Hold, GateReviewOpen),
-        ("no one signed", ProfileName::Real, |c| c.profile_authorized = false, Hold, GateProfileUnauthorized),
-        (
-            "profile blocked",
-            ProfileName::Real,
-            |c| c.blocked_under = [ProfileName::Real].into(),
-            Hold,
-            GateProfileClosed,
-        ),
-        (
-            "no gain",
-            ProfileName::Sim,
-            |c| c.profile.activation.require_improvement = true,
-            Demote,
-            GateNoImprovement,
-        ),
+        ("review open", Sim, |c| c.review_open = true, Hold, GateReviewOpen),
+        ("no one signed", Real, |c| c.profile_authorized = false, Hold, GateProfileUnauthorized),
+        ("profile blocked", Real, |c| c.blocked_under = [Real].into(), Hold, GateProfileClosed),
+        ("no gain", Sim, |c| c.profile.activation.require_improvement = true, Demote, GateNoImprovement),
         (
             "site policy",
-            ProfileName::Sim,
+            Sim,
             |c| {
                 let text = "forbid (principal, action == Action::\"activate\", resource);";
                 c.table.activations = PolicyTable::compile(&c.profile, &[PolicySource { file: "s", text }])
@@ -370,17 +330,11 @@ fn gate_outcomes_and_reasons_by_case() {
             Reject,
             GateSitePolicyForbids,
         ),
-        ("no one asked", ProfileName::Human, |_| (), AwaitApproval, ApprovalPending),
-        (
-            "one of two",
-            ProfileName::Human,
-            |c| c.approval = Some(granted(&["ann"])),
-            AwaitApproval,
-            ApprovalPending,
-        ),
+        ("no one asked", Human, |_| (), AwaitApproval, ApprovalPending),
+        ("one of two", Human, |c| c.approval = Some(granted(&["ann"])), AwaitApproval, ApprovalPending),
         (
             "asked under other rules",
-            ProfileName::Human,
+            Human,
             |c| {
                 c.approval =
                     Some(ApprovalResult { outcome: ApprovalOutcome::NotNeeded, reasons: Vec::new() });
@@ -388,7 +342,7 @@ fn gate_outcomes_and_reasons_by_case() {
             AwaitApproval,
             ApprovalPending,
         ),
-        ("both", ProfileName::Human, |c| c.approval = Some(granted(&["ann", "bob"])), Pass, GatePassed),
+        ("both", Human, |c| c.approval = Some(granted(&["ann", "bob"])), Pass, GatePassed),
     ];
     for (name, profile, change, outcome, code) in table {
         let mut case = Case::new(profile);
@@ -400,7 +354,7 @@ fn gate_outcomes_and_reasons_by_case() {
         assert_eq!(result.decision.answers().admitted, outcome == Pass, "{name}");
     }
     for (answer, outcome) in [(refused, Reject), (timed_out, Hold)] {
-        let mut case = Case::new(ProfileName::Human);
+        let mut case = Case::new(Human);
         case.approval = Some(answer);
         assert_eq!(*case.evaluate().decision.outcome(), outcome);
     }

@@ -5,33 +5,35 @@ use std::collections::BTreeSet;
 use holdpoint_governance::behavior::{self, signature};
 use holdpoint_governance::decision::ReasonCode;
 use holdpoint_governance::evidence::{Conduct, EpisodeValues, ShadowSequence};
+use holdpoint_governance::exports::Interface;
 use holdpoint_governance::finding::Finding;
 use holdpoint_governance::gate::assess_shadow;
-use holdpoint_governance::mode::{Channel, CommandKind, RequiredCommand, Sensor, Tool, ZoneName};
+use holdpoint_governance::manifest::Manifest;
+use holdpoint_governance::mode::{Channel, CommandKind, RequiredCommand, Sensor, ZoneName};
 use holdpoint_governance::monitor::{Monitor, MonitorAction, Rate, normal_rates};
-use holdpoint_governance::outcome::{BehaviorOutcome, CheckResult, PolicyOutcome};
+use holdpoint_governance::outcome::{Assessment, BehaviorOutcome, CheckResult, PolicyOutcome};
 use holdpoint_governance::permission::{PermissionUse, PermissionsUsed};
 use holdpoint_governance::policy::{self, PolicyInput, PolicyTable};
 use holdpoint_governance::profile::ProfileName;
 
 use crate::fixture::{GOOD, binding, exports, manifest, manifest_with, pairs, profile, shadow};
 
+/// The policies of `sim` on a manifest and its code.
+fn judge(manifest: &Manifest, code: &Interface) -> Assessment<PolicyOutcome> {
+    let profile = profile(ProfileName::Sim);
+    let input = PolicyInput {
+        permissions: &manifest.permissions,
+        environments: &manifest.deployment.environments,
+        exports: Some(code),
+        active: None,
+    };
+    policy::assess(&input, &PolicyTable::builtin(&profile).unwrap(), &profile).assessment
+}
+
 #[test]
 fn sensors_and_tools_of_the_code_must_be_declared() {
-    let profile = profile(ProfileName::Sim);
-    let table = PolicyTable::builtin(&profile).unwrap();
     let manifest = manifest();
-    let judged = |sensors: BTreeSet<Sensor>, tools: BTreeSet<Tool>| {
-        let mut code = exports(&manifest);
-        (code.sensors, code.tools) = (sensors, tools);
-        let input = PolicyInput {
-            permissions: &manifest.permissions,
-            environments: &manifest.deployment.environments,
-            exports: Some(&code),
-            active: None,
-        };
-        policy::assess(&input, &table, &profile).assessment
-    };
+    let judged = |sensors, tools| judge(&manifest, &Interface { sensors, tools, ..exports(&manifest) });
     let tools = manifest.permissions.tools.clone();
     assert_ne!(judged(BTreeSet::new(), tools.clone()).outcome, PolicyOutcome::Incompatible);
     let camera = judged([Sensor::Camera].into(), tools);
@@ -43,18 +45,9 @@ fn sensors_and_tools_of_the_code_must_be_declared() {
 
 #[test]
 fn a_declared_but_uncovered_mode_costs_kappa_p() {
-    let profile = profile(ProfileName::Sim);
-    let table = PolicyTable::builtin(&profile).unwrap();
     let kappa = |zones: &str| {
         let manifest = manifest_with("zones = [\"work\", \"transit\"]", zones);
-        let code = exports(&manifest);
-        let input = PolicyInput {
-            permissions: &manifest.permissions,
-            environments: &manifest.deployment.environments,
-            exports: Some(&code),
-            active: None,
-        };
-        policy::assess(&input, &table, &profile).assessment.kappa.unwrap().get()
+        judge(&manifest, &exports(&manifest)).kappa.unwrap().get()
     };
     assert!((kappa("zones = [\"work\", \"transit\"]") - 1.0).abs() < 1e-12);
     assert!((kappa("zones = [\"work\", \"transit\", \"human\"]") - 2.0 / 3.0).abs() < 1e-12);
@@ -62,19 +55,11 @@ fn a_declared_but_uncovered_mode_costs_kappa_p() {
 
 #[test]
 fn a_budget_beyond_the_longest_episode_does_not_fit_the_profile() {
-    let profile = profile(ProfileName::Sim);
-    let table = PolicyTable::builtin(&profile).unwrap();
-    for (ticks, fits) in [(profile.runtime.ticks_max(), true), (profile.runtime.ticks_max() + 1, false)] {
+    let ticks_max = profile(ProfileName::Sim).runtime.ticks_max();
+    for (ticks, fits) in [(ticks_max, true), (ticks_max + 1, false)] {
         let budget = format!("memory_kib = 1024, ticks_per_task = {ticks} }}");
         let manifest = manifest_with("memory_kib = 1024 }", &budget);
-        let code = exports(&manifest);
-        let input = PolicyInput {
-            permissions: &manifest.permissions,
-            environments: &manifest.deployment.environments,
-            exports: Some(&code),
-            active: None,
-        };
-        let reasons = policy::assess(&input, &table, &profile).assessment.reasons;
+        let reasons = judge(&manifest, &exports(&manifest)).reasons;
         let exceeded = reasons.iter().any(|reason| reason.code == ReasonCode::PolicyResourcesExceeded);
         assert_eq!(!exceeded, fits, "{ticks}");
     }
