@@ -16,7 +16,7 @@ use holdpoint_governance::recovery::{
 };
 use holdpoint_governance::stats::{PairedCounts, binary_pairs};
 
-use crate::fixture::{GOOD, Uniform, binding, pairs, profile, recovery};
+use crate::fixture::{GOOD, Uniform, binding, comparison, pairs, profile, recovery};
 
 const FAILED: EpisodeValues = EpisodeValues { success: false, recovery: true, ..GOOD };
 
@@ -63,16 +63,7 @@ fn five_points_of_success_reject_and_four_do_not() {
 
 fn against(evidence: &PairedEvidence, anchor: Option<&AnchorEvidence>, profile: &Profile) -> BehaviorOutcome {
     let drills = recovery([100; 4], [100; 4]);
-    let all = ComparisonEvidence {
-        pairs: evidence,
-        drills: &drills,
-        is_settling: false,
-        has_live_like: false,
-        has_anchor: anchor.is_some(),
-        anchor,
-        sequences: None,
-        counted: None,
-    };
+    let all = ComparisonEvidence { has_anchor: anchor.is_some(), anchor, ..comparison(evidence, &drills) };
     let (found, _) = all.assess(&binding(), EarlyStopReason::Full, profile);
     let named = found.assessment.reasons.iter().any(|reason| {
         matches!(reason.code, ReasonCode::BehaviorAnchorWorse | ReasonCode::BehaviorAnchorSuspicious)
@@ -95,16 +86,7 @@ fn losses_against_the_anchor_do_not_add_up() {
     assert_ne!(against(&evidence, Some(&bad), &profile), BehaviorOutcome::Incompatible);
     // An anchor that was not run is missing evidence.
     let drills = recovery([100; 4], [100; 4]);
-    let missing = ComparisonEvidence {
-        pairs: &evidence,
-        drills: &drills,
-        is_settling: false,
-        has_live_like: false,
-        has_anchor: true,
-        anchor: None,
-        sequences: None,
-        counted: None,
-    };
+    let missing = ComparisonEvidence { has_anchor: true, ..comparison(&evidence, &drills) };
     let (found, _) = missing.assess(&binding(), EarlyStopReason::Full, &profile);
     assert_eq!(found.assessment.outcome, BehaviorOutcome::Inconclusive);
     // One episode of it missing is, too.
@@ -146,16 +128,7 @@ fn drills_are_settled() {
         }
         let abort = tallies.candidate.of_mut(DrillKind::Abort);
         (abort.passed, abort.failed, abort.failed_alone) = (drills - failed, failed, failed);
-        let all = ComparisonEvidence {
-            pairs: &evidence,
-            drills: &tallies,
-            is_settling: true,
-            has_live_like: false,
-            has_anchor: false,
-            anchor: None,
-            sequences: None,
-            counted: None,
-        };
+        let all = ComparisonEvidence { is_settling: true, ..comparison(&evidence, &tallies) };
         let (_, found) = all.assess(&binding(), EarlyStopReason::Full, &profile);
         (found.assessment.outcome, found.assessment.reasons[0].code)
     };

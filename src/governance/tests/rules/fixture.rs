@@ -2,6 +2,7 @@
 
 use std::collections::BTreeSet;
 
+use holdpoint_governance::comparison_evidence::ComparisonEvidence;
 use holdpoint_governance::composition::Kappas;
 use holdpoint_governance::decision::{DecisionContext, Kappa};
 use holdpoint_governance::evidence::{
@@ -168,6 +169,20 @@ pub fn recovery(active: [u32; 4], candidate: [u32; 4]) -> RecoveryEvidence {
         candidate: drills(candidate),
         active: drills(active),
         settling: SettlingTallies::default(),
+    }
+}
+
+/// A comparison of these pairs and drills, without any of the parts that may be added.
+pub fn comparison<'a>(pairs: &'a PairedEvidence, drills: &'a RecoveryEvidence) -> ComparisonEvidence<'a> {
+    ComparisonEvidence {
+        pairs,
+        drills,
+        is_settling: false,
+        has_live_like: false,
+        has_anchor: false,
+        anchor: None,
+        sequences: None,
+        counted: None,
     }
 }
 

@@ -9,7 +9,7 @@ use holdpoint_governance::finding::Finding;
 use holdpoint_governance::outcome::BehaviorOutcome;
 use holdpoint_governance::profile::{Profile, ProfileName};
 
-use crate::fixture::{GOOD, binding, pairs, profile, recovery};
+use crate::fixture::{GOOD, binding, comparison, pairs, profile, recovery};
 
 const FAILED: EpisodeValues = EpisodeValues { success: false, recovery: true, ..GOOD };
 
@@ -32,16 +32,7 @@ fn with(profile: &Profile, values: EpisodeValues, count: usize, in_live_like: bo
 
 fn assess(evidence: &PairedEvidence, profile: &Profile) -> BehaviorAssessment {
     let drills = recovery([100; 4], [100; 4]);
-    let all = ComparisonEvidence {
-        pairs: evidence,
-        drills: &drills,
-        is_settling: false,
-        has_live_like: true,
-        has_anchor: false,
-        anchor: None,
-        sequences: None,
-        counted: None,
-    };
+    let all = ComparisonEvidence { has_live_like: true, ..comparison(evidence, &drills) };
     all.assess(&binding(), EarlyStopReason::Full, profile).0
 }
 

@@ -22,7 +22,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
 use crate::fixture::{
-    GOOD, binding, digest, kappas, made_under, pairs, profile, recovery as drilled, shadow,
+    GOOD, binding, comparison, digest, kappas, made_under, pairs, profile, recovery as drilled, shadow,
 };
 
 /// Everything measured that the gate decides on.
@@ -71,16 +71,8 @@ impl MutationInputs {
     fn passes(&self, evidence: &Evidence) -> bool {
         let (profile, current) = (&self.profile, &self.current);
         let shadow = gate::assess_shadow(&evidence.shadow, current, profile);
-        let measured = ComparisonEvidence {
-            pairs: &evidence.behavior,
-            drills: &evidence.recovery,
-            is_settling: true,
-            has_live_like: false,
-            has_anchor: false,
-            anchor: None,
-            sequences: None,
-            counted: None,
-        };
+        let measured =
+            ComparisonEvidence { is_settling: true, ..comparison(&evidence.behavior, &evidence.recovery) };
         let (behavior, recovery) = measured.assess(current, EarlyStopReason::Full, profile);
         let assessed = Kappas {
             behavior: behavior.assessment,
