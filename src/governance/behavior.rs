@@ -130,10 +130,28 @@ pub fn add_search_concern(
 }
 
 fn add_concern(result: &mut BehaviorAssessment, concern: Reason, profile: &Profile) {
-    result.assessment.reasons.insert(0, concern);
-    result.assessment.reasons.retain(|reason| reason.code != ReasonCode::BehaviorCompatible);
-    result.assessment.outcome = BehaviorOutcome::Suspicious;
+    overrule(result, BehaviorOutcome::Suspicious, [concern]);
     result.assessment.conditions = concern_conditions(profile);
+}
+
+/// Gives an assessment this outcome for these reasons, which stand first; none says any more that it is compatible.
+fn overrule(
+    result: &mut BehaviorAssessment,
+    outcome: BehaviorOutcome,
+    why: impl IntoIterator<Item = Reason>,
+) {
+    let assessment = &mut result.assessment;
+    assessment.outcome = outcome;
+    assessment.conditions.clear();
+    assessment.reasons.retain(|reason| reason.code != ReasonCode::BehaviorCompatible);
+    assessment.reasons.splice(0..0, why);
+}
+
+/// What another comparison found, as a finding about it with the same numbers.
+fn within(found: &Reason, finding: impl FnOnce(Box<Finding>) -> Finding) -> Option<Reason> {
+    let by = Box::new(found.finding.clone()?);
+    let (evidence, limit) = (found.evidence.unwrap_or(f64::NAN), found.limit.unwrap_or(f64::NAN));
+    Some(reason(finding(by)).with(evidence, limit))
 }
 
 /// Conditions under which an inconclusive version may continue.

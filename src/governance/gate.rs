@@ -139,19 +139,12 @@ pub fn assess_shadow(
     let (output, envelope) = (mean(|s| s.output_divergence), mean(|s| s.envelope_divergence));
     let mut reasons = Vec::new();
     let mut leaning = Vec::new();
+    let paired =
+        |sides: fn(&ShadowSequence) -> (bool, bool)| PairedCounts::of(evidence.sequences.iter().map(sides));
     let signals = [
-        (
-            TwinSignal::Failure,
-            PairedCounts::of(evidence.sequences.iter().map(|s| (!s.twin_success, !s.live_success))),
-        ),
-        (
-            TwinSignal::PolicyHit,
-            PairedCounts::of(evidence.sequences.iter().map(|s| (s.twin_policy_hit, s.live_policy_hit))),
-        ),
-        (
-            TwinSignal::WatcherEvent,
-            PairedCounts::of(evidence.sequences.iter().map(|s| (s.twin_watcher_event, s.live_watcher_event))),
-        ),
+        (TwinSignal::Failure, paired(|s| (!s.twin_success, !s.live_success))),
+        (TwinSignal::PolicyHit, paired(|s| (s.twin_policy_hit, s.live_policy_hit))),
+        (TwinSignal::WatcherEvent, paired(|s| (s.twin_watcher_event, s.live_watcher_event))),
     ];
     // The signals share the error rate, and so do the two looks: at the plain length, and once more at the longest.
     // Where harm was measured a share of it is for the measures of harm, which have tolerances besides.

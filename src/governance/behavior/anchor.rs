@@ -8,7 +8,10 @@
 use serde::{Deserialize, Serialize};
 
 use super::harm::HarmComparison;
-use super::{BehaviorAssessment, BehaviorComponent, add_concern, component_of, is_open, measured, reason};
+use super::{
+    BehaviorAssessment, BehaviorComponent, add_concern, component_of, is_open, measured, overrule, reason,
+    within,
+};
 use crate::decision::{Reason, ReasonCode};
 use crate::evidence::{AnchorEvidence, Pair, PairedEvidence};
 use crate::finding::{EvidenceGap, Finding};
@@ -74,16 +77,18 @@ pub fn apply_anchor(
         }
     };
     let found = deciding(&against).into_iter().filter(|reason| is_worsening(reason.code));
-    let wrapped: Vec<Reason> = found
-        .filter_map(|reason| against_anchor(&anchor.version, reason, against.assessment.outcome))
-        .collect();
-    match against.assessment.outcome {
-        BehaviorOutcome::Incompatible => {
-            result.assessment.outcome = BehaviorOutcome::Incompatible;
-            result.assessment.conditions.clear();
-            result.assessment.reasons.retain(|reason| reason.code != ReasonCode::BehaviorCompatible);
-            result.assessment.reasons.splice(0..0, wrapped);
+    let is_rejected = against.assessment.outcome == BehaviorOutcome::Incompatible;
+    let about_anchor = |by| {
+        let anchor = anchor.version.clone();
+        if is_rejected {
+            Finding::AnchorWorse { anchor, by }
+        } else {
+            Finding::AnchorPossiblyWorse { anchor, by }
         }
+    };
+    let wrapped: Vec<Reason> = found.filter_map(|reason| within(reason, about_anchor)).collect();
+    match against.assessment.outcome {
+        BehaviorOutcome::Incompatible => overrule(result, BehaviorOutcome::Incompatible, wrapped),
         BehaviorOutcome::Suspicious if result.assessment.outcome == BehaviorOutcome::Compatible => {
             for concern in wrapped.into_iter().rev() {
                 add_concern(result, concern, profile);
@@ -123,15 +128,4 @@ pub(super) fn deciding(against: &BehaviorAssessment) -> Vec<&Reason> {
     let decisive: Vec<&Reason> = all.iter().copied().filter(decides).collect();
     let is_rejected = against.assessment.outcome == BehaviorOutcome::Incompatible;
     if is_rejected && !decisive.is_empty() { decisive } else { all }
-}
-
-fn against_anchor(anchor: &CapabilityId, reason: &Reason, outcome: BehaviorOutcome) -> Option<Reason> {
-    let (anchor, by) = (anchor.clone(), Box::new(reason.finding.clone()?));
-    let finding = if outcome == BehaviorOutcome::Incompatible {
-        Finding::AnchorWorse { anchor, by }
-    } else {
-        Finding::AnchorPossiblyWorse { anchor, by }
-    };
-    let (evidence, limit) = (reason.evidence.unwrap_or(f64::NAN), reason.limit.unwrap_or(f64::NAN));
-    Some(super::reason(finding).with(evidence, limit))
 }

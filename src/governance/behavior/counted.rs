@@ -1,7 +1,6 @@
 //! What a counted try adds to behavior: the margin that its pairs have to exclude, and the ends without a pair.
 
-use super::{BehaviorAssessment, ComponentName, counts, is_open, reason};
-use crate::decision::ReasonCode;
+use super::{BehaviorAssessment, ComponentName, counts, is_open, overrule, reason};
 use crate::evidence::Pair;
 use crate::finding::Finding;
 use crate::outcome::{Assessment, Basis, BehaviorOutcome};
@@ -23,10 +22,8 @@ pub(crate) fn apply_try(
         return;
     }
     let open = reason(Finding::TryOpen { number: counted.by_author, level: counted.level });
-    result.assessment.outcome = BehaviorOutcome::Inconclusive;
-    result.assessment.conditions.clear();
-    result.assessment.reasons.retain(|reason| reason.code != ReasonCode::BehaviorCompatible);
-    result.assessment.reasons.insert(0, open.with(bound.unwrap_or(f64::NAN), margin));
+    let open = open.with(bound.unwrap_or(f64::NAN), margin);
+    overrule(result, BehaviorOutcome::Inconclusive, [open]);
 }
 
 /// The assessment of a version whose sandbox runs no pair: the same content has a verdict, or its tries are spent.

@@ -8,8 +8,10 @@ use serde::{Deserialize, Serialize};
 
 use super::anchor::{deciding, is_worsening};
 use super::harm::{self, ExceedanceRates, HarmComparison};
-use super::{BehaviorAssessment, BehaviorComponent, add_concern, is_open, measured_within, reason};
-use crate::decision::{Reason, ReasonCode};
+use super::{
+    BehaviorAssessment, BehaviorComponent, add_concern, is_open, measured_within, overrule, reason, within,
+};
+use crate::decision::Reason;
 use crate::evidence::{Pair, PairedEvidence};
 use crate::finding::Finding;
 use crate::outcome::BehaviorOutcome;
@@ -45,29 +47,25 @@ pub(crate) fn apply_live_like(result: &mut BehaviorAssessment, evidence: &Paired
     let (pairs, wanted) = (count(&own), live_like_pairs(profile.evaluation.sandbox_pairs));
     if pairs < wanted {
         let few = reason(Finding::TooFewLiveLikePairs).with(f64::from(pairs), f64::from(wanted));
-        return leave_open(result, few);
+        return overrule(result, BehaviorOutcome::Inconclusive, [few]);
     }
     let paired = PairedEvidence { binding: evidence.binding, pairs: own, hard_stops: Vec::new() };
     let found = match measured_within(&paired, pairs, profile) {
         Ok(found) => found,
-        Err(gap) => return leave_open(result, reason(Finding::BehaviorGap { gap })),
+        Err(gap) => {
+            let gap = reason(Finding::BehaviorGap { gap });
+            return overrule(result, BehaviorOutcome::Inconclusive, [gap]);
+        }
     };
     if found.assessment.outcome == BehaviorOutcome::Incompatible {
         let against = deciding(&found).into_iter().filter(|reason| is_worsening(reason.code));
-        let against =
-            against.filter_map(|reason| within_live_like(reason, |by| Finding::LiveLikeWorse { by }));
-        let against: Vec<Reason> = against.collect();
-        result.assessment.outcome = BehaviorOutcome::Incompatible;
-        result.assessment.conditions.clear();
-        result.assessment.reasons.retain(|reason| reason.code != ReasonCode::BehaviorCompatible);
-        result.assessment.reasons.splice(0..0, against);
+        let against = against.filter_map(|reason| within(reason, |by| Finding::LiveLikeWorse { by }));
+        overrule(result, BehaviorOutcome::Incompatible, against);
     } else if result.assessment.outcome == BehaviorOutcome::Compatible {
         let open = open_worsenings(&found, profile.evaluation.live_like_factor);
-        let open = open
-            .iter()
-            .filter_map(|reason| within_live_like(reason, |by| Finding::LiveLikePossiblyWorse { by }));
-        let open: Vec<Reason> = open.collect();
-        for concern in open.into_iter().rev() {
+        let open =
+            open.iter().rev().filter_map(|reason| within(reason, |by| Finding::LiveLikePossiblyWorse { by }));
+        for concern in open {
             add_concern(result, concern, profile);
         }
     }
@@ -77,13 +75,6 @@ pub(crate) fn apply_live_like(result: &mut BehaviorAssessment, evidence: &Paired
 
 fn count(pairs: &[Pair]) -> u32 {
     u32::try_from(pairs.len()).unwrap_or(u32::MAX)
-}
-
-fn leave_open(result: &mut BehaviorAssessment, why: Reason) {
-    result.assessment.outcome = BehaviorOutcome::Inconclusive;
-    result.assessment.conditions.clear();
-    result.assessment.reasons.retain(|reason| reason.code != ReasonCode::BehaviorCompatible);
-    result.assessment.reasons.insert(0, why);
 }
 
 /// The worsenings that are not excluded beyond the margins, each wider by `factor`.
@@ -101,10 +92,4 @@ fn open_worsenings(found: &BehaviorAssessment, factor: f64) -> Vec<Reason> {
     };
     let harm: Vec<HarmComparison> = found.harm.iter().map(wider).collect();
     components.chain(harm::verdict(&harm).possible).collect()
-}
-
-fn within_live_like(found: &Reason, finding: fn(Box<Finding>) -> Finding) -> Option<Reason> {
-    let by = Box::new(found.finding.clone()?);
-    let (evidence, limit) = (found.evidence.unwrap_or(f64::NAN), found.limit.unwrap_or(f64::NAN));
-    Some(reason(finding(by)).with(evidence, limit))
 }

@@ -14,8 +14,7 @@
 use holdpoint_body::TaskKind;
 use serde::{Deserialize, Serialize};
 
-use super::{BehaviorAssessment, concern_conditions, real_pairs, reason};
-use crate::decision::ReasonCode;
+use super::{BehaviorAssessment, concern_conditions, overrule, real_pairs, reason};
 use crate::distribution_shift::TRIFLE;
 use crate::evidence::EpisodeValues;
 use crate::finding::{EvidenceGap, Finding, SequenceEnds};
@@ -374,19 +373,12 @@ pub fn apply_sequences(
             }
         }
     }
-    let assessment = &mut result.assessment;
-    if worse.is_empty() && doubts.is_empty() {
-        return;
+    if !worse.is_empty() {
+        overrule(result, BehaviorOutcome::Incompatible, worse.into_iter().chain(doubts));
+    } else if !doubts.is_empty() {
+        overrule(result, BehaviorOutcome::Suspicious, doubts);
+        result.assessment.conditions = concern_conditions(profile);
     }
-    assessment.reasons.retain(|reason| reason.code != ReasonCode::BehaviorCompatible);
-    if worse.is_empty() {
-        assessment.outcome = BehaviorOutcome::Suspicious;
-        assessment.conditions = concern_conditions(profile);
-    } else {
-        assessment.outcome = BehaviorOutcome::Incompatible;
-        assessment.conditions.clear();
-    }
-    assessment.reasons.splice(0..0, worse.into_iter().chain(doubts));
 }
 
 #[cfg(test)]
