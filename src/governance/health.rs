@@ -7,7 +7,7 @@
 use serde::{Deserialize, Serialize};
 
 use crate::profile::HealthSettings;
-use crate::stats::{Cusum, DriftSignal, StatsError, wilson_upper};
+use crate::stats::{Cusum, StatsError, wilson_upper};
 
 crate::closed_set! {
     /// The charted rates of a family, each as the share of bad tasks.
@@ -180,9 +180,7 @@ impl FamilyHealth {
         let alarmed: Vec<HealthRate> = self
             .charts
             .iter_mut()
-            .filter_map(|chart| {
-                (chart.cusum.update(bad(chart.rate)) == DriftSignal::Alarm).then_some(chart.rate)
-            })
+            .filter_map(|chart| chart.cusum.update(bad(chart.rate)).then_some(chart.rate))
             .collect();
         if let (Some(rate), false) = (alarmed.first(), self.degraded) {
             self.degraded = true;

@@ -23,7 +23,7 @@ use super::evidence::{EpisodeValues, Signature};
 use super::finding::Finding;
 use super::profile::{HarmSettings, MonitorSettings, Profile, ProfileName};
 use super::strictness::Strictness;
-use crate::stats::{Cusum, DriftSignal, ShiryaevRoberts, StatsError};
+use crate::stats::{Cusum, ShiryaevRoberts, StatsError};
 
 crate::closed_set! {
     /// An action of the monitor; later ones outrank earlier ones.
@@ -454,11 +454,11 @@ impl Monitor {
         let (mut trips, mut warnings) = (Vec::new(), Vec::new());
         for chart in &mut self.charts {
             let Some(bad) = is_bad(chart.rate) else { continue };
-            if chart.trip.update(bad) == DriftSignal::Alarm {
+            if chart.trip.update(bad) {
                 let reason = reason(Finding::RateWorse { rate: chart.rate });
                 trips.push(reason.with(chart.trip.statistic(), chart.trip.arl()));
             }
-            if chart.warning.update(bad) == DriftSignal::Alarm {
+            if chart.warning.update(bad) {
                 let reason = reason(Finding::RateDrifts { rate: chart.rate });
                 warnings.push(reason.with(chart.warning.statistic(), chart.warning.threshold()));
             }

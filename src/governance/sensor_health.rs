@@ -7,7 +7,7 @@
 use serde::{Deserialize, Serialize};
 
 use crate::profile::HealthSettings;
-use crate::stats::{Cusum, DriftSignal, StatsError, wilson_upper};
+use crate::stats::{Cusum, StatsError, wilson_upper};
 
 crate::closed_set! {
     /// The signals of the camera check.
@@ -130,7 +130,7 @@ impl SensorMonitor {
             let good = matches!(value.partial_cmp(&limit), Some(order) if order.is_le());
             all_good &= good;
             let chart = self.charts.iter_mut().find(|(charted, _)| *charted == sense);
-            if chart.is_some_and(|(_, cusum)| cusum.update(!good) == DriftSignal::Alarm) {
+            if chart.is_some_and(|(_, cusum)| cusum.update(!good)) {
                 alarmed.get_or_insert(sense);
             }
         }

@@ -21,8 +21,8 @@ use std::borrow::Cow;
 use holdpoint_text::Hint;
 use serde::{Deserialize, Serialize};
 
-pub use bootstrap::{RESAMPLES_MAX, bca, percentile};
-pub use drift::{ARL_MAX, Cusum, DriftSignal, ShiryaevRoberts};
+pub use bootstrap::{RESAMPLES_MAX, bca};
+pub use drift::{ARL_MAX, Cusum, ShiryaevRoberts};
 pub use multiple::holm;
 pub use paired::{
     PairedBound, PairedCounts, PairedMethod, SPREAD_MIN, bernstein_pairs, binary_pairs, student_pairs,

@@ -1,4 +1,4 @@
-//! Seeded bootstrap intervals for reports: percentile, and BCa (Efron 1987).
+//! Seeded bootstrap intervals for reports: BCa (Efron 1987).
 //!
 //! The same values, statistic and seed give the same interval on every platform.
 
@@ -8,27 +8,11 @@ use super::{Interval, StatsError, finite, open_unit};
 /// The most resamples one interval may use.
 pub const RESAMPLES_MAX: usize = 100_000;
 
-/// The percentile bootstrap interval of `statistic` over `values`.
-///
-/// # Errors
-/// Fewer than two or non-finite values, a statistic that is not finite, a level outside (0, 1), or no or too
-/// many resamples.
-pub fn percentile(
-    values: &[f64],
-    statistic: impl Fn(&[f64]) -> f64,
-    level: f64,
-    resamples: usize,
-    seed: u64,
-) -> Result<Interval, StatsError> {
-    let draws = resample(values, &statistic, level, resamples, seed)?;
-    let alpha = (1.0 - level) / 2.0;
-    Ok(Interval { lower: quantile(&draws, alpha), upper: quantile(&draws, 1.0 - alpha), level })
-}
-
 /// The bias-corrected and accelerated interval of `statistic` over `values`.
 ///
 /// # Errors
-/// As [`percentile`]; also [`StatsError::NoSpread`] if every resample or every jackknife value is the same.
+/// Fewer than two or non-finite values, a statistic that is not finite, a level outside (0, 1), no or too many
+/// resamples; [`StatsError::NoSpread`] if every resample or every jackknife value is the same.
 pub fn bca(
     values: &[f64],
     statistic: impl Fn(&[f64]) -> f64,
@@ -138,23 +122,18 @@ mod tests {
     use super::*;
     use crate::stats::mean;
 
-    type Statistic = fn(&[f64]) -> f64;
-    type Method = fn(&[f64], Statistic, f64, usize, u64) -> Result<Interval, StatsError>;
-
     #[test]
     fn bootstrap_is_seeded_and_refuses_bad_input() {
         let values = [1.0, 4.0, 2.0, 8.0, 5.0];
         let at = |seed| bca(&values, mean, 0.95, 500, seed).unwrap();
         assert_eq!(at(1), at(1));
         assert_ne!(at(1), at(2));
-        for method in [percentile as Method, bca as Method] {
-            assert!(method(&[1.0], mean, 0.95, 100, 0).is_err());
-            assert!(method(&[1.0, f64::NAN], mean, 0.95, 100, 0).is_err());
-            assert!(method(&values, mean, 1.0, 100, 0).is_err());
-            assert!(method(&values, mean, 0.95, 0, 0).is_err());
-            assert!(method(&values, mean, 0.95, RESAMPLES_MAX + 1, 0).is_err());
-            assert!(method(&values, |_| f64::NAN, 0.95, 100, 0).is_err());
-        }
+        assert!(bca(&[1.0], mean, 0.95, 100, 0).is_err());
+        assert!(bca(&[1.0, f64::NAN], mean, 0.95, 100, 0).is_err());
+        assert!(bca(&values, mean, 1.0, 100, 0).is_err());
+        assert!(bca(&values, mean, 0.95, 0, 0).is_err());
+        assert!(bca(&values, mean, 0.95, RESAMPLES_MAX + 1, 0).is_err());
+        assert!(bca(&values, |_| f64::NAN, 0.95, 100, 0).is_err());
         assert!(bca(&[2.0, 2.0, 2.0], mean, 0.95, 100, 0).is_err());
     }
 

@@ -14,29 +14,9 @@ pub const ARL_MAX: f64 = 1e9;
 /// The failure rates a [`ShiryaevRoberts`] bets on, as parts of the way from the normal rate to 1.
 const BETS: [f64; 3] = [0.05, 0.15, 0.35];
 
-/// The signal of a detector after an observation.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum DriftSignal {
-    /// The statistic is below half of its threshold.
-    Quiet,
-    /// The statistic passed half of its threshold.
-    Warning,
-    /// The statistic passed its threshold.
-    Alarm,
-}
-
-impl DriftSignal {
-    /// NaN compares with nothing, so an unusable statistic is an alarm.
-    fn of(statistic: f64, threshold: f64) -> Self {
-        if statistic < threshold / 2.0 {
-            Self::Quiet
-        } else if statistic < threshold {
-            Self::Warning
-        } else {
-            Self::Alarm
-        }
-    }
+/// NaN compares with nothing, so an unusable statistic is an alarm.
+fn is_alarm(statistic: f64, threshold: f64) -> bool {
+    !(statistic < threshold)
 }
 
 /// `S = max(0, S + ln(likelihood ratio))`; alarm once `S >= threshold`.
@@ -72,18 +52,12 @@ impl Cusum {
         Ok(Self { rate_normal, rate_degraded, threshold, statistic: 0.0, alarmed: false })
     }
 
-    /// Takes one episode's result and returns the signal after it.
-    pub fn update(&mut self, failed: bool) -> DriftSignal {
+    /// Takes one episode's result and returns whether there is an alarm, from it or from an earlier one.
+    pub fn update(&mut self, failed: bool) -> bool {
         self.statistic =
             (self.statistic + libm::log(ratio(self.rate_normal, self.rate_degraded, failed))).max(0.0);
-        self.alarmed |= DriftSignal::of(self.statistic, self.threshold) == DriftSignal::Alarm;
-        self.state()
-    }
-
-    /// The present signal, without a new observation.
-    #[must_use]
-    pub fn state(&self) -> DriftSignal {
-        if self.alarmed { DriftSignal::Alarm } else { DriftSignal::of(self.statistic, self.threshold) }
+        self.alarmed |= is_alarm(self.statistic, self.threshold);
+        self.alarmed
     }
 
     /// The statistic, in nats; 0 is no evidence.
@@ -124,21 +98,15 @@ impl ShiryaevRoberts {
         Ok(Self { rate_normal, arl, statistics: [0.0; BETS.len()], alarmed: false })
     }
 
-    /// Takes one episode's result and returns the signal after it.
-    pub fn update(&mut self, failed: bool) -> DriftSignal {
+    /// Takes one episode's result and returns whether there is an alarm, from it or from an earlier one.
+    pub fn update(&mut self, failed: bool) -> bool {
         for (statistic, bet) in self.statistics.iter_mut().zip(BETS) {
             let rate_degraded = self.rate_normal + bet * (1.0 - self.rate_normal);
             *statistic =
                 ((*statistic + 1.0) * ratio(self.rate_normal, rate_degraded, failed)).min(STATISTIC_MAX);
         }
-        self.alarmed |= DriftSignal::of(self.statistic(), self.arl) == DriftSignal::Alarm;
-        self.state()
-    }
-
-    /// The present signal, without a new observation.
-    #[must_use]
-    pub fn state(&self) -> DriftSignal {
-        if self.alarmed { DriftSignal::Alarm } else { DriftSignal::of(self.statistic(), self.arl) }
+        self.alarmed |= is_alarm(self.statistic(), self.arl);
+        self.alarmed
     }
 
     /// The statistic; the alarm is raised once it reaches [`ShiryaevRoberts::arl`].
@@ -165,17 +133,13 @@ mod tests {
     use crate::stats::bootstrap::ResamplingStream;
 
     /// Mean observations to the alarm over 200 streams, each ended at `limit`.
-    fn run_length(
-        rate: f64,
-        limit: u32,
-        mut detector: impl FnMut() -> Box<dyn FnMut(bool) -> DriftSignal>,
-    ) -> f64 {
+    fn run_length(rate: f64, limit: u32, mut detector: impl FnMut() -> Box<dyn FnMut(bool) -> bool>) -> f64 {
         let mut stream = ResamplingStream::new(7);
         let runs = 200;
         let total: u32 = (0..runs)
             .map(|_| {
                 let mut update = detector();
-                (1..=limit).find(|_| update(stream.unit() < rate) == DriftSignal::Alarm).unwrap_or(limit)
+                (1..=limit).find(|_| update(stream.unit() < rate)).unwrap_or(limit)
             })
             .sum();
         f64::from(total) / f64::from(runs)
@@ -183,13 +147,13 @@ mod tests {
 
     #[test]
     fn run_lengths_meet_their_bounds() {
-        let shiryaev = || -> Box<dyn FnMut(bool) -> DriftSignal> {
+        let shiryaev = || -> Box<dyn FnMut(bool) -> bool> {
             let mut detector = ShiryaevRoberts::new(0.05, 500.0).unwrap();
             Box::new(move |failed| detector.update(failed))
         };
         assert!(run_length(0.05, 20_000, shiryaev) >= 500.0);
         assert!(run_length(0.20, 20_000, shiryaev) < 60.0);
-        let cusum = || -> Box<dyn FnMut(bool) -> DriftSignal> {
+        let cusum = || -> Box<dyn FnMut(bool) -> bool> {
             let mut detector = Cusum::new(0.05, 0.15, 5.0).unwrap();
             Box::new(move |failed| detector.update(failed))
         };
@@ -200,13 +164,12 @@ mod tests {
     #[test]
     fn drift_alarm_latches_and_nan_raises_it() {
         let mut cusum = Cusum::new(0.05, 0.15, 2.0).unwrap();
-        assert_eq!(cusum.update(true), DriftSignal::Warning);
-        assert_eq!(cusum.update(true), DriftSignal::Alarm);
-        assert!((0..100).all(|_| cusum.update(false) == DriftSignal::Alarm));
+        assert!(!cusum.update(true) && cusum.update(true));
+        assert!((0..100).all(|_| cusum.update(false)));
         let mut shiryaev = ShiryaevRoberts::new(0.05, 50.0).unwrap();
-        assert!((0..10_000).any(|_| shiryaev.update(true) == DriftSignal::Alarm));
+        assert!((0..10_000).any(|_| shiryaev.update(true)));
         assert!(shiryaev.statistic().is_finite());
-        assert_eq!(DriftSignal::of(f64::NAN, 1.0), DriftSignal::Alarm);
+        assert!(is_alarm(f64::NAN, 1.0));
     }
 
     #[test]
