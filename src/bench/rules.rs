@@ -15,7 +15,7 @@ use super::subjects::{CANDIDATE, Subjects, seed};
 use holdpoint_governance::ablation::AblatedParts;
 use holdpoint_governance::approval::Requester;
 use holdpoint_governance::behavior;
-use holdpoint_governance::composition::{Kappas, PsiContext, psi};
+use holdpoint_governance::composition::{Kappas, psi};
 use holdpoint_governance::decision::{Decision, DecisionContext};
 use holdpoint_governance::evidence::{
     Conduct, DrillTallies, DrillTally, EpisodeValues, Pair, PairedEvidence, RecoveryEvidence,
@@ -126,7 +126,7 @@ fn static_cold(subjects: &Subjects, effort: &FigureEffort) -> Result<MeasuredFig
 }
 
 fn decide(subjects: &Subjects, kappas: &Kappas, under: &DecisionContext) -> Decision<Recommendation> {
-    psi(kappas, PsiContext { has_approver: subjects.profile.has_approver() }, *under)
+    psi(kappas, subjects.profile.has_approver(), *under)
 }
 
 /// The four assessments as far as they go without running anything, from the same parts as stage 2.

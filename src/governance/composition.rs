@@ -100,14 +100,6 @@ pub fn composite(weights: &Weights, kappas: [Option<Kappa>; 4]) -> Option<Kappa>
     Kappa::clamped(interface * i.get() + policy * p.get() + behavior * b.get() + recovery * r.get())
 }
 
-/// The facts of the profile that `Psi` needs.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct PsiContext {
-    /// Whether the profile has an approver.
-    pub has_approver: bool,
-}
-
 /// `Psi(kappas, Gamma)`: the next permitted stage, in Procedure 2's order.
 ///
 /// I incompatible -> reject; P incompatible -> reject; an excess of time -> sandbox; a measured failure of B, or of R beyond
@@ -115,8 +107,8 @@ pub struct PsiContext {
 /// approver exists and rollback itself works); missing or inconclusive B or R -> sandbox; any restriction -> shadow; else activate.
 /// A measured failure is not put to people: a review is about permissions, and cannot outweigh what was measured.
 #[must_use]
-pub fn psi(kappas: &Kappas, context: PsiContext, made_under: DecisionContext) -> Decision<Recommendation> {
-    let (outcome, dimension) = recommend(kappas, context);
+pub fn psi(kappas: &Kappas, has_approver: bool, made_under: DecisionContext) -> Decision<Recommendation> {
+    let (outcome, dimension) = recommend(kappas, has_approver);
     let mut reasons = Vec::new();
     if let Some(dimension) = dimension {
         reasons.extend(kappas.reasons().into_iter().filter(|reason| reason.dimension == dimension));
@@ -156,11 +148,11 @@ pub fn psi(kappas: &Kappas, context: PsiContext, made_under: DecisionContext) ->
 #[must_use]
 pub fn psi_after_shadow(
     kappas: &Kappas,
-    context: PsiContext,
+    has_approver: bool,
     made_under: DecisionContext,
     check: CheckResult,
 ) -> Decision<Recommendation> {
-    let decision = psi(kappas, context, made_under);
+    let decision = psi(kappas, has_approver, made_under);
     let before = Deployability::from(*decision.outcome());
     decision.with_deployment(before.after_shadow(check))
 }
@@ -179,7 +171,7 @@ const fn blocked(check: CheckResult) -> bool {
     }
 }
 
-fn recommend(kappas: &Kappas, context: PsiContext) -> (Recommendation, Option<Dimension>) {
+fn recommend(kappas: &Kappas, has_approver: bool) -> (Recommendation, Option<Dimension>) {
     let [(_, interface), (_, policy), (_, behavior), (_, recovery)] = kappas.checks();
     if blocked(interface) {
         return (Recommendation::Reject, Some(Dimension::Interface));
@@ -197,7 +189,7 @@ fn recommend(kappas: &Kappas, context: PsiContext) -> (Recommendation, Option<Di
     }
     let unrecoverable = recovery == CheckResult::Fail
         && kappas.recovery.basis == Basis::Measured
-        && !(context.has_approver && recovery_is_reviewable(&kappas.recovery));
+        && !(has_approver && recovery_is_reviewable(&kappas.recovery));
     if policy == CheckResult::Review && !measured_failure && !unrecoverable {
         return (Recommendation::RollbackReview, Some(Dimension::Policy));
     }
@@ -208,7 +200,7 @@ fn recommend(kappas: &Kappas, context: PsiContext) -> (Recommendation, Option<Di
         let dimension = if failed { Dimension::Recovery } else { Dimension::Behavior };
         return (Recommendation::Sandbox, Some(dimension));
     }
-    if context.has_approver && recovery_is_reviewable(&kappas.recovery) {
+    if has_approver && recovery_is_reviewable(&kappas.recovery) {
         return (Recommendation::RollbackReview, Some(Dimension::Recovery));
     }
     if blocked(recovery) {

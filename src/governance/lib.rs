@@ -24,7 +24,7 @@
 //! ```
 //! use std::collections::BTreeMap;
 //!
-//! use holdpoint_governance::composition::{Kappas, PsiContext, psi};
+//! use holdpoint_governance::composition::{Kappas, psi};
 //! use holdpoint_governance::decision::{DecisionContext, ReasonCode};
 //! use holdpoint_governance::evidence::{
 //!     DrillTallies, DrillTally, EpisodeValues, EvidenceBinding, Pair, PairedEvidence, RecoveryEvidence,
@@ -170,21 +170,21 @@
 //!     evidence: Digest::of_json("example.evidence", &episodes)?,
 //!     rules: RulesVersion::CURRENT,
 //! };
-//! let context = PsiContext { has_approver: profile.has_approver() };
+//! let has_approver = profile.has_approver();
 //! let mut kappas = Kappas { interface, policy, behavior, recovery };
-//! let decision = psi(&kappas, context, under);
+//! let decision = psi(&kappas, has_approver, under);
 //! assert_eq!(*decision.outcome(), Recommendation::Activate);
 //! assert!(decision.answers().admitted && decision.has(ReasonCode::CompositionEligible));
 //!
 //! // Evidence of another version is no evidence, and no evidence does not advance.
 //! let other = EvidenceBinding { candidate: active.digest()?, ..binding };
 //! kappas.behavior = behavior::assess(&episodes, &other, &profile).assessment;
-//! assert_eq!(*psi(&kappas, context, under).outcome(), Recommendation::Sandbox);
+//! assert_eq!(*psi(&kappas, has_approver, under).outcome(), Recommendation::Sandbox);
 //!
 //! // A surface given in the tool's frame: callers of the active version would wipe somewhere else.
 //! let broken = ACTIVE.replace("1.0.0", "1.2.0").replace("frame = \"world\"", "frame = \"tool\"");
 //! kappas.interface = look(&Manifest::parse("wipe/1.2.0", &broken)?);
-//! let decision = psi(&kappas, context, under);
+//! let decision = psi(&kappas, has_approver, under);
 //! assert_eq!(*decision.outcome(), Recommendation::Reject);
 //! assert_eq!(decision.reasons()[0].code, ReasonCode::InterfaceSignatureBreaking);
 //! # Ok::<(), Box<dyn std::error::Error>>(())

@@ -13,7 +13,7 @@ use serde_json::Value;
 use holdpoint_governance::ablation::AblatedParts;
 use holdpoint_governance::behavior::{self, SequenceEvidence};
 use holdpoint_governance::comparison_evidence::ComparisonEvidence;
-use holdpoint_governance::composition::{Kappas, PsiContext, psi, psi_after_shadow};
+use holdpoint_governance::composition::{Kappas, psi, psi_after_shadow};
 use holdpoint_governance::condition::Condition;
 use holdpoint_governance::decision::{Decision, DecisionContext};
 use holdpoint_governance::distribution_shift::{apply_re_evaluation, compare_with_sandbox, is_suspicious};
@@ -230,8 +230,8 @@ impl<'a> Replayer<'a> {
             }
             EvidenceKind::Shadow => {
                 let check = replay_shadow(&evidence_file, frame)?;
-                let context = PsiContext { has_approver: frame.profile.has_approver() };
-                check_recorded(record, &psi_after_shadow(kappas, context, *under, check))?;
+                let has_approver = frame.profile.has_approver();
+                check_recorded(record, &psi_after_shadow(kappas, has_approver, *under, check))?;
                 check_evidence(under, entry, &evidence_file)
             }
             EvidenceKind::Gate | EvidenceKind::Activation => {
@@ -436,8 +436,7 @@ fn compose(
     under: &DecisionContext,
     record: &AuditRecord,
 ) -> Result<(), ReplayFailure> {
-    let context = PsiContext { has_approver: frame.profile.has_approver() };
-    check_recorded(record, &psi(kappas, context, *under))
+    check_recorded(record, &psi(kappas, frame.profile.has_approver(), *under))
 }
 
 fn replay_sandbox(evidence_file: &EvidenceFile, frame: &RulesInForce) -> Result<(), ReplayFailure> {

@@ -5,7 +5,7 @@
 //! episode; if no try is left, it is demoted without one. A repeated sandbox on episodes of a new key is another try.
 
 use holdpoint_governance::behavior;
-use holdpoint_governance::composition::{Kappas, PsiContext, psi};
+use holdpoint_governance::composition::{Kappas, psi};
 use holdpoint_governance::evidence::EvidenceBinding;
 use holdpoint_governance::finding::Finding;
 use holdpoint_governance::ids::{CapabilityId, Digest};
@@ -118,7 +118,7 @@ pub(crate) fn end_without_try(
     evidence_file.conditions = kappas.conditions();
     evidence_file.kappas = Some(kappas.clone());
     let under = made_under(context, record.version_table(), candidate, evidence_file.digest()?);
-    let decision = psi(&kappas, PsiContext { has_approver: context.profile.has_approver() }, under);
+    let decision = psi(&kappas, context.profile.has_approver(), under);
     evidence_file.reasons = decision.reasons().to_vec();
     report_decision(context, record, evidence_file, &id, Stage::Sandbox, &decision);
     let note = stage_note(evidence_file, &id, EvidenceKind::Sandbox, first_reason(&decision), &decision)?;

@@ -1,7 +1,7 @@
 //! Ends of a sandbox that no episode decides: a fault of the cell, or time beyond what the candidate may take. The candidate
 //! is put on hold for it and never rejected.
 
-use holdpoint_governance::composition::{Kappas, PsiContext, admits, psi};
+use holdpoint_governance::composition::{Kappas, admits, psi};
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::lifecycle::{LifecycleEvent, Stage};
 use holdpoint_governance::outcome::Recommendation;
@@ -42,7 +42,7 @@ pub(crate) fn end_on_hold(
     evidence_file.recovery = None;
     let candidate = record.capability(id)?;
     let under = made_under(context, record.version_table(), &candidate, evidence_file.digest()?);
-    let decision = psi(&kappas, PsiContext { has_approver: context.profile.has_approver() }, under);
+    let decision = psi(&kappas, context.profile.has_approver(), under);
     evidence_file.reasons = decision.reasons().to_vec();
     report_decision(context, record, evidence_file, id, Stage::Sandbox, &decision);
     let note = stage_note(evidence_file, id, kind, first_reason(&decision), &decision)?;

@@ -1,7 +1,7 @@
 //! A stage that an experiment leaves out: passed over, and said so on record.
 
 use holdpoint_governance::ablation::AblatedParts;
-use holdpoint_governance::composition::{PsiContext, psi};
+use holdpoint_governance::composition::psi;
 use holdpoint_governance::decision::Dimension;
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::lifecycle::{LifecycleEvent, Stage};
@@ -48,7 +48,7 @@ pub fn pass_over(
     let reason = AblatedParts::skip_reason(dimension);
     evidence_file.reasons = vec![reason.clone()];
     let under = made_under(context, record.version_table(), &candidate, evidence_file.digest()?);
-    let decision = psi(&kappas, PsiContext { has_approver: context.profile.has_approver() }, under);
+    let decision = psi(&kappas, context.profile.has_approver(), under);
     record.tell(EventKind::Decided {
         version: id.clone(),
         stage,

@@ -5,7 +5,7 @@ use holdpoint_cell::EpisodeSetup;
 use holdpoint_governance::ablation::AblationPart;
 use holdpoint_governance::alarms::{AlarmKey, Priority};
 use holdpoint_governance::behavior;
-use holdpoint_governance::composition::{Kappas, PsiContext, psi};
+use holdpoint_governance::composition::{Kappas, psi};
 use holdpoint_governance::decision::{Reason, ReasonCode};
 use holdpoint_governance::early_stop::EarlyStopReason;
 use holdpoint_governance::evaluation_key::KeyUse;
@@ -417,7 +417,7 @@ impl Sandbox<'_> {
         evidence_file.kappas = Some(kappas.clone());
         let digest = evidence_file.digest()?;
         let under = made_under(self.context, self.record.version_table(), &candidate, digest);
-        let decision = psi(&kappas, PsiContext { has_approver: profile.has_approver() }, under);
+        let decision = psi(&kappas, profile.has_approver(), under);
         evidence_file.reasons = decision.reasons().to_vec();
         report_decision(self.context, self.record, evidence_file, id, Stage::Sandbox, &decision);
         report_weakness(self.record, active, &kappas, profile.alarms.degraded);

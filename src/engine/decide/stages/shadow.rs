@@ -2,7 +2,7 @@
 
 use holdpoint_cell::TrialCell;
 use holdpoint_governance::alarms::AlarmKey;
-use holdpoint_governance::composition::{PsiContext, psi_after_shadow};
+use holdpoint_governance::composition::psi_after_shadow;
 use holdpoint_governance::condition::shadow_needed;
 use holdpoint_governance::decision::{Reason, ReasonCode};
 use holdpoint_governance::distribution_shift::{apply_re_evaluation, compare_with_sandbox, is_suspicious};
@@ -215,8 +215,7 @@ fn decide(
     };
     let digest = evidence_file.digest()?;
     let under = made_under(context, record.version_table(), &candidate, digest);
-    let psi_context = PsiContext { has_approver: profile.has_approver() };
-    let decision = psi_after_shadow(&kappas, psi_context, under, result.check);
+    let decision = psi_after_shadow(&kappas, profile.has_approver(), under, result.check);
     evidence_file.reasons.clone_from(&result.reasons);
     evidence_file.progress = None;
     evidence_file.deployment = decision.answers().deployment;

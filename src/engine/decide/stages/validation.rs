@@ -1,7 +1,7 @@
 //! Stage 2: static compatibility. Interface, policy and the static part of recovery; behavior as a flagged estimate.
 //! Stops at the first incompatible of interface and policy. The ticks of a component are timed.
 
-use holdpoint_governance::composition::{PsiContext, admits, psi};
+use holdpoint_governance::composition::{admits, psi};
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::interface::RegisteredVersion;
 use holdpoint_governance::lifecycle::{LifecycleEvent, Stage, State};
@@ -36,7 +36,7 @@ pub fn run(
     let found = assess_and_time(context, record.version_table(), &candidate);
     let kappas = found.kappas.clone();
     let under = made_under(context, record.version_table(), &candidate, candidate.digest());
-    let decision = psi(&kappas, PsiContext { has_approver: context.profile.has_approver() }, under);
+    let decision = psi(&kappas, context.profile.has_approver(), under);
     let evidence_file = evidence_files.edit(id);
     evidence_file.take_static(found);
     evidence_file.reasons = decision.reasons().to_vec();

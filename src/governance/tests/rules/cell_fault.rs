@@ -1,6 +1,6 @@
 //! Drills that the active version cannot do, and fallbacks that the cell lacks: both leave recovery open.
 
-use holdpoint_governance::composition::{PsiContext, psi};
+use holdpoint_governance::composition::psi;
 use holdpoint_governance::decision::ReasonCode::{self, *};
 use holdpoint_governance::early_stop::EarlyStopReason;
 use holdpoint_governance::evidence::{
@@ -127,12 +127,12 @@ fn a_fault_of_the_cell_leads_the_decision_and_is_put_to_no_one() {
     open.behavior.outcome = BehaviorOutcome::NoData;
     open.policy.outcome = PolicyOutcome::Review;
     for has_approver in [false, true] {
-        let decision = psi(&open, PsiContext { has_approver }, made_under());
+        let decision = psi(&open, has_approver, made_under());
         assert_eq!(*decision.outcome(), Recommendation::Sandbox);
         assert_eq!(decision.reasons()[0].code, RecoveryCellFault);
     }
     // It hides no fault of the candidate's interface or policy.
     open.policy.outcome = PolicyOutcome::Incompatible;
-    let decision = psi(&open, PsiContext { has_approver: false }, made_under());
+    let decision = psi(&open, false, made_under());
     assert_eq!(*decision.outcome(), Recommendation::Reject);
 }

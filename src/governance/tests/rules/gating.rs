@@ -4,7 +4,7 @@ use std::collections::BTreeSet;
 
 use holdpoint_governance::ablation::{AblatedParts, AblationPart};
 use holdpoint_governance::approval::{ApprovalOutcome, ApprovalResult, Requester};
-use holdpoint_governance::composition::{Kappas, PsiContext, admits, psi};
+use holdpoint_governance::composition::{Kappas, admits, psi};
 use holdpoint_governance::condition::Condition;
 use holdpoint_governance::decision::ReasonCode::{self, *};
 use holdpoint_governance::decision::{Dimension, Reason};
@@ -93,7 +93,7 @@ fn psi_follows_the_order_of_procedure_2() {
         let mut kappas = kappas(&profile(ProfileName::Sim), [1.0; 4]);
         change(&mut kappas);
         for (has_approver, expected) in [(false, alone), (true, with_approver)] {
-            let decision = psi(&kappas, PsiContext { has_approver }, made_under());
+            let decision = psi(&kappas, has_approver, made_under());
             let rejected = *decision.outcome() == Recommendation::Reject;
             assert_eq!(admits(kappas.interface.outcome, kappas.policy.outcome), !rejected, "{kappas:?}");
             assert_eq!(*decision.outcome(), expected, "{name}, approver {has_approver}");
@@ -434,7 +434,6 @@ fn the_four_deployment_outcomes_are_on_record() {
         change(&mut kappas);
         kappas
     };
-    let context = PsiContext { has_approver: false };
     let cases: [(OutcomeChange, _); 5] = [
         (|_| (), Fully),
         (|k| k.behavior.outcome = BehaviorOutcome::Suspicious, Conditionally),
@@ -443,14 +442,14 @@ fn the_four_deployment_outcomes_are_on_record() {
         (|k| k.interface.outcome = InterfaceOutcome::Incompatible, Incompatible),
     ];
     for (change, expected) in cases {
-        let decision = psi(&of(change), context, made_under());
+        let decision = psi(&of(change), false, made_under());
         assert_eq!(decision.answers().deployment, Some(expected));
         let written = serde_json::to_value(&decision).unwrap();
         assert_eq!(written["answers"]["deployment"], expected.name());
     }
     // A candidate that does not pass shadow stays for evaluation.
     for (check, expected) in [(CheckResult::Pass, Fully), (CheckResult::Fail, EvaluationOnly)] {
-        let decision = psi_after_shadow(&of(|_| ()), context, made_under(), check);
+        let decision = psi_after_shadow(&of(|_| ()), false, made_under(), check);
         assert_eq!(decision.answers().deployment, Some(expected), "{check:?}");
     }
     type At = fn(&mut Case);

@@ -1,7 +1,7 @@
 //! The paper's own numbers: table 11, the drifts of its text, and its sensitivity study.
 
 use holdpoint_governance::behavior::{ComponentName, kappa as behavior_kappa};
-use holdpoint_governance::composition::{PsiContext, composite, psi};
+use holdpoint_governance::composition::{composite, psi};
 use holdpoint_governance::interface::{Deviation, Deviations};
 use holdpoint_governance::outcome::Recommendation;
 use holdpoint_governance::profile::fields::Weights;
@@ -36,7 +36,7 @@ fn table_11_is_reproduced() {
         let all = [kappas.interface.kappa, kappas.policy.kappa, kappas.behavior.kappa, kappas.recovery.kappa];
         let score = composite(&Weights::PAPER, all).unwrap().get();
         assert!((score - printed).abs() < 0.004, "{row}: {score} is not {printed}");
-        let decision = psi(&kappas, PsiContext { has_approver: false }, made_under());
+        let decision = psi(&kappas, false, made_under());
         // ACCEPT = {activate, shadow}.
         let is_accepted = matches!(decision.outcome(), Recommendation::Activate | Recommendation::Shadow);
         assert_eq!(is_accepted, accepted, "{row}");
@@ -126,7 +126,7 @@ fn sensitivity_study_is_reproduced() {
         let mut profile = profile(ProfileName::Sim);
         profile.thresholds = Thresholds { preset, scale };
         let rejected = |row: &(&str, [f64; 4], f64, bool)| {
-            let decision = psi(&kappas(&profile, row.1), PsiContext { has_approver: false }, made_under());
+            let decision = psi(&kappas(&profile, row.1), false, made_under());
             *decision.outcome() != Recommendation::Activate
         };
         let faulty = TABLE_11.iter().filter(|row| row.0.starts_with('F') && rejected(row)).count();

@@ -1,6 +1,6 @@
 //! An excess of time leads the decision, and leaves the version where it can be evaluated again.
 
-use holdpoint_governance::composition::{PsiContext, psi};
+use holdpoint_governance::composition::psi;
 use holdpoint_governance::decision::ReasonCode::{BehaviorTickTooSlow, BehaviorTimeSpent};
 use holdpoint_governance::gate::assess_shadow;
 use holdpoint_governance::outcome::{CheckResult, PolicyOutcome, Recommendation, RecoveryOutcome};
@@ -25,14 +25,14 @@ fn an_excess_of_time_leads_the_decision_and_is_put_to_no_one() {
         ] {
             (open.policy.outcome, open.recovery.outcome) = (policy, recovery);
             for has_approver in [false, true] {
-                let decision = psi(&open, PsiContext { has_approver }, made_under());
+                let decision = psi(&open, has_approver, made_under());
                 assert_eq!(*decision.outcome(), Recommendation::Sandbox, "{policy} {recovery}");
                 assert_eq!(decision.reasons()[0].code, code);
             }
         }
         // It hides no fault of interface or policy.
         open.policy.outcome = PolicyOutcome::Incompatible;
-        let decision = psi(&open, PsiContext { has_approver: true }, made_under());
+        let decision = psi(&open, true, made_under());
         assert_eq!(*decision.outcome(), Recommendation::Reject);
     }
 }
