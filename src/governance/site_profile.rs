@@ -179,6 +179,10 @@ impl SiteProfile {
         if let Some((field, value, allowed)) = profile.own_problem(&texts.profile) {
             return Err(TextError::value(&texts.file, &texts.profile, &field, &value, &allowed).into());
         }
+        Self::compile(texts, profile)
+    }
+
+    fn compile(texts: ProfileTexts, profile: Profile) -> Result<Self, SiteProfileError> {
         let source = PolicySource { file: &texts.policy_file, text: &texts.policy };
         let table = PolicyTable::compile(&profile, &[source])?;
         too_open(&profile, &table, &texts.policy_file)?;
@@ -201,10 +205,7 @@ impl SiteProfile {
         if profile.site.is_none() || profile.weaker_than_class().is_some() {
             return Err(error);
         }
-        let source = PolicySource { file: &texts.policy_file, text: &texts.policy };
-        let table = PolicyTable::compile(&profile, &[source])?;
-        too_open(&profile, &table, &texts.policy_file)?;
-        Ok(Self { texts, profile, table })
+        Self::compile(texts, profile)
     }
 
     /// The numbers.
