@@ -136,6 +136,15 @@ fn leaves(at: &str, value: &Value, out: &mut BTreeMap<String, Value>) {
     }
 }
 
+/// The inputs, the whole evidence, and its values by their pointers.
+fn unmutated() -> (MutationInputs, Value, BTreeMap<String, Value>) {
+    let inputs = MutationInputs::new();
+    let whole = serde_json::to_value(inputs.evidence()).unwrap();
+    let mut found = BTreeMap::new();
+    leaves("", &whole, &mut found);
+    (inputs, whole, found)
+}
+
 fn split(pointer: &str) -> (&str, &str) {
     pointer.rsplit_once('/').unwrap()
 }
@@ -154,22 +163,16 @@ fn is_newer(pointer: &str) -> bool {
 
 #[test]
 fn unmutated_evidence_passes() {
-    let inputs = MutationInputs::new();
-    let whole = serde_json::to_value(inputs.evidence()).unwrap();
+    let (inputs, whole, found) = unmutated();
     assert!(inputs.json_passes(&whole));
     assert!(inputs.toml_passes(toml::Value::try_from(inputs.evidence()).unwrap()));
-    let mut found = BTreeMap::new();
-    leaves("", &whole, &mut found);
     // Two pairs of two episodes of ten values each, to begin with.
     assert!(found.len() > 80, "{}", found.len());
 }
 
 #[test]
 fn a_field_that_is_dropped_or_renamed_never_passes() {
-    let inputs = MutationInputs::new();
-    let whole = serde_json::to_value(inputs.evidence()).unwrap();
-    let mut found = BTreeMap::new();
-    leaves("", &whole, &mut found);
+    let (inputs, whole, found) = unmutated();
     for pointer in found.keys() {
         let (parent, field) = split(pointer);
         let Some(map) = whole.pointer(parent).unwrap().as_object() else { continue };
@@ -187,10 +190,7 @@ fn a_field_that_is_dropped_or_renamed_never_passes() {
 
 #[test]
 fn a_value_of_another_kind_or_out_of_range_never_passes() {
-    let inputs = MutationInputs::new();
-    let whole = serde_json::to_value(inputs.evidence()).unwrap();
-    let mut found = BTreeMap::new();
-    leaves("", &whole, &mut found);
+    let (inputs, whole, found) = unmutated();
     let bad: Vec<Value> = vec![
         Value::Null,
         Value::from("NaN"),
@@ -220,10 +220,7 @@ fn a_value_of_another_kind_or_out_of_range_never_passes() {
 
 #[test]
 fn non_finite_number_never_passes() {
-    let inputs = MutationInputs::new();
-    let whole = serde_json::to_value(inputs.evidence()).unwrap();
-    let mut found = BTreeMap::new();
-    leaves("", &whole, &mut found);
+    let (inputs, _, mut found) = unmutated();
     found.retain(|_, value| value.is_number());
     assert!(found.len() > 20, "{found:?}");
     for pointer in found.keys() {
@@ -262,10 +259,7 @@ fn an_outcome_that_does_not_advance_never_passes() {
 
 #[test]
 fn late_missing_or_duplicate_evidence_never_passes() {
-    let inputs = MutationInputs::new();
-    let whole = serde_json::to_value(inputs.evidence()).unwrap();
-    let mut found = BTreeMap::new();
-    leaves("", &whole, &mut found);
+    let (inputs, whole, found) = unmutated();
     let other = serde_json::to_value(digest("other")).unwrap();
     let bound: Vec<_> = found.keys().filter(|pointer| pointer.contains("/binding/")).collect();
     assert_eq!(bound.len(), 18, "six digests in each of three kinds of evidence");
