@@ -557,7 +557,7 @@ impl GateFindings {
             admitted: outcome == GateOutcome::Pass,
             conditions: terms.conditions.clone(),
             monitoring: DecisionMonitoring::Charts.into(),
-            rollback_when: if watch.coupled() {
+            rollback_when: if watch.coupled {
                 DecisionRollback::FirstWarning.into()
             } else {
                 DecisionRollback::EstablishedWorsening.into()

@@ -316,8 +316,8 @@ impl Monitor {
         strictness: Strictness,
         now_tick: u64,
     ) -> Result<Self, MonitorError> {
-        if !(strictness.factor() > 0.0 && strictness.factor() <= 1.0) {
-            return Err(MonitorError::Factor(strictness.factor()));
+        if !(strictness.factor > 0.0 && strictness.factor <= 1.0) {
+            return Err(MonitorError::Factor(strictness.factor));
         }
         let settings = profile.monitor;
         let mut charts = Vec::new();
@@ -396,7 +396,7 @@ impl Monitor {
     /// # Errors
     /// Settings no chart can be tuned with (they were good before, so none is expected).
     pub fn confirmed(&mut self) -> Result<(), MonitorError> {
-        if self.strictness.factor() < 1.0 {
+        if self.strictness.factor < 1.0 {
             for chart in &mut self.charts {
                 *chart = ControlChart::new(chart.rate, chart.normal, &self.settings)?;
             }
@@ -427,7 +427,7 @@ impl Monitor {
         if !episode.is_valid() {
             return self.safety(SafetyEvent::NotANumber, now_tick);
         }
-        if episode.unsafe_continuation_ms > self.unsafe_continuation_max_ms * self.strictness.factor() {
+        if episode.unsafe_continuation_ms > self.unsafe_continuation_max_ms * self.strictness.factor {
             return self.safety(SafetyEvent::UnsafeContinuation, now_tick);
         }
         if episode.intervention {
@@ -467,7 +467,7 @@ impl Monitor {
             trips.extend(warnings);
             return self.act(MonitorAction::Rollback, trips, now_tick);
         }
-        if !warnings.is_empty() && self.strictness.coupled() {
+        if !warnings.is_empty() && self.strictness.coupled {
             warnings.insert(0, reason(Finding::RollbackCoupled));
             return self.act(MonitorAction::Rollback, warnings, now_tick);
         }

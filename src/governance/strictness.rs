@@ -11,8 +11,10 @@ use super::profile::MonitorSettings;
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Strictness {
-    factor: f64,
-    coupled: bool,
+    /// The factor on the profile's limits, above 0 and at most 1.
+    pub factor: f64,
+    /// Whether the first warning of a chart rolls the version back, without asking an operator.
+    pub coupled: bool,
 }
 
 impl Strictness {
@@ -35,18 +37,6 @@ impl Strictness {
             | Condition::ApprovalRequired { .. }
             | Condition::CheckedCall { .. } => strict,
         })
-    }
-
-    /// The factor on the profile's limits, above 0 and at most 1.
-    #[must_use]
-    pub const fn factor(&self) -> f64 {
-        self.factor
-    }
-
-    /// Whether the first warning of a chart rolls the version back, without asking an operator.
-    #[must_use]
-    pub const fn coupled(&self) -> bool {
-        self.coupled
     }
 
     /// The settings that hold under it.

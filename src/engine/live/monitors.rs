@@ -200,8 +200,8 @@ impl Monitors {
             episodes: watched.episodes,
             needed,
             restricted: watched.restricted,
-            factor: watched.monitor.strictness().factor(),
-            coupled: watched.monitor.strictness().coupled(),
+            factor: watched.monitor.strictness().factor,
+            coupled: watched.monitor.strictness().coupled,
             charts: watched
                 .monitor
                 .charts()

@@ -521,11 +521,11 @@ pub(super) fn on_drift(
     let watch = Strictness::of(&evidence_file.conditions);
     DriftResponse {
         back: pending.replaces.clone(),
-        coupled: watch.coupled(),
+        coupled: watch.coupled,
         restricted_to: monitor.restrict_factor,
         answer_within_s: monitor.escalation_deadline_s,
         confirmed_after: context.profile.activation.provisional_episodes,
         in_doubt,
-        limits: (watch.factor() < 1.0).then(|| stricter_levels(&watch, monitor)),
+        limits: (watch.factor < 1.0).then(|| stricter_levels(&watch, monitor)),
     }
 }
