@@ -200,14 +200,10 @@ pub struct EpisodeReduction {
 
 /// What the stored evidence measured for a reason, beyond the numbers of the reason.
 #[derive(Clone, Debug, PartialEq)]
+#[allow(missing_docs, reason = "a field is named as the thing that it is")]
 pub enum ReasonMeasurement {
-    /// A component of behavior.
-    Component {
-        /// The component with its bounds.
-        component: BehaviorComponent,
-        /// Episode pairs.
-        pairs: u32,
-    },
+    /// A component of behavior with its bounds, over episode pairs.
+    Component { component: BehaviorComponent, pairs: u32 },
     /// Drills of both versions: every kind that was carried out, then the phases in which the candidate failed.
     Drills(Vec<DrillComparison>),
     /// Whole sequences in shadow.
@@ -326,18 +322,14 @@ pub struct CheckReason {
 
 /// Something that was found in a check.
 #[derive(Clone, Debug, PartialEq)]
+#[allow(missing_docs, reason = "a field is named as the thing that it is")]
 pub enum CheckFinding {
     /// A component of behavior.
     Component(ComponentFinding),
     /// A measure of harm.
     Harm(HarmComparison),
-    /// A comparison of whole sequences.
-    Sequences {
-        /// The comparison.
-        comparison: SequenceComparison,
-        /// The bound that makes the verdict; absent where the mean does.
-        bound: Option<DecidingBound>,
-    },
+    /// A comparison of whole sequences. `bound` makes the verdict; absent where the mean does.
+    Sequences { comparison: SequenceComparison, bound: Option<DecidingBound> },
     /// Drills of one kind.
     Drills(DrillComparison),
     /// A reason of the rules.

@@ -249,15 +249,11 @@ pub struct Monitor {
 
 /// A monitor that could not be set up; without one nothing may run.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[allow(missing_docs, reason = "a field is named as the thing that it is")]
 pub enum MonitorError {
     /// An expected rate is not between 0 and 1.
     #[error("the expected {rate} rate {value} is not allowed; 0 to 1 is")]
-    Rate {
-        /// Name of the rate, as in records.
-        rate: &'static str,
-        /// The given expected rate.
-        value: f64,
-    },
+    Rate { rate: &'static str, value: f64 },
     /// A condition's factor on the limits is not above 0 and at most 1.
     #[error("the factor {0} on the monitor's limits is not allowed; above 0 and up to 1 is")]
     Factor(f64),

@@ -130,18 +130,13 @@ pub struct PolicyTable {
 /// What is wrong with policies that compile. The texts are foreign.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 #[serde(tag = "problem", rename_all = "kebab-case")]
+#[allow(missing_docs, reason = "a field is named as the thing that it is")]
 pub enum PolicyProblem {
     /// A policy cannot be evaluated for a mode or an activation, which is denied therefore.
-    Errs {
-        /// The message of Cedar, with the policy.
-        error: String,
-    },
-    /// No ruling follows from the policy: it names no command and zone, its condition is never met, or others override
-    /// it everywhere.
-    CoversNothing {
-        /// The policy, by its `@id` or Cedar's id.
-        policy: String,
-    },
+    Errs { error: String },
+    /// No ruling follows from the policy, named by its `@id` or Cedar's id: it names no command and zone, its
+    /// condition is never met, or others override it everywhere.
+    CoversNothing { policy: String },
 }
 
 /// A policy text that was refused; no table exists.

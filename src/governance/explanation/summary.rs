@@ -128,16 +128,10 @@ pub struct Approver {
 
 /// What a version waits for.
 #[derive(Clone, Debug, PartialEq, Eq)]
+#[allow(missing_docs, reason = "a field is named as the thing that it is")]
 pub enum PendingStep {
-    /// Approvers answer a request.
-    Approval {
-        /// Distinct people that are needed.
-        needed: u32,
-        /// The people on record with an approval of the same evidence.
-        approved_by: Vec<String>,
-        /// The deadline.
-        until: WallTime,
-    },
+    /// Approvers answer a request: distinct people needed, and those on record with an approval of the same evidence.
+    Approval { needed: u32, approved_by: Vec<String>, until: WallTime },
     /// An operator resumes it: too few people answered by this time.
     Unanswered(WallTime),
     /// An operator resumes it: a person paused it.

@@ -111,19 +111,14 @@ crate::closed_set! {
 /// The result of replaying one decision.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", tag = "replay")]
+#[allow(missing_docs, reason = "a field is named as the thing that it is")]
 pub enum ReplayOutcome {
     /// The same outcome with the same reasons.
     Equal,
-    /// Something else, named.
-    Differs {
-        /// The difference from the record, one sentence.
-        what: String,
-    },
+    /// Something else: the difference from the record, one sentence.
+    Differs { what: String },
     /// It was not replayed.
-    NotReplayed {
-        /// Why not.
-        why: NotReplayable,
-    },
+    NotReplayed { why: NotReplayable },
 }
 
 /// Everything that was read of a span.
