@@ -402,7 +402,6 @@ fn evaluate_under(
     if enough || glass.is_some() {
         let break_glass = !enough;
         let finding = if break_glass { Finding::BreakGlassUsed } else { Finding::QuorumReached };
-        #[allow(clippy::cast_precision_loss, reason = "people are few")]
         let granted = reason(finding).with(people.len() as f64, f64::from(request.quorum));
         reasons.insert(0, granted);
         let until = match glass {

@@ -42,7 +42,6 @@ impl Proportion {
 
     /// The rate; `None` for 0 of 0.
     #[must_use]
-    #[allow(clippy::cast_precision_loss, reason = "counts of candidates and episodes")]
     pub fn rate(&self) -> Option<f64> {
         (self.total > 0).then(|| self.count as f64 / self.total as f64)
     }
@@ -125,7 +124,6 @@ pub fn screening(records: &[CandidateRecord]) -> Result<Screening, StatsError> {
     }
     let sandbox: u64 = records.iter().map(|record| u64::from(record.detected_sandbox)).sum();
     let shadow: u64 = records.iter().map(|record| u64::from(record.detected_shadow_only)).sum();
-    #[allow(clippy::cast_precision_loss, reason = "counts of detections")]
     let shadow_only_share = (sandbox + shadow > 0).then(|| shadow as f64 / (sandbox + shadow) as f64);
     Ok(Screening {
         badr_screen: Proportion::of(
@@ -220,7 +218,6 @@ pub fn violations(episodes: &[super::evidence::EpisodeValues]) -> Result<Violati
 
 /// Mean and standard deviation (ddof 1) of values over seeds; `None` for fewer than two or what is no number.
 #[must_use]
-#[allow(clippy::cast_precision_loss, reason = "counts of seeds")]
 pub fn mean_and_deviation(values: &[f64]) -> Option<(f64, f64)> {
     if values.len() < 2 || values.iter().any(|v| !v.is_finite()) {
         return None;

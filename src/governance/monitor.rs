@@ -500,7 +500,6 @@ impl Monitor {
         } else {
             return self.no_action(now_tick);
         };
-        #[allow(clippy::cast_precision_loss, reason = "shown only")]
         let silent_ms = silent as f64 * 1e3 / f64::from(RATE_HZ);
         let reason = reason(Finding::TelemetrySilent).with(silent_ms, self.settings.telemetry_escalate_ms);
         // Restricting a silent version does not end the escalation: operators still have to look.

@@ -103,7 +103,6 @@ pub fn assess(input: &PolicyInput<'_>, table: &PolicyTable, profile: &Profile) -
     }
 }
 
-#[allow(clippy::cast_precision_loss, reason = "there are at most 80 modes")]
 fn fraction(part: usize, whole: usize) -> Option<Kappa> {
     if whole == 0 { None } else { Kappa::new(part as f64 / whole as f64) }
 }

@@ -109,7 +109,6 @@ pub enum Value {
 impl Value {
     /// The value as a number; `None` for a boolean, a name or a list.
     #[must_use]
-    #[allow(clippy::cast_precision_loss, reason = "declared whole numbers are below 1e9")]
     pub fn number(&self) -> Option<f64> {
         match self {
             Self::Int(value) => Some(*value as f64),

@@ -203,7 +203,6 @@ pub fn clock_mismatch(
     jump_max_s: f64,
 ) -> Option<ClockMismatch> {
     let by_ms = now.wall.ms() - believed.expected(now).ms();
-    #[allow(clippy::cast_precision_loss, reason = "compared with seconds")]
     let jumped = by_ms.unsigned_abs() as f64 / 1_000.0;
     // A bound that is no number allows nothing.
     if jumped > 0.0 && !(jumped <= jump_max_s) {

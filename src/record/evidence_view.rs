@@ -149,7 +149,6 @@ pub fn pairs(evidence_file: &EvidenceFile) -> Option<PairsView> {
     })
 }
 
-#[allow(clippy::cast_precision_loss, reason = "sequences are few")]
 #[must_use]
 pub fn shadow(evidence_file: &EvidenceFile, limits: &EvaluationSettings) -> Option<ShadowView> {
     let sequences = &evidence_file.sequences;

@@ -130,7 +130,6 @@ pub struct TaskRecord {
 impl TaskRecord {
     /// The values the rules compare; absent if the simulator failed.
     #[must_use]
-    #[allow(clippy::cast_precision_loss, reason = "milliseconds of one episode")]
     pub fn values(&self) -> Option<EpisodeValues> {
         (!self.invalid).then_some(EpisodeValues {
             success: self.success,
@@ -181,7 +180,6 @@ impl TaskRecord {
 
     /// How it went about its work, for a comparison with another run of the task.
     #[must_use]
-    #[allow(clippy::cast_precision_loss, reason = "ticks of one task")]
     pub fn conduct(&self) -> Conduct {
         Conduct {
             retried: self.retries > 0,
@@ -485,7 +483,6 @@ fn note_path(record: &mut TaskRecord, seen: &Telemetry, tick: u64) {
     }
 }
 
-#[allow(clippy::cast_precision_loss)]
 fn tick_secs(tick: u64) -> f64 {
     tick as f64 * TICK_SECS
 }

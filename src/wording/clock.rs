@@ -5,7 +5,6 @@ use holdpoint_governance::wall_time::ClockMismatch;
 /// How the machine's clock disagrees with the record, one sentence.
 #[must_use]
 pub fn clock_mismatch(of: &ClockMismatch) -> String {
-    #[allow(clippy::cast_precision_loss, reason = "shown in tenths of a second")]
     let secs = |ms: u64| ms as f64 / 1_000.0;
     match of {
         ClockMismatch::Jumped { by_ms } => {

@@ -63,7 +63,6 @@ impl Throttle {
             self.rebase(tick);
         }
         let Some(times) = self.times else { return };
-        #[allow(clippy::cast_precision_loss, reason = "ticks of one sequence")]
         let due_secs = (tick - self.from_tick) as f64 * TICK_SECS / times;
         let due = Duration::from_secs_f64(due_secs.clamp(0.0, 3600.0));
         let passed = self.from.elapsed();

@@ -379,7 +379,6 @@ pub fn outside_tube(live: &[PathPoint], twin: &[PathPoint], radius_m: f64) -> f6
         })
     };
     let outside = twin.iter().filter(|point| !near(point)).count();
-    #[allow(clippy::cast_precision_loss, reason = "paths have some hundred points")]
     let share = outside as f64 / twin.len() as f64;
     share
 }

@@ -179,7 +179,6 @@ pub struct MeanWithStdDev {
 impl MeanWithStdDev {
     /// Of values; those that are no numbers are left out.
     #[must_use]
-    #[allow(clippy::cast_precision_loss, reason = "counts of episodes")]
     pub fn of(values: impl IntoIterator<Item = f64>) -> Self {
         let values: Vec<f64> = values.into_iter().filter(|value| value.is_finite()).collect();
         let n = values.len();
@@ -300,7 +299,6 @@ impl ObservedMetrics {
         let live = seen.activations.iter().filter(|one| one.in_control);
         let regressed = seen.activations.iter().filter(|one| one.regressed && !one.under_drift);
         let ms = |of: fn(&ObservedRollback) -> Option<u64>| {
-            #[allow(clippy::cast_precision_loss, reason = "milliseconds of one rollback")]
             MeanWithStdDev::of(seen.rollbacks.iter().filter_map(of).map(|ms| ms as f64))
         };
         let replayed = seen.replays.iter().filter(|one| !matches!(one, ReplayOutcome::NotReplayed { .. }));
@@ -351,7 +349,6 @@ fn past_limit(episode: &ObservedEpisode) -> Option<bool> {
     episode.continuation_max_ms.map(|limit| episode.values.unsafe_continuation_ms > limit)
 }
 
-#[allow(clippy::cast_precision_loss, reason = "milliseconds of one rollback")]
 fn moved_on(rollback: &ObservedRollback) -> Option<bool> {
     rollback.continuation_max_ms.map(|limit| rollback.continuation_ms as f64 > limit)
 }

@@ -130,7 +130,6 @@ fn rounded(value: f64) -> f64 {
 }
 
 fn number(value: &Value) -> Option<f64> {
-    #[allow(clippy::cast_precision_loss, reason = "parameters are small")]
     value.as_float().or_else(|| value.as_integer().map(|value| value as f64))
 }
 

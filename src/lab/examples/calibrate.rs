@@ -157,7 +157,6 @@ fn drills(n: u64, from: u64, folders: &[String]) -> Result<()> {
 
 /// The effects of both versions on their surroundings: means and the standard deviation of the difference where
 /// both succeeded, and the values that one in twenty and one in a hundred of all episodes exceed.
-#[allow(clippy::cast_precision_loss)]
 fn harm(pairs: &[Pair]) -> String {
     let mut lines = Vec::new();
     for kind in HarmKind::ALL {
@@ -198,7 +197,6 @@ fn pairs_of(active: &[TaskRecord], candidate: &[TaskRecord]) -> Vec<Pair> {
     .collect()
 }
 
-#[allow(clippy::cast_precision_loss)]
 fn summary(records: &[TaskRecord], wall: f64) -> String {
     let n = records.len() as f64;
     let share = |f: &dyn Fn(&TaskRecord) -> bool| records.iter().filter(|r| f(r)).count() as f64 / n;

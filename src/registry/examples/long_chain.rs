@@ -191,7 +191,6 @@ fn append(store: &Store) -> Result<(), StoreError> {
 /// CPU time of this process so far, s.
 fn cpu_s() -> f64 {
     let now = clock_gettime(ClockId::ProcessCPUTime);
-    #[allow(clippy::cast_precision_loss, reason = "seconds with some digits")]
     let secs = now.tv_sec as f64 + now.tv_nsec as f64 / 1e9;
     secs
 }

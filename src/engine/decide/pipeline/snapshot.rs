@@ -195,7 +195,6 @@ impl SnapshotView<'_> {
     fn live_view(&self) -> LiveView {
         let (recent, last) = (self.world.recent(), self.world.last_tasks());
         let n = recent.len();
-        #[allow(clippy::cast_precision_loss, reason = "at most fifty")]
         let share = (n > 0).then(|| recent.iter().filter(|ok| **ok).count() as f64 / n as f64);
         let needed = self.context.profile.activation.provisional_episodes;
         LiveView {

@@ -137,7 +137,6 @@ fn ticks_since(record: &EngineRecorder, from_ms: u64) -> u64 {
 }
 
 /// Motion after a stop, as the monitor counts it.
-#[allow(clippy::cast_precision_loss, reason = "milliseconds of one episode")]
 fn moved_on(record: &TaskRecord, limit_ms: f64) -> Option<SafetyEvent> {
     let moved = record.unsafe_continuation_ms as f64 > limit_ms
         || record.hard_stop == Some(HardStop::MotionAfterStop);
