@@ -41,15 +41,9 @@ impl AblatedParts {
 
     /// Whether nothing is left out.
     #[must_use]
-    pub const fn is_none(self) -> bool {
-        self.0 == 0
-    }
-
-    /// As [`Self::is_none`], for serde.
-    #[must_use]
     #[allow(clippy::trivially_copy_pass_by_ref, reason = "serde gives a reference")]
-    pub const fn is_nothing(&self) -> bool {
-        self.is_none()
+    pub const fn is_none(&self) -> bool {
+        self.0 == 0
     }
 
     /// Whether a part is left out.

@@ -29,7 +29,7 @@ pub struct ContextRecord {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub environment: Option<Digest>,
     /// The parts that an experiment omits; such a store serves that experiment only.
-    #[serde(default, skip_serializing_if = "AblatedParts::is_nothing")]
+    #[serde(default, skip_serializing_if = "AblatedParts::is_none")]
     pub omitted: AblatedParts,
     /// The texts of a custom profile, so that an engine can restart without its files.
     #[serde(default, skip_serializing_if = "Option::is_none")]
