@@ -6,6 +6,7 @@ use std::fmt;
 use std::str::FromStr;
 
 use holdpoint_text::hex::{hex, unhex};
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use sha2::{Digest as _, Sha256};
 
@@ -48,9 +49,7 @@ pub fn is_name(name: &str) -> bool {
 }
 
 /// A capability family, e.g. `grasp`: the versions of one skill.
-#[derive(
-    Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, schemars::JsonSchema,
-)]
+#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, JsonSchema)]
 #[serde(try_from = "String", into = "String")]
 #[schemars(with = "String")]
 pub struct Family(String);
@@ -99,9 +98,7 @@ impl fmt::Display for Family {
 }
 
 /// One version of one family, written `grasp@1.2.0`.
-#[derive(
-    Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, schemars::JsonSchema,
-)]
+#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, JsonSchema)]
 #[serde(try_from = "String", into = "String")]
 #[schemars(with = "String")]
 pub struct CapabilityId {
@@ -139,7 +136,7 @@ impl fmt::Display for CapabilityId {
 const SHORT_BYTES: usize = 256;
 
 /// A SHA-256 digest, shown and stored as 64 hexadecimal digits.
-#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, schemars::JsonSchema)]
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, JsonSchema)]
 #[serde(try_from = "String", into = "String")]
 #[schemars(with = "String")]
 pub struct Digest([u8; 32]);

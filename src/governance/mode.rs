@@ -135,9 +135,7 @@ impl From<Authority> for u8 {
 }
 
 /// One mode as the policy table and the runtime guard know it.
-#[derive(
-    Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, schemars::JsonSchema,
-)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ModeKey {
     /// Channel the command goes out on.

@@ -3,12 +3,11 @@
 //! It rises whenever the same evidence may be decided in another way. A replay applies these rules only to decisions that
 //! they made; one of older rules is reported as such.
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 /// A version of the rules. Decisions that name none were made before versions were recorded: 1.
-#[derive(
-    Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, schemars::JsonSchema,
-)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, JsonSchema)]
 #[serde(transparent)]
 pub struct RulesVersion(pub u32);
 
