@@ -3,13 +3,11 @@
 //! The arm is drawn from measured joint positions by the robot's own kinematics. The object is drawn where the cell
 //! shows it, in a simulation where it truly is: it is for display, and nothing that decides reads it.
 
-use holdpoint_body::Telemetry;
-use holdpoint_body::Zone;
 use holdpoint_body::chain::Transform;
-use holdpoint_cell::RobotCell;
-use holdpoint_cell::Scene;
+use holdpoint_body::{Telemetry, Zone};
 use holdpoint_cell::scene::Clutter;
 use holdpoint_cell::spec::RobotSpec;
+use holdpoint_cell::{RobotCell, Scene};
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 
 use holdpoint_protocol::clock::Clock;

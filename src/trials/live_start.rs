@@ -5,9 +5,8 @@
 //! to the task is replaced. A version sees the same start as in the live cell. Judges nothing.
 
 use holdpoint_body::TaskKind;
-use holdpoint_cell::CellError;
-use holdpoint_cell::EpisodeSetup;
 use holdpoint_cell::rng::Stream;
+use holdpoint_cell::{CellError, EpisodeSetup};
 use holdpoint_governance::ids::Digest;
 use holdpoint_runtime::task::TaskRecord;
 

@@ -4,8 +4,7 @@
 //! ends the sequence. Judges nothing.
 
 use holdpoint_body::TaskKind;
-use holdpoint_cell::CellError;
-use holdpoint_cell::EpisodeSetup;
+use holdpoint_cell::{CellError, EpisodeSetup};
 use holdpoint_runtime::task::{Supervision, TaskRecord};
 
 use super::trial_lab::TrialSubject;

@@ -8,9 +8,7 @@ use std::collections::VecDeque;
 use std::sync::{Mutex, PoisonError};
 
 use holdpoint_body::{Body, Command};
-use holdpoint_cell::CellCopy;
-use holdpoint_cell::CellError;
-use holdpoint_cell::EpisodeSetup;
+use holdpoint_cell::{CellCopy, CellError, EpisodeSetup};
 use holdpoint_governance::evidence::DrillKind;
 use holdpoint_governance::ids::Digest;
 use holdpoint_governance::phase::WorkPhase;

@@ -1,10 +1,8 @@
 //! One world, used again for every episode that its worker works.
 
 use holdpoint_body::TaskKind;
-use holdpoint_cell::CellError;
-use holdpoint_cell::EpisodeSetup;
 use holdpoint_cell::film::EpisodeFrame;
-use holdpoint_cell::{CellCopy, TrialCell};
+use holdpoint_cell::{CellCopy, CellError, EpisodeSetup, TrialCell};
 use holdpoint_governance::ids::Digest;
 use holdpoint_runtime::arm::Arm;
 use holdpoint_runtime::task::TaskRecord;

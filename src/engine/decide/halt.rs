@@ -23,12 +23,10 @@ use std::time::{Duration, Instant};
 
 use crate::decide::people::persons::unreadable;
 use crate::decide::recorder::EngineRecorder;
-use crate::live::LiveWorld;
 use crate::live::account_stops::AccountStops;
-use crate::live::stop_mark;
 use crate::live::stop_switch::StopRequest;
-use holdpoint_record::REASON_BYTES_MAX;
-use holdpoint_record::caller;
+use crate::live::{LiveWorld, stop_mark};
+use holdpoint_record::{REASON_BYTES_MAX, caller};
 use holdpoint_wording::program::engine as sentences;
 
 /// A stop or its end, in the audit chain.

@@ -21,8 +21,7 @@ use rustix::fs::{AtFlags, CWD, OFlags, linkat};
 use serde::{Deserialize, Serialize};
 
 use crate::live::stop_switch::StopRequest;
-use holdpoint_record::REASON_BYTES_MAX;
-use holdpoint_record::caller;
+use holdpoint_record::{REASON_BYTES_MAX, caller};
 use holdpoint_wording::program::engine::mark_replaced;
 
 pub use watch::StopMarkWatch;

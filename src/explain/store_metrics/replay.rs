@@ -39,13 +39,10 @@ use holdpoint_store::{ApprovalEntry, EvidenceEntry, EvidenceKind, RecordViews, S
 
 pub(super) use self::first_difference::differing;
 use super::history::History;
-use holdpoint_record::check;
-use holdpoint_record::context;
 use holdpoint_record::evidence_file::{EvidenceFile, MODE_EPISODES, StaticAssessment};
-use holdpoint_record::recorded_decision;
 use holdpoint_record::version_concern::{Confirmation, ReEvaluationEvidence, VersionConcern};
-use holdpoint_record::version_origin;
 use holdpoint_record::version_table::{self, VersionEntry};
+use holdpoint_record::{check, context, recorded_decision, version_origin};
 use holdpoint_wording::program::replay as sentences;
 
 /// A profile with its compiled policies, and the digests that decisions name.

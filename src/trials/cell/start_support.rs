@@ -184,8 +184,7 @@ fn upper_tail(z: f64) -> f64 {
 mod tests {
     use holdpoint_body::disturbance::{Drift, DriftKind, Magnitude};
     use holdpoint_body::{Command, GuardVerdict, TaskKind};
-    use holdpoint_cell::EpisodeSetup;
-    use holdpoint_cell::TrialCell;
+    use holdpoint_cell::{EpisodeSetup, TrialCell};
     use holdpoint_governance::start_domain::{DomainMiss, StartObservation};
     use holdpoint_runtime::agent::dispatcher::is_holding;
     use holdpoint_sim::SimCells;

@@ -3,17 +3,13 @@
 use std::borrow::Cow;
 
 use super::Pipeline;
-use crate::decide::alarms;
-use crate::decide::clock_mismatch;
-use crate::decide::goal;
-use crate::decide::halt;
 use crate::decide::operations::{self, LastVersion, accepted, checked};
 use crate::decide::people::approvals::PendingApproval;
 use crate::decide::people::signed_calls::{self, Signer};
 use crate::decide::people::{monitor_questions, persons};
-use crate::decide::shift_note;
 use crate::decide::stages::closing::close_rejected;
 use crate::decide::stages::{break_glass, monitoring, release};
+use crate::decide::{alarms, clock_mismatch, goal, halt, shift_note};
 use crate::fault::EngineFault;
 use crate::live::monitors::ActivationMonitor;
 use holdpoint_approvals::SignedApproval;

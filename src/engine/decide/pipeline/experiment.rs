@@ -5,8 +5,7 @@
 //! the pipeline's own; nothing here decides or shortens anything.
 
 use holdpoint_body::disturbance::Drift;
-use holdpoint_cell::CellError;
-use holdpoint_cell::RefereeLimits;
+use holdpoint_cell::{CellError, RefereeLimits};
 
 use super::Pipeline;
 use crate::Engine;

@@ -34,10 +34,9 @@ use super::cache_mismatch::invalidate_cache;
 use super::closing::{
     abort_stage, close_rejected, first_reason, progress, put_on_hold, report_decision, stage_note,
 };
-use super::counted_try;
 use super::early_hold::end_on_hold;
 use super::shared_stops::keep_stops;
-use super::validation;
+use super::{counted_try, validation};
 use crate::decide::recorder::EngineRecorder;
 use crate::fault::EngineFault;
 use holdpoint_record::context::Context;
