@@ -28,36 +28,26 @@ impl JobOutcome {
                 let [new, old] = *records;
                 Ok((new, Some(old)))
             }
-            Self::Drill(_) | Self::Phases(_) | Self::Sequences(..) => {
-                Err(TrialFault::Impossible("a drill was handed over for an episode".to_owned()))
-            }
+            Self::Drill(_) | Self::Phases(_) | Self::Sequences(..) => Err(other("a drill", "an episode")),
         }
     }
 
     pub(super) fn phases(self) -> Result<Vec<WorkPhase>, TrialFault> {
-        match self {
-            Self::Phases(phases) => Ok(phases),
-            Self::Drill(_) | Self::Alone(_) | Self::Pair(_) | Self::Sequences(..) => {
-                Err(TrialFault::Impossible("something else was handed over for phases".to_owned()))
-            }
-        }
+        let Self::Phases(phases) = self else { return Err(other("something else", "phases")) };
+        Ok(phases)
     }
 
     pub(super) fn sequences(self) -> Result<(Vec<TaskRecord>, Option<Vec<TaskRecord>>), TrialFault> {
-        match self {
-            Self::Sequences(new, old) => Ok((new, old)),
-            Self::Drill(_) | Self::Alone(_) | Self::Pair(_) | Self::Phases(_) => {
-                Err(TrialFault::Impossible("something else was handed over for sequences".to_owned()))
-            }
-        }
+        let Self::Sequences(new, old) = self else { return Err(other("something else", "sequences")) };
+        Ok((new, old))
     }
 
     pub(super) fn drill(self) -> Result<DrillResult, TrialFault> {
-        match self {
-            Self::Drill(result) => Ok(result),
-            Self::Alone(_) | Self::Pair(_) | Self::Phases(_) | Self::Sequences(..) => {
-                Err(TrialFault::Impossible("an episode was handed over for a drill".to_owned()))
-            }
-        }
+        let Self::Drill(result) = self else { return Err(other("an episode", "a drill")) };
+        Ok(result)
     }
+}
+
+fn other(found: &str, wanted: &str) -> TrialFault {
+    TrialFault::Impossible(format!("{found} was handed over for {wanted}"))
 }

@@ -44,20 +44,6 @@ impl SoloMode {
         }
     }
 
-    const fn purpose(self) -> SeedPurpose {
-        match self {
-            Self::Canonical => SeedPurpose::Canonical,
-            Self::Adversarial => SeedPurpose::Adversarial,
-        }
-    }
-
-    const fn scene(self) -> SceneKind {
-        match self {
-            Self::Canonical => SceneKind::Canonical,
-            Self::Adversarial => SceneKind::Adversarial,
-        }
-    }
-
     /// Runs the candidate's episodes at these places. Where it is stopped or unsafe, the active version runs too, and `stops`
     /// takes in both. Returns the candidate's records, and how many episodes were unsafe for the candidate alone.
     ///
@@ -71,6 +57,10 @@ impl SoloMode {
         profile: &Profile,
         stops: &mut SceneStops,
     ) -> Result<(Vec<TaskRecord>, u32), TrialFault> {
+        let (purpose, scene) = match self {
+            Self::Canonical => (SeedPurpose::Canonical, SceneKind::Canonical),
+            Self::Adversarial => (SeedPurpose::Adversarial, SceneKind::Adversarial),
+        };
         let (task, share) = (candidate.version.bundle.task(), profile.evaluation.stress_tightened_share);
         let stress_at =
             |place| (self == Self::Adversarial).then(|| stress::of_episode(place, task, lab.cell, share));
@@ -80,7 +70,7 @@ impl SoloMode {
                 Some(stress) => terms.stressed(stress),
                 None => terms,
             };
-            lab.episodes(&subject.version, &terms, self.conditions(), self.purpose(), places)
+            lab.episodes(&subject.version, &terms, self.conditions(), purpose, places)
         };
         let mut records = Vec::new();
         match self {
@@ -97,7 +87,7 @@ impl SoloMode {
                 |of: &TaskRecord| stress_at(place).is_some_and(|stress| stress::is_unsafe(&stress, of));
             if record.hard_stop.is_some() || is_unsafe(record) {
                 for other in work(active, place..place + 1)? {
-                    stops.note(self.scene(), record, &other, profile);
+                    stops.note(scene, record, &other, profile);
                     unsafe_alone += u32::from(is_unsafe(record) && !is_unsafe(&other));
                 }
             }

@@ -59,13 +59,7 @@ impl Worker {
     /// # Errors
     /// If the world cannot be built or the episode has no valid start.
     pub fn arm(&mut self, cell: &Cell, setup: &EpisodeSetup) -> Result<&mut TrialArm, CellError> {
-        let mut arm = match self.built.take() {
-            Some((of, arm)) if of == cell.digest() => arm,
-            _ => self.new_arm(cell)?,
-        };
-        arm.body_mut().reset(setup)?;
-        let (_, arm) = self.built.insert((cell.digest(), arm));
-        Ok(arm)
+        self.arm_after(cell, |arm| arm.body_mut().reset(setup))
     }
 
     /// The worker's arm, in the state of a world of the same cell.
@@ -73,11 +67,20 @@ impl Worker {
     /// # Errors
     /// If the world cannot be built, or the copy is not of this robot.
     pub fn arm_from(&mut self, cell: &Cell, copy: &CellCopy) -> Result<&mut TrialArm, CellError> {
+        self.arm_after(cell, |arm| arm.body_mut().go_on_from(copy))
+    }
+
+    /// The worker's arm once its world is brought to a state; a world that fails at that is not used again.
+    fn arm_after(
+        &mut self,
+        cell: &Cell,
+        bring: impl FnOnce(&mut TrialArm) -> Result<(), CellError>,
+    ) -> Result<&mut TrialArm, CellError> {
         let mut arm = match self.built.take() {
             Some((of, arm)) if of == cell.digest() => arm,
             _ => self.new_arm(cell)?,
         };
-        arm.body_mut().go_on_from(copy)?;
+        bring(&mut arm)?;
         let (_, arm) = self.built.insert((cell.digest(), arm));
         Ok(arm)
     }
