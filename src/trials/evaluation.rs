@@ -283,38 +283,28 @@ impl Evaluation {
         if let Some(slice) = turn {
             lab.expect(candidate, active, &self.outlook(lab, slice))?;
         }
-        let what = match turn {
+        let (is_whole, what) = match turn {
             Some(NextSlice::Pairs) => {
-                let Some(worked) = self.pair_slice(lab, candidate, active, profile)? else { return Ok(None) };
-                pairs = worked;
-                WorkUnit::PairedEpisodes
+                let worked = self.pair_slice(lab, candidate, active, profile)?;
+                let is_whole = worked.is_some();
+                pairs = worked.unwrap_or_default();
+                (is_whole, WorkUnit::PairedEpisodes)
             }
             Some(NextSlice::Drills(kind)) => {
-                if !self.drill_slice(lab, candidate, active, kind)? {
-                    return Ok(None);
-                }
-                WorkUnit::from(kind)
+                (self.drill_slice(lab, candidate, active, (kind, false))?, kind.into())
             }
             Some(NextSlice::Settling(kind)) => {
-                if !self.settling_slice(lab, candidate, active, kind)? {
-                    return Ok(None);
-                }
-                WorkUnit::from(kind)
+                (self.drill_slice(lab, candidate, active, (kind, true))?, kind.into())
             }
-            Some(NextSlice::Anchor) => {
-                if !self.anchor_slice(lab)? {
-                    return Ok(None);
-                }
-                WorkUnit::AnchorEpisodes
-            }
+            Some(NextSlice::Anchor) => (self.anchor_slice(lab)?, WorkUnit::AnchorEpisodes),
             Some(NextSlice::Sequences) => {
-                if !self.sequence_slice(lab, candidate, active, profile)? {
-                    return Ok(None);
-                }
-                WorkUnit::WholeSequences
+                (self.sequence_slice(lab, candidate, active, profile)?, WorkUnit::WholeSequences)
             }
-            None => WorkUnit::NothingLeft,
+            None => (true, WorkUnit::NothingLeft),
         };
+        if !is_whole {
+            return Ok(None);
+        }
         self.turns += 1;
         self.update_end_reason(profile);
         if self.ended.is_none() {
@@ -391,10 +381,7 @@ impl Evaluation {
             drills: self.rehearsed(),
             drills_tried: self.drills_tried,
             anchored: self.anchored,
-            sequences: match &self.sequences {
-                Some(evidence) => evidence.pairs.len() as u64,
-                None => 0,
-            },
+            sequences: self.sequences_worked(),
             sequences_tried: self.sequences_tried,
             turns: self.turns,
         }

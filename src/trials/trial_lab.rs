@@ -124,10 +124,8 @@ impl TrialLab<'_> {
         spots: &[PairSpot],
         reuse: &mut Reuse,
     ) -> Result<Vec<(TaskRecord, TaskRecord)>, TrialFault> {
-        let mut known: Vec<Option<CacheHit<TaskRecord>>> = Vec::with_capacity(spots.len());
-        for spot in spots {
-            known.push(self.cached(&self.episode_key(active, *spot), reuse));
-        }
+        let cached = |spot: &PairSpot| self.cached(&self.episode_key(active, *spot), reuse);
+        let known: Vec<Option<CacheHit<TaskRecord>>> = spots.iter().map(cached).collect();
         let table = self.table(candidate, active);
         let jobs = spots.iter().zip(&known).map(|(spot, known)| table.pair(*spot, known.is_some()));
         let outcomes = self.worker_pool.run_jobs(jobs.collect(), self.cancel)?;
@@ -158,10 +156,8 @@ impl TrialLab<'_> {
         spots: &[PairSpot],
         reuse: &mut Reuse,
     ) -> Result<Vec<TaskRecord>, TrialFault> {
-        let mut known: Vec<Option<CacheHit<TaskRecord>>> = Vec::with_capacity(spots.len());
-        for spot in spots {
-            known.push(self.cached(&self.episode_key(anchor, *spot), reuse));
-        }
+        let cached = |spot: &PairSpot| self.cached(&self.episode_key(anchor, *spot), reuse);
+        let known: Vec<Option<CacheHit<TaskRecord>>> = spots.iter().map(cached).collect();
         let table = self.table(anchor, anchor);
         let jobs = spots.iter().zip(&known).filter(|(_, known)| known.is_none());
         let jobs = jobs.map(|(spot, _)| table.pair(*spot, true)).collect();
@@ -197,7 +193,8 @@ impl TrialLab<'_> {
     ) -> Result<Vec<(EnvelopePoint, TaskRecord, TaskRecord)>, TrialFault> {
         let job = |(index, point): (u64, &EnvelopePoint)| {
             let seed = self.seeds.seed(SeedPurpose::Search, first + index);
-            self.table_at(candidate, active, point).place(seed, point)
+            let cell = self.cell.with_sandbox(self.cell.sandbox.at(point));
+            self.table_in(cell, candidate, active).place(seed, point)
         };
         let jobs = (0..).zip(points).map(job).collect();
         let outcomes = self.worker_pool.run_jobs(jobs, self.cancel)?;
@@ -224,7 +221,9 @@ impl TrialLab<'_> {
         Ok(phases)
     }
 
-    /// Drills of one kind at the given spots: the candidate's results, then the active version's. Names the cached ones.
+    /// Drills of one kind at the given spots: the candidate's results, then the active version's. Unless `is_paired`, the
+    /// active version is drilled only where the candidate failed; elsewhere its result is infeasible: it says nothing.
+    /// Names the cached ones.
     ///
     /// # Errors
     /// As [`TrialLab::episodes`].
@@ -232,10 +231,22 @@ impl TrialLab<'_> {
         &self,
         candidate: &TrialSubject,
         active: &TrialSubject,
-        kind: DrillKind,
+        (kind, is_paired): (DrillKind, bool),
         spots: &[DrillSpot],
         reuse: &mut Reuse,
     ) -> Result<(Vec<DrillResult>, Vec<DrillResult>), TrialFault> {
+        if !is_paired {
+            let of_candidate = self.fresh_drills(candidate, active, kind, spots, true)?;
+            complete(&of_candidate, spots.len())?;
+            let mut of_active = vec![DrillResult::Infeasible; spots.len()];
+            for ((spot, new), old) in spots.iter().zip(&of_candidate).zip(&mut of_active) {
+                if *new == DrillResult::Failed {
+                    let (_, found) = self.drills(candidate, active, (kind, true), &[*spot], reuse)?;
+                    *old = found.first().copied().unwrap_or(DrillResult::Infeasible);
+                }
+            }
+            return Ok((of_candidate, of_active));
+        }
         let known = self.cached_drills(active, kind, spots, reuse);
         let mut of_candidate = self.fresh_drills(candidate, active, kind, spots, known.is_some())?;
         let of_active = match known {
@@ -257,31 +268,6 @@ impl TrialLab<'_> {
             }
         };
         complete(&of_candidate, spots.len())?;
-        Ok((of_candidate, of_active))
-    }
-
-    /// Drills of the candidate at the given spots, and of the active version where the candidate failed; elsewhere the
-    /// active version's result is infeasible: it says nothing. Names the cached ones.
-    ///
-    /// # Errors
-    /// As [`TrialLab::episodes`].
-    pub fn drills_after_failures(
-        &self,
-        candidate: &TrialSubject,
-        active: &TrialSubject,
-        kind: DrillKind,
-        spots: &[DrillSpot],
-        reuse: &mut Reuse,
-    ) -> Result<(Vec<DrillResult>, Vec<DrillResult>), TrialFault> {
-        let of_candidate = self.fresh_drills(candidate, active, kind, spots, true)?;
-        complete(&of_candidate, spots.len())?;
-        let mut of_active = vec![DrillResult::Infeasible; spots.len()];
-        for ((spot, new), old) in spots.iter().zip(&of_candidate).zip(&mut of_active) {
-            if *new == DrillResult::Failed {
-                let (_, found) = self.drills(candidate, active, kind, &[*spot], reuse)?;
-                *old = found.first().copied().unwrap_or(DrillResult::Infeasible);
-            }
-        }
         Ok((of_candidate, of_active))
     }
 
@@ -309,10 +295,8 @@ impl TrialLab<'_> {
         seeds: &[u64],
         reuse: &mut Reuse,
     ) -> Result<Vec<SequenceRecords>, TrialFault> {
-        let mut known: Vec<Option<CacheHit<Vec<TaskRecord>>>> = Vec::with_capacity(seeds.len());
-        for seed in seeds {
-            known.push(self.cached(&self.sequence_key(active, *seed), reuse));
-        }
+        let cached = |seed: &u64| self.cached(&self.sequence_key(active, *seed), reuse);
+        let known: Vec<Option<CacheHit<Vec<TaskRecord>>>> = seeds.iter().map(cached).collect();
         let table = self.table(candidate, active);
         let jobs = seeds.iter().zip(&known).map(|(seed, known)| table.sequences(*seed, known.is_some()));
         let outcomes = self.worker_pool.run_jobs(jobs.collect(), self.cancel)?;
@@ -386,23 +370,12 @@ impl TrialLab<'_> {
     }
 
     fn table(&self, candidate: &TrialSubject, active: &TrialSubject) -> Arc<TrialPairing> {
-        Arc::new(TrialPairing {
-            cell: self.cell.clone(),
-            candidate: candidate.clone(),
-            active: active.clone(),
-            team: self.team.clone(),
-            undisturbed: Arc::clone(self.undisturbed),
-        })
+        self.table_in(self.cell.clone(), candidate, active)
     }
 
-    fn table_at(
-        &self,
-        candidate: &TrialSubject,
-        active: &TrialSubject,
-        point: &EnvelopePoint,
-    ) -> Arc<TrialPairing> {
+    fn table_in(&self, cell: Cell, candidate: &TrialSubject, active: &TrialSubject) -> Arc<TrialPairing> {
         Arc::new(TrialPairing {
-            cell: self.cell.with_sandbox(self.cell.sandbox.at(point)),
+            cell,
             candidate: candidate.clone(),
             active: active.clone(),
             team: self.team.clone(),

@@ -11,87 +11,26 @@ use holdpoint_governance::recovery::DrillContrast;
 /// The most failed drills that are kept one by one; all are counted.
 const FAILED_KEPT: usize = 64;
 
-/// A whole slice of drills of one kind: where they began, and their results.
-struct DrillSlice {
-    spots: Vec<DrillSpot>,
-    of_candidate: Vec<DrillResult>,
-    of_active: Vec<DrillResult>,
-}
-
 impl Evaluation {
-    /// Drills of the base number, of both versions. Returns whether the slice is whole.
+    /// Runs the next part of a slice of drills, and counts the slice once it is whole; returns whether it is. Drills past the
+    /// base number (`is_settling`) are of the candidate, and of the active version where the candidate failed, or of both once
+    /// it failed alone.
     pub(super) fn drill_slice(
         &mut self,
         lab: &TrialLab<'_>,
         candidate: &TrialSubject,
         active: &TrialSubject,
-        kind: DrillKind,
+        (kind, is_settling): (DrillKind, bool),
     ) -> Result<bool, TrialFault> {
-        let Some(slice) = self.continue_drills(lab, candidate, active, kind, true)? else { return Ok(false) };
-        let DrillSlice { spots, of_candidate, of_active } = slice;
-        tally(&mut self.drills.0, kind, &spots, &of_candidate);
-        tally(&mut self.drills.1, kind, &spots, &of_active);
-        self.drills.0.of_mut(kind).failed_alone += failed_alone(&of_candidate, &of_active);
-        self.drills.1.of_mut(kind).failed_alone += failed_alone(&of_active, &of_candidate);
-        Ok(true)
-    }
-
-    /// Drills past the base number: of the candidate, and of the active version where the candidate failed, or of both once
-    /// it failed alone. Returns whether the slice is whole.
-    pub(super) fn settling_slice(
-        &mut self,
-        lab: &TrialLab<'_>,
-        candidate: &TrialSubject,
-        active: &TrialSubject,
-        kind: DrillKind,
-    ) -> Result<bool, TrialFault> {
-        let is_paired = DrillContrast::of(kind, &self.rehearsed()).is_paired_next();
-        let Some(slice) = self.continue_drills(lab, candidate, active, kind, is_paired)? else {
-            return Ok(false);
-        };
-        let DrillSlice { of_candidate, of_active, .. } = slice;
-        let alone = failed_alone(&of_candidate, &of_active);
-        let is_feasible = |result: &&DrillResult| **result != DrillResult::Infeasible;
-        if let Some(tally) = self.settling.of_mut(kind) {
-            if is_paired {
-                let both = of_candidate
-                    .iter()
-                    .zip(&of_active)
-                    .filter(|(new, old)| is_feasible(new) && is_feasible(old));
-                tally.paired += u32::try_from(both.count()).unwrap_or(u32::MAX);
-                tally.candidate_failed += alone;
-                tally.active_failed += failed_alone(&of_active, &of_candidate);
-            } else {
-                let feasible = of_candidate.iter().filter(is_feasible).count();
-                tally.alone += u32::try_from(feasible).unwrap_or(u32::MAX);
-                tally.alone_failed += alone;
-            }
-        }
-        Ok(true)
-    }
-
-    /// Runs the next part of a slice of drills: of the active version too if `is_paired`, and otherwise only where the
-    /// candidate failed. Returns the slice once it is whole.
-    fn continue_drills(
-        &mut self,
-        lab: &TrialLab<'_>,
-        candidate: &TrialSubject,
-        active: &TrialSubject,
-        kind: DrillKind,
-        is_paired: bool,
-    ) -> Result<Option<DrillSlice>, TrialFault> {
+        let is_paired = !is_settling || DrillContrast::of(kind, &self.rehearsed()).is_paired_next();
         let spots = self.spots(lab, &self.progress(), kind);
         let open = spots.get(self.part.drills.0.len()..).unwrap_or_default();
         let next = open.get(..open.len().min(lab.part)).unwrap_or_default();
-        let (new, old) = if is_paired {
-            lab.drills(candidate, active, kind, next, &mut self.reuse)?
-        } else {
-            lab.drills_after_failures(candidate, active, kind, next, &mut self.reuse)?
-        };
+        let (new, old) = lab.drills(candidate, active, (kind, is_paired), next, &mut self.reuse)?;
         self.part.drills.0.extend(new);
         self.part.drills.1.extend(old);
         if self.part.drills.0.len() < spots.len() {
-            return Ok(None);
+            return Ok(false);
         }
         let (of_candidate, of_active) = std::mem::take(&mut self.part.drills);
         self.drills_tried[kind as usize] += spots.len() as u64;
@@ -101,7 +40,29 @@ impl Evaluation {
                 self.failed.push(FailedDrill { kind, phase: spot.phase, seed: spot.seed, active });
             }
         }
-        Ok(Some(DrillSlice { spots, of_candidate, of_active }))
+        let alone = failed_alone(&of_candidate, &of_active);
+        let active_alone = failed_alone(&of_active, &of_candidate);
+        if !is_settling {
+            tally(&mut self.drills.0, kind, &spots, &of_candidate);
+            tally(&mut self.drills.1, kind, &spots, &of_active);
+            self.drills.0.of_mut(kind).failed_alone += alone;
+            self.drills.1.of_mut(kind).failed_alone += active_alone;
+            return Ok(true);
+        }
+        let Some(tally) = self.settling.of_mut(kind) else { return Ok(true) };
+        let is_feasible = |result: &&DrillResult| **result != DrillResult::Infeasible;
+        if is_paired {
+            let both = of_candidate.iter().zip(&of_active);
+            let both = both.filter(|(new, old)| is_feasible(new) && is_feasible(old));
+            tally.paired += u32::try_from(both.count()).unwrap_or(u32::MAX);
+            tally.candidate_failed += alone;
+            tally.active_failed += active_alone;
+        } else {
+            let feasible = of_candidate.iter().filter(is_feasible).count();
+            tally.alone += u32::try_from(feasible).unwrap_or(u32::MAX);
+            tally.alone_failed += alone;
+        }
+        Ok(true)
     }
 }
 
