@@ -282,24 +282,9 @@ impl Pipeline {
             self.live().sequence(None)?;
             return Ok(SliceOutcome::Ran);
         }
-        match self.work.take() {
-            Some(StageWork::Sandbox(run)) => {
-                self.sandbox_slice(run)?;
-                return Ok(SliceOutcome::Ran);
-            }
-            Some(StageWork::Shadow(run)) => {
-                self.shadow_slice(run)?;
-                return Ok(SliceOutcome::Ran);
-            }
-            Some(StageWork::Confirmation(run)) => {
-                self.confirmation_slice(run)?;
-                return Ok(SliceOutcome::Ran);
-            }
-            Some(StageWork::ReEvaluation(run)) => {
-                self.re_evaluation_slice(run)?;
-                return Ok(SliceOutcome::Ran);
-            }
-            None => {}
+        if let Some(work) = self.work.take() {
+            self.work_slice(work)?;
+            return Ok(SliceOutcome::Ran);
         }
         if let Some(id) = confirmation::next(&self.monitors, &self.evidence_files).filter(|_| !self.on_call) {
             self.begin_confirmation(&id)?;
@@ -369,6 +354,16 @@ impl Pipeline {
             }
         }
         None
+    }
+
+    /// Runs a slice of the stage that is under way.
+    fn work_slice(&mut self, work: StageWork) -> Result<(), EngineFault> {
+        match work {
+            StageWork::Sandbox(run) => self.sandbox_slice(run),
+            StageWork::Shadow(run) => self.shadow_slice(run),
+            StageWork::Confirmation(run) => self.confirmation_slice(run),
+            StageWork::ReEvaluation(run) => self.re_evaluation_slice(run),
+        }
     }
 
     fn sandbox_slice(&mut self, run: Box<SandboxRun>) -> Result<(), EngineFault> {

@@ -6,7 +6,7 @@ use holdpoint_governance::notice::Notice;
 use holdpoint_governance::rollback::TriggerKind;
 
 use super::{Pipeline, StageWork};
-use crate::decide::stages::confirmation::{self, ConfirmationRun};
+use crate::decide::stages::confirmation::{self, ConfirmationRun, ConfirmationStep};
 use crate::decide::stages::monitoring;
 use crate::decide::stages::re_evaluation::{self, ReEvaluationRun, ReEvaluationStep};
 use crate::decide::stages::rollback::trigger;
@@ -20,9 +20,7 @@ impl Pipeline {
         let Self { context, record, evidence_files, world, .. } = self;
         match re_evaluation::begin(context, record, evidence_files, &world.cell, &id, None)? {
             Some(run) => self.work = Some(StageWork::ReEvaluation(run)),
-            None => {
-                self.demote(&id, Notice::ShiftWithoutTarget)?;
-            }
+            None => self.demote(&id, Notice::ShiftWithoutTarget)?,
         }
         Ok(true)
     }
@@ -75,19 +73,15 @@ impl Pipeline {
         self.note_slice_time(&id, begun_ms);
         let Self { record, evidence_files, monitors, .. } = self;
         match step {
-            confirmation::ConfirmationStep::GoOn(run, episodes) => {
+            ConfirmationStep::GoOn(run, episodes) => {
                 self.live_due_for(episodes);
                 self.work = Some(StageWork::Confirmation(run));
                 Ok(())
             }
-            confirmation::ConfirmationStep::Gone => Ok(()),
-            confirmation::ConfirmationStep::Settled(id) => {
-                monitoring::maybe_confirm(record, evidence_files, monitors, &id)
-            }
-            confirmation::ConfirmationStep::ConcernRemains(id) => self.demote(&id, Notice::ConcernRemains),
-            confirmation::ConfirmationStep::TimeSpent(id, reason) => {
-                self.demote(&id, Notice::Decided { reason })
-            }
+            ConfirmationStep::Gone => Ok(()),
+            ConfirmationStep::Settled(id) => monitoring::maybe_confirm(record, evidence_files, monitors, &id),
+            ConfirmationStep::ConcernRemains(id) => self.demote(&id, Notice::ConcernRemains),
+            ConfirmationStep::TimeSpent(id, reason) => self.demote(&id, Notice::Decided { reason }),
         }
     }
 

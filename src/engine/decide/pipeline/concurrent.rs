@@ -112,21 +112,27 @@ impl Pipeline {
         self.evaluate_meanwhile()
     }
 
+    /// Whether the comparison under way is concluded by its next slice, which needs no sequence to run; absent if no stage is
+    /// under way beside which the live world continues.
+    fn is_concluding(&self) -> Option<bool> {
+        match self.work.as_ref()? {
+            StageWork::Sandbox(_) => Some(false),
+            StageWork::Confirmation(run) => Some(run.is_over() || self.has_spent_time(run.id())),
+            StageWork::ReEvaluation(run) => Some(run.is_over() || self.has_spent_time(run.id())),
+            StageWork::Shadow(_) => None,
+        }
+    }
+
     /// Does one of the steps that need no sequence to run. Returns whether there was one.
     fn between_sequences(&mut self) -> Result<bool, EngineFault> {
         if self.look_at_deadlines()? || self.activation().take_granted()? {
             return Ok(true);
         }
-        match self.work.take() {
-            Some(StageWork::Confirmation(run)) if run.is_over() || self.has_spent_time(run.id()) => {
-                self.confirmation_slice(run)?;
-                return Ok(true);
-            }
-            Some(StageWork::ReEvaluation(run)) if run.is_over() || self.has_spent_time(run.id()) => {
-                self.re_evaluation_slice(run)?;
-                return Ok(true);
-            }
-            other => self.work = other,
+        if self.is_concluding() == Some(true)
+            && let Some(work) = self.work.take()
+        {
+            self.work_slice(work)?;
+            return Ok(true);
         }
         if self.work.is_some() {
             return Ok(false);
@@ -147,20 +153,11 @@ impl Pipeline {
 
     /// Work that the live world does not wait for.
     fn evaluate_meanwhile(&mut self) -> Result<SliceOutcome, EngineFault> {
-        match self.work.take() {
-            Some(StageWork::Sandbox(run)) => {
-                self.sandbox_slice(run)?;
-                return Ok(SliceOutcome::Ran);
-            }
-            Some(StageWork::Confirmation(run)) if !run.is_over() && !self.has_spent_time(run.id()) => {
-                self.confirmation_slice(run)?;
-                return Ok(SliceOutcome::Ran);
-            }
-            Some(StageWork::ReEvaluation(run)) if !run.is_over() && !self.has_spent_time(run.id()) => {
-                self.re_evaluation_slice(run)?;
-                return Ok(SliceOutcome::Ran);
-            }
-            other => self.work = other,
+        if self.is_concluding() == Some(false)
+            && let Some(work) = self.work.take()
+        {
+            self.work_slice(work)?;
+            return Ok(SliceOutcome::Ran);
         }
         if self.work.is_none()
             && let Some((id, stage)) = self.next_stage()
