@@ -184,19 +184,15 @@ impl EngineRecorder {
         family: &Family,
         event: LifecycleEvent,
         note: TransitionNote,
-    ) -> Result<Vec<StateMove>, EngineFault> {
+    ) -> Result<(), EngineFault> {
         let reason = note.reason.clone();
         let at_ms = self.clock.now_ms();
         let moved = self.versions.transition(family, event, at_ms, note)?;
-        for StateMove { id, from, to } in &moved {
-            self.events.push(EventKind::StateChanged {
-                version: id.clone(),
-                from: *from,
-                to: *to,
-                reason: reason.clone(),
-            });
-        }
-        Ok(moved)
+        self.events.extend(moved.into_iter().map(|StateMove { id, from, to }| {
+            let reason = reason.clone();
+            EventKind::StateChanged { version: id, from, to, reason }
+        }));
+        Ok(())
     }
 
     /// Registers a version; `baseline` activates it without a gate, by an explicit record.

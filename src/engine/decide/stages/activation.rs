@@ -16,7 +16,7 @@ use holdpoint_store::{ActiveCause, AuditBody, Change, EvidenceKind, RequestState
 use holdpoint_wording::command_effect::{VersionEffect, version_effect};
 
 use super::closing::{
-    abort_stage, cancel_request, close_rejected, first_reason, report_decision, stage_note,
+    abort_stage, cancel_request, close_rejected, first_reason, reject, report_decision, stage_note,
 };
 use super::release;
 use super::validation::registered;
@@ -88,13 +88,11 @@ impl Activation<'_> {
             // A pass without its proof is no pass.
             (GateOutcome::Demote | GateOutcome::Pass, _) => {
                 let note = stage_note(evidence_file, id, EvidenceKind::Gate, reason, &result.decision)?;
-                self.record.transition(&id.family, LifecycleEvent::Demote { version }, note)?;
-                Ok(())
+                self.record.transition(&id.family, LifecycleEvent::Demote { version }, note)
             }
             (GateOutcome::Reject, _) => {
                 let note = stage_note(evidence_file, id, EvidenceKind::Gate, reason, &result.decision)?;
-                self.record.transition(&id.family, LifecycleEvent::Reject { version }, note)?;
-                close_rejected(self.record, id)
+                reject(self.record, id, note)
             }
         }
     }
@@ -131,7 +129,7 @@ impl Activation<'_> {
                         self.void(id, Notice::RequestRefused { version: id.clone(), problem })?;
                         return Ok(text);
                     }
-                    moved => moved.map(|_| ())?,
+                    moved => moved?,
                 }
                 let Some(prompt) = self.approvals.close(id) else { return Ok(reply()) };
                 clear_alarm(self.record, id, prompt.last_voter());

@@ -98,6 +98,17 @@ fn scores(evidence_file: &EvidenceFile, id: &CapabilityId) -> Change {
     }
 }
 
+/// Rejects a candidate, and closes its record.
+pub(crate) fn reject(
+    record: &mut EngineRecorder,
+    id: &CapabilityId,
+    note: TransitionNote,
+) -> Result<(), EngineFault> {
+    let (version, _, _) = record.version_table().version(id)?;
+    record.transition(&id.family, LifecycleEvent::Reject { version }, note)?;
+    close_rejected(record, id)
+}
+
 /// Closes the record after a rejection. Its events are the decision and the change of state; it asks nothing of an operator,
 /// so it raises no alarm.
 pub(crate) fn close_rejected(record: &mut EngineRecorder, id: &CapabilityId) -> Result<(), EngineFault> {
@@ -116,8 +127,7 @@ pub(crate) fn put_on_hold(
     } else {
         LifecycleEvent::Demote { version }
     };
-    record.transition(&id.family, event, note)?;
-    Ok(())
+    record.transition(&id.family, event, note)
 }
 
 /// The comparison of an active version took too long: its concern stays open. Publishes and returns the reason.
@@ -146,8 +156,7 @@ pub(crate) fn abort_stage(
 ) -> Result<(), EngineFault> {
     let (version, _, _) = record.version_table().version(id)?;
     evidence_files.edit(id).progress = None;
-    record.transition(&id.family, LifecycleEvent::Abort { version }, TransitionNote::because(why))?;
-    Ok(())
+    record.transition(&id.family, LifecycleEvent::Abort { version }, TransitionNote::because(why))
 }
 
 /// Voids an approval request about a version that has changed since, in the record and as an event; people are asked

@@ -9,7 +9,7 @@ use holdpoint_governance::composition::{Kappas, psi};
 use holdpoint_governance::evidence::EvidenceBinding;
 use holdpoint_governance::finding::Finding;
 use holdpoint_governance::ids::{CapabilityId, Digest};
-use holdpoint_governance::lifecycle::{LifecycleEvent, Stage, State};
+use holdpoint_governance::lifecycle::{Stage, State};
 use holdpoint_governance::outcome::{Basis, BehaviorOutcome, RecoveryOutcome};
 use holdpoint_governance::record::RecordKind;
 use holdpoint_governance::tries::{CountedTry, SpentTries, TryLedger};
@@ -17,7 +17,7 @@ use holdpoint_runtime::capability::Capability;
 use holdpoint_store::EvidenceKind;
 use holdpoint_trials::seeds::SeedSource;
 
-use super::closing::{close_rejected, first_reason, put_on_hold, report_decision, stage_note};
+use super::closing::{first_reason, put_on_hold, reject, report_decision, stage_note};
 use crate::decide::recorder::EngineRecorder;
 use crate::fault::EngineFault;
 use holdpoint_record::context::Context;
@@ -123,9 +123,7 @@ pub(crate) fn end_without_try(
     report_decision(context, record, evidence_file, &id, Stage::Sandbox, &decision);
     let note = stage_note(evidence_file, &id, EvidenceKind::Sandbox, first_reason(&decision), &decision)?;
     if is_rejected {
-        let (version, _, _) = record.version_table().version(&id)?;
-        record.transition(&id.family, LifecycleEvent::Reject { version }, note)?;
-        close_rejected(record, &id)?;
+        reject(record, &id, note)?;
     } else {
         put_on_hold(record, &id, note)?;
     }

@@ -3,13 +3,13 @@
 
 use holdpoint_governance::composition::{Kappas, admits, psi};
 use holdpoint_governance::ids::CapabilityId;
-use holdpoint_governance::lifecycle::{LifecycleEvent, Stage};
+use holdpoint_governance::lifecycle::Stage;
 use holdpoint_governance::outcome::Recommendation;
 use holdpoint_governance::recovery::names_cell_fault;
 use holdpoint_governance::time_excess::names_time_excess;
 use holdpoint_store::EvidenceKind;
 
-use super::closing::{close_rejected, first_reason, put_on_hold, report_decision, stage_note};
+use super::closing::{first_reason, put_on_hold, reject, report_decision, stage_note};
 use crate::decide::recorder::EngineRecorder;
 use crate::fault::EngineFault;
 use holdpoint_record::context::Context;
@@ -47,9 +47,7 @@ pub(crate) fn end_on_hold(
     report_decision(context, record, evidence_file, id, Stage::Sandbox, &decision);
     let note = stage_note(evidence_file, id, kind, first_reason(&decision), &decision)?;
     if *decision.outcome() == Recommendation::Reject {
-        let (version, _, _) = record.version_table().version(id)?;
-        record.transition(&id.family, LifecycleEvent::Reject { version }, note)?;
-        close_rejected(record, id)?;
+        reject(record, id, note)?;
     } else {
         put_on_hold(record, id, note)?;
     }

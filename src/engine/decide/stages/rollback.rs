@@ -139,7 +139,7 @@ impl Rollback<'_> {
             ..TransitionNote::because(because)
         };
         match self.record.transition(&id.family, LifecycleEvent::FinishRollback { version, leave }, note) {
-            Ok(_) => {
+            Ok(()) => {
                 if let Some(watched) = watched {
                     self.monitors.insert(watched);
                 }

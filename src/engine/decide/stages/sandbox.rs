@@ -31,9 +31,7 @@ use holdpoint_trials::solo_mode::SoloMode;
 use holdpoint_trials::trace::{EpisodeTrace, keep_trace};
 
 use super::cache_mismatch::invalidate_cache;
-use super::closing::{
-    abort_stage, close_rejected, first_reason, progress, put_on_hold, report_decision, stage_note,
-};
+use super::closing::{abort_stage, first_reason, progress, put_on_hold, reject, report_decision, stage_note};
 use super::early_hold::end_on_hold;
 use super::shared_stops::keep_stops;
 use super::{counted_try, validation};
@@ -428,14 +426,10 @@ impl Sandbox<'_> {
             Recommendation::Sandbox | Recommendation::RollbackReview if is_undecided(&kappas) => {
                 put_on_hold(self.record, id, note)
             }
-            Recommendation::Reject | Recommendation::Sandbox => {
-                self.record.transition(&id.family, LifecycleEvent::Reject { version }, note)?;
-                close_rejected(self.record, id)
-            }
+            Recommendation::Reject | Recommendation::Sandbox => reject(self.record, id, note),
             Recommendation::Shadow | Recommendation::Activate | Recommendation::RollbackReview => {
                 let event = LifecycleEvent::Pass { version, stage: Stage::Sandbox };
-                self.record.transition(&id.family, event, note)?;
-                Ok(())
+                self.record.transition(&id.family, event, note)
             }
         }
     }

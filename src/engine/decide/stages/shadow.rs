@@ -18,7 +18,7 @@ use holdpoint_protocol::work_unit::WorkUnit;
 use holdpoint_store::{Batch, EvidenceKind, OpenStore};
 use holdpoint_trials::scene_stops::SceneStops;
 
-use super::closing::{abort_stage, close_rejected, progress, put_on_hold, stage_note};
+use super::closing::{abort_stage, progress, put_on_hold, reject, stage_note};
 use super::shared_stops::keep_stops;
 use crate::decide::recorder::EngineRecorder;
 use crate::fault::EngineFault;
@@ -247,10 +247,7 @@ fn decide(
         CheckResult::Pass | CheckResult::PassRestricted(_) => {
             record.transition(&id.family, LifecycleEvent::Pass { version, stage: Stage::Shadow }, note)?;
         }
-        CheckResult::Fail => {
-            record.transition(&id.family, LifecycleEvent::Reject { version }, note)?;
-            close_rejected(record, &id)?;
-        }
+        CheckResult::Fail => reject(record, &id, note)?,
         CheckResult::Review | CheckResult::Inconclusive | CheckResult::NoData | CheckResult::Skipped => {
             put_on_hold(record, &id, note)?;
         }

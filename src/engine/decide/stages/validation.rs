@@ -11,7 +11,7 @@ use holdpoint_runtime::capability::Capability;
 use holdpoint_store::EvidenceKind;
 use holdpoint_trials::tick_time::median_tick_us;
 
-use super::closing::{close_rejected, first_reason, report_decision, stage_note};
+use super::closing::{first_reason, reject, report_decision, stage_note};
 use crate::decide::recorder::EngineRecorder;
 use crate::fault::EngineFault;
 use holdpoint_record::check::{self, CheckInputs};
@@ -41,14 +41,12 @@ pub fn run(
     evidence_file.take_static(found);
     evidence_file.reasons = decision.reasons().to_vec();
     report_decision(context, record, evidence_file, id, Stage::Validation, &decision);
-    let (version, _, _) = record.version_table().version(id)?;
     let note = stage_note(evidence_file, id, EvidenceKind::Compat, first_reason(&decision), &decision)?;
     if *decision.outcome() == Recommendation::Reject {
-        record.transition(&id.family, LifecycleEvent::Reject { version }, note)?;
-        return close_rejected(record, id);
+        return reject(record, id, note);
     }
-    record.transition(&id.family, LifecycleEvent::Pass { version, stage: Stage::Validation }, note)?;
-    Ok(())
+    let (version, _, _) = record.version_table().version(id)?;
+    record.transition(&id.family, LifecycleEvent::Pass { version, stage: Stage::Validation }, note)
 }
 
 /// The static assessments of a candidate; one that they admit has its ticks timed.
