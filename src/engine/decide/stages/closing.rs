@@ -51,13 +51,25 @@ pub(crate) fn report_decision<O: Copy + Into<StageOutcome>>(
 ) {
     evidence_file.progress = None;
     evidence_file.deployment = decision.answers().deployment;
+    let found = ((*decision.outcome()).into(), decision.reasons());
+    tell_decided(context, record, evidence_file, (id, stage), found);
+}
+
+/// Publishes the outcome of a stage with its reasons.
+pub(crate) fn tell_decided(
+    context: &Context,
+    record: &mut EngineRecorder,
+    evidence_file: &EvidenceFile,
+    (id, stage): (&CapabilityId, Stage),
+    (outcome, reasons): (StageOutcome, &[Reason]),
+) {
     record.tell(EventKind::Decided {
         version: id.clone(),
         stage,
-        outcome: (*decision.outcome()).into(),
+        outcome,
         dimensions: evidence_file.dimensions(&context.profile),
         composite: evidence_file.composite(&context.profile),
-        reasons: decision.reasons().to_vec(),
+        reasons: reasons.to_vec(),
         conditions: evidence_file.conditions.clone(),
         deployment: evidence_file.deployment,
     });

@@ -7,10 +7,9 @@ use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::lifecycle::{LifecycleEvent, Stage};
 use holdpoint_governance::notice::Notice;
 use holdpoint_governance::outcome::StageOutcome;
-use holdpoint_protocol::event::EventKind;
 use holdpoint_store::EvidenceKind;
 
-use super::closing::stage_note;
+use super::closing::{stage_note, tell_decided};
 use crate::decide::recorder::EngineRecorder;
 use crate::fault::EngineFault;
 use holdpoint_record::context::Context;
@@ -49,16 +48,8 @@ pub fn pass_over(
     evidence_file.reasons = vec![reason.clone()];
     let under = made_under(context, record.version_table(), &candidate, evidence_file.digest()?);
     let decision = psi(&kappas, context.profile.has_approver(), under);
-    record.tell(EventKind::Decided {
-        version: id.clone(),
-        stage,
-        outcome: StageOutcome::Skipped,
-        dimensions: evidence_file.dimensions(&context.profile),
-        composite: evidence_file.composite(&context.profile),
-        reasons: vec![reason.clone()],
-        conditions: evidence_file.conditions.clone(),
-        deployment: evidence_file.deployment,
-    });
+    let found = (StageOutcome::Skipped, std::slice::from_ref(&reason));
+    tell_decided(context, record, evidence_file, (id, stage), found);
     let note = stage_note(evidence_file, id, kind, Notice::decided(Some(&reason)), &decision)?;
     let (version, _, _) = record.version_table().version(id)?;
     record.transition(&id.family, LifecycleEvent::Pass { version, stage }, note)

@@ -13,12 +13,11 @@ use holdpoint_governance::lifecycle::{LifecycleEvent, Stage};
 use holdpoint_governance::notice::Notice;
 use holdpoint_governance::outcome::CheckResult;
 use holdpoint_governance::shared_event::SceneKind;
-use holdpoint_protocol::event::EventKind;
 use holdpoint_protocol::work_unit::WorkUnit;
 use holdpoint_store::{Batch, EvidenceKind, OpenStore};
 use holdpoint_trials::scene_stops::SceneStops;
 
-use super::closing::{abort_stage, progress, put_on_hold, reject, stage_note};
+use super::closing::{abort_stage, progress, put_on_hold, reject, stage_note, tell_decided};
 use super::shared_stops::keep_stops;
 use crate::decide::recorder::EngineRecorder;
 use crate::fault::EngineFault;
@@ -219,16 +218,8 @@ fn decide(
     evidence_file.reasons.clone_from(&result.reasons);
     evidence_file.progress = None;
     evidence_file.deployment = decision.answers().deployment;
-    record.tell(EventKind::Decided {
-        version: id.clone(),
-        stage: Stage::Shadow,
-        outcome: result.check.into(),
-        dimensions: evidence_file.dimensions(profile),
-        composite: evidence_file.composite(profile),
-        reasons: result.reasons.clone(),
-        conditions: evidence_file.conditions.clone(),
-        deployment: evidence_file.deployment,
-    });
+    let found = (result.check.into(), result.reasons.as_slice());
+    tell_decided(context, record, evidence_file, (&id, Stage::Shadow), found);
     let reason = match result.reasons.first() {
         Some(reason) => Notice::decided(Some(reason)),
         None => Notice::ShadowPassed,
