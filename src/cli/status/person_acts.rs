@@ -47,8 +47,7 @@ pub(super) fn person_acts(views: &Views, is_stopped: bool) -> Result<Vec<PersonA
         if is_stopped && kind == RecordKind::CellReleased {
             continue;
         }
-        let newest = AuditFilter { kind: Some(kind), limit: 1, newest_first: true, ..AuditFilter::default() };
-        let Some(record) = views.audit(&newest)?.pop() else { continue };
+        let Some(record) = views.audit(&AuditFilter::newest(kind))?.pop() else { continue };
         let Ok(SignedActRow { by, goal, reason }) = serde_json::from_str(&record.body) else { continue };
         acts.push(PersonActRow {
             kind,

@@ -54,8 +54,7 @@ pub(crate) fn recall(record: &mut EngineRecorder) -> Result<(), StoreError> {
 fn newest_reading(views: &dyn RecordViews) -> Result<Option<TrustedClockReading>, StoreError> {
     let mut newest: (u64, Option<TrustedClockReading>) = (0, None);
     for kind in [RecordKind::EngineBegan, RecordKind::EngineEnded, RecordKind::ClockConfirmed] {
-        let filter = AuditFilter { kind: Some(kind), limit: 1, newest_first: true, ..AuditFilter::default() };
-        let Some(found) = views.audit(&filter)?.into_iter().next() else { continue };
+        let Some(found) = views.audit(&AuditFilter::newest(kind))?.into_iter().next() else { continue };
         let read = serde_json::from_str::<ClockReadingRecord>(&found.body).ok().and_then(|read| read.clock);
         if read.is_some() && found.seq > newest.0 {
             newest = (found.seq, read);
@@ -69,10 +68,7 @@ fn newest_reading(views: &dyn RecordViews) -> Result<Option<TrustedClockReading>
 /// # Errors
 /// If the store cannot be read.
 pub fn recorded_mismatch(views: &dyn RecordViews) -> Result<Option<ClockMismatch>, StoreError> {
-    let newest = |kind| {
-        let filter = AuditFilter { kind: Some(kind), limit: 1, newest_first: true, ..AuditFilter::default() };
-        views.audit(&filter).map(|found| found.into_iter().next())
-    };
+    let newest = |kind| views.audit(&AuditFilter::newest(kind)).map(|found| found.into_iter().next());
     let confirmed_seq = newest(RecordKind::ClockConfirmed)?.map_or(0, |record| record.seq);
     let newest_record = newest(RecordKind::ClockDoubted)?.filter(|record| record.seq > confirmed_seq);
     Ok(newest_record.map(|record| read(&record.body)))

@@ -56,13 +56,7 @@ pub(crate) fn set(
 /// # Errors
 /// If the store cannot be read.
 pub(crate) fn recall(views: &dyn RecordViews, tasks: &[TaskKind]) -> Result<Option<Goal>, StoreError> {
-    let newest = AuditFilter {
-        kind: Some(RecordKind::GoalSet),
-        limit: 1,
-        newest_first: true,
-        ..AuditFilter::default()
-    };
-    let found = views.audit(&newest)?.into_iter().next();
+    let found = views.audit(&AuditFilter::newest(RecordKind::GoalSet))?.into_iter().next();
     let stored = found.and_then(|record| serde_json::from_str::<GoalRecord>(&record.body).ok());
     Ok(stored.and_then(|stored| Goal::interpret(&stored.goal, tasks).ok()))
 }

@@ -166,8 +166,7 @@ pub(crate) fn restore_stop(record: &mut EngineRecorder, world: &mut LiveWorld) -
 
 fn last_engine(views: &dyn RecordViews) -> Result<LastEngineRun, StoreError> {
     let newest = |kind| -> Result<u64, StoreError> {
-        let one = AuditFilter { kind: Some(kind), limit: 1, newest_first: true, ..AuditFilter::default() };
-        Ok(views.audit(&one)?.first().map_or(0, |record| record.seq))
+        Ok(views.audit(&AuditFilter::newest(kind))?.first().map_or(0, |record| record.seq))
     };
     let open = newest(RecordKind::EngineBegan)? > newest(RecordKind::EngineEnded)?;
     Ok(if open { LastEngineRun::Began } else { LastEngineRun::Ended })
@@ -378,13 +377,8 @@ pub fn recall(views: &dyn RecordViews) -> Result<Option<StoppedView>, StoreError
 
 /// A stop in the chain without an end.
 fn on_record(views: &dyn RecordViews) -> Result<Option<StoppedView>, StoreError> {
-    let newest = AuditFilter {
-        kind: Some(RecordKind::CellReleased),
-        limit: 1,
-        newest_first: true,
-        ..AuditFilter::default()
-    };
-    let from_seq = views.audit(&newest)?.first().map_or(0, |record| record.seq);
+    let from_seq =
+        views.audit(&AuditFilter::newest(RecordKind::CellReleased))?.first().map_or(0, |record| record.seq);
     let since = AuditFilter {
         from_seq,
         kind: Some(RecordKind::CellStopped),

@@ -491,13 +491,8 @@ impl Views {
 
     /// The profile that was in force when a record was written.
     fn in_force_at(&self, seq: u64) -> Result<AdmissionContext, StoreError> {
-        let newest_before = AuditFilter {
-            before_seq: Some(seq),
-            kind: Some(RecordKind::ContextSet),
-            limit: 1,
-            newest_first: true,
-            ..AuditFilter::default()
-        };
+        let newest_before =
+            AuditFilter { before_seq: Some(seq), ..AuditFilter::newest(RecordKind::ContextSet) };
         let found = self.audit(&newest_before)?;
         let read = |record: &AuditRecord| serde_json::from_str::<ProfileChangeBody>(&record.body).ok();
         Ok(found.first().and_then(read).map_or(AdmissionContext::LEAST, |set| set.change.admission_context()))

@@ -224,13 +224,7 @@ fn recorded(
     views: &dyn RecordViews,
     id: &CapabilityId,
 ) -> Result<Option<VersionCount>, EngineFault> {
-    let filter = AuditFilter {
-        kind: Some(RecordKind::LiveHarm),
-        subject: Some(id.to_string()),
-        limit: 1,
-        newest_first: true,
-        ..AuditFilter::default()
-    };
+    let filter = AuditFilter { subject: Some(id.to_string()), ..AuditFilter::newest(RecordKind::LiveHarm) };
     let limits = limits(context)?;
     let newest = views.audit(&filter)?.into_iter().next();
     let stored = newest.and_then(|record| serde_json::from_str::<LiveHarmRecord>(&record.body).ok());
