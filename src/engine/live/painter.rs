@@ -5,7 +5,7 @@
 
 use std::sync::{Arc, Mutex};
 
-use holdpoint_body::{RATE_HZ, TaskKind};
+use holdpoint_body::{RATE_HZ, TaskKind, Telemetry};
 use holdpoint_cell::RobotCell;
 
 use super::listener::Listener;
@@ -92,8 +92,6 @@ impl Painter {
         if !stopped && !is_due(passed.tick) {
             return;
         }
-        let seen = passed.seen;
-        let contacts = &seen.contacts;
         let twin = shadow.and_then(|shadow| {
             let index = usize::try_from(passed.tick / FRAME_EVERY_TICKS).unwrap_or(usize::MAX);
             let bodies = self.twin.lock().ok()?;
@@ -101,21 +99,12 @@ impl Painter {
             Some(Twin { version: shadow.id(), body })
         });
         let frame = VideoFrame {
-            sequence: self.sequence,
-            at_ms: cell_frame::at_ms(&self.clock, world),
-            at_secs: world.secs(),
             task: Some(task),
             version: self.at_work(task),
-            body: cell_frame::body(world, seen),
-            speed_m_s: narrow(seen.tool_speed_m_s),
-            force_n: narrow(seen.gripper_force_n),
-            contact_n: narrow(seen.contact_force_n),
             envelope: self.envelope(task),
-            contacts: cell_frame::contacts(world),
-            blocks: cell_frame::blocks(world),
-            unexpected_contact: contacts.robot_fixture || contacts.robot_clutter || contacts.robot_robot,
             stopped: stopped || world.stop_declared().is_some(),
             twin,
+            ..frame_of(world, passed.seen, self.sequence, cell_frame::at_ms(&self.clock, world))
         };
         self.last = Some(frame.clone());
         (self.sink)(frame);
@@ -137,6 +126,28 @@ impl Painter {
             twin: None,
             ..last
         });
+    }
+}
+
+/// The world in a frame of no task, without an envelope and a twin.
+fn frame_of(world: &dyn RobotCell, seen: &Telemetry, sequence: u64, at_ms: u64) -> VideoFrame {
+    let contacts = &seen.contacts;
+    VideoFrame {
+        sequence,
+        at_ms,
+        at_secs: world.secs(),
+        task: None,
+        version: None,
+        body: cell_frame::body(world, seen),
+        speed_m_s: narrow(seen.tool_speed_m_s),
+        force_n: narrow(seen.gripper_force_n),
+        contact_n: narrow(seen.contact_force_n),
+        envelope: None,
+        contacts: cell_frame::contacts(world),
+        blocks: cell_frame::blocks(world),
+        unexpected_contact: contacts.robot_fixture || contacts.robot_clutter || contacts.robot_robot,
+        stopped: false,
+        twin: None,
     }
 }
 
@@ -206,24 +217,11 @@ impl LadderPainter {
         }
         let passed_ms = self.ticks.saturating_mul(1000) / u64::from(RATE_HZ);
         let at_ms = if self.clock.is_scripted() { self.from_ms + passed_ms } else { self.clock.now_ms() };
-        let seen = world.telemetry();
-        let contacts = &seen.contacts;
         (self.sink)(VideoFrame {
-            sequence: self.sequence,
-            at_ms,
-            at_secs: world.secs(),
-            task: None,
             version: Some(self.version.clone()),
-            body: cell_frame::body(world, &seen),
-            speed_m_s: narrow(seen.tool_speed_m_s),
-            force_n: narrow(seen.gripper_force_n),
-            contact_n: narrow(seen.contact_force_n),
             envelope: Some(self.envelope),
-            contacts: cell_frame::contacts(world),
-            blocks: cell_frame::blocks(world),
-            unexpected_contact: contacts.robot_fixture || contacts.robot_clutter || contacts.robot_robot,
             stopped: true,
-            twin: None,
+            ..frame_of(world, &world.telemetry(), self.sequence, at_ms)
         });
     }
 }
