@@ -35,7 +35,7 @@ pub type TaskTruth = (u64, CapabilityId, RefereeReport);
 const VERDICTS_MAX: usize = 100_000;
 
 /// One sequence of the live world.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct SequenceReport {
     pub seed: u64,
     /// The tasks that were called for, in order; a failed one ends the sequence, and so does one that was refused or in
@@ -68,20 +68,6 @@ pub struct OutsideStart {
 }
 
 impl SequenceReport {
-    /// The report of a sequence that has not begun.
-    const fn empty(seed: u64) -> Self {
-        Self {
-            seed,
-            tasks: Vec::new(),
-            refused: None,
-            outside: Vec::new(),
-            failed: false,
-            lost: None,
-            duration_ms: 0,
-            planned: 0,
-        }
-    }
-
     /// The record of a primitive, if it was worked.
     #[must_use]
     pub fn task(&self, task: TaskKind) -> Option<&DispatchedTask> {
@@ -314,7 +300,7 @@ impl LiveStation {
         supervisor: Option<&mut SequenceSupervisor>,
     ) -> SequenceReport {
         let Some(mut running) = self.start_sequence() else {
-            return SequenceReport { failed: true, ..SequenceReport::empty(seed) };
+            return SequenceReport { seed, failed: true, ..SequenceReport::default() };
         };
         let report = running.run(view, terms, seed, listener, supervisor);
         self.take_back(running);
@@ -331,7 +317,7 @@ impl RunningSequence {
         listener: &mut dyn Listener,
         mut supervisor: Option<&mut SequenceSupervisor>,
     ) -> SequenceReport {
-        let mut report = SequenceReport::empty(seed);
+        let mut report = SequenceReport { seed, ..SequenceReport::default() };
         let Rig { arm, agent, verdicts } = &mut *self.rig;
         let world = arm.body_mut().world_mut();
         let presented = world.await_work(&WorkCall { conditions: &self.distribution, seed });

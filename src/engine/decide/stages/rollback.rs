@@ -4,7 +4,7 @@
 //! Owns the order of the rungs and their record. `live/ladder_motion.rs` moves the arm; the lifecycle decides which
 //! version may take over. Source: paper section 5.2 stage 7; design rule 3.11.
 
-use holdpoint_cell::CellCopy;
+use holdpoint_cell::{CellCopy, CellError};
 use holdpoint_governance::alarms::AlarmKey;
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::lifecycle::{DeactivationKind, LifecycleEvent, State, VersionRef};
@@ -203,18 +203,10 @@ impl Rollback<'_> {
     ) -> Result<LadderMotion, EngineFault> {
         let leaving = self.record.capability(id)?;
         let terms = self.terms(&leaving);
-        let sketch = self.sketch(&leaving, &terms);
         let is_rehearsed = self.evidence_files.of(id).is_some_and(EvidenceFile::has_passed_rollback_drills);
         let cause = (record.trigger.kind, is_rehearsed);
-        let outcome = match self.world.cell.rig_mut() {
-            Some(rig) => {
-                rig.arm_mut().body_mut().draw(sketch);
-                let motion = rig.run_motion_rungs(&leaving, &terms, trip, cause);
-                rig.arm_mut().body_mut().draw(None);
-                motion.map_err(|error| Notice::BodyFailed { problem: error.to_string() })
-            }
-            None => Err(Notice::ArmOutOfReach),
-        };
+        let outcome =
+            self.run_drawn(&leaving, &terms, |rig| rig.run_motion_rungs(&leaving, &terms, trip, cause));
         let motion = outcome.unwrap_or_else(|notice| LadderMotion {
             rungs: vec![RungRecord::new(Rung::Hold, Some(RungFailure::NoStandstill), 0, notice)],
             ticks_to_safe: None,
@@ -309,16 +301,7 @@ impl Rollback<'_> {
 
     fn check_target_ready(&mut self, predecessor: &Capability) -> RungRecord {
         let terms = self.terms(predecessor);
-        let sketch = self.sketch(predecessor, &terms);
-        let outcome = match self.world.cell.rig_mut() {
-            Some(rig) => {
-                rig.arm_mut().body_mut().draw(sketch);
-                let rung = rig.check_target_ready(predecessor, &terms);
-                rig.arm_mut().body_mut().draw(None);
-                rung.map_err(|error| Notice::BodyFailed { problem: error.to_string() })
-            }
-            None => Err(Notice::ArmOutOfReach),
-        };
+        let outcome = self.run_drawn(predecessor, &terms, |rig| rig.check_target_ready(predecessor, &terms));
         outcome.unwrap_or_else(|notice| {
             RungRecord::new(Rung::ReadyPredecessor, Some(RungFailure::PredecessorFailed), 0, notice)
         })
@@ -329,12 +312,23 @@ impl Rollback<'_> {
         terms_of(self.context, self.record.version_table(), self.evidence_files, self.monitors, version)
     }
 
-    /// Draws the ladder if video frames are wanted.
-    fn sketch(&self, of: &Capability, terms: &SkillTerms) -> Option<LadderPainter> {
-        let sink = self.world.frame_sink.clone()?;
-        let envelope = cell_frame::envelope(terms.envelope());
-        let sequence = self.world.cell.sequences().saturating_sub(1);
-        Some(LadderPainter::new(sink, self.record.clock().clone(), sequence, of.id(), envelope))
+    /// Has the arm run a rung of a version, and draws it if video frames are wanted.
+    fn run_drawn<T>(
+        &mut self,
+        of: &Capability,
+        terms: &SkillTerms,
+        run: impl FnOnce(&mut Rig) -> Result<T, CellError>,
+    ) -> Result<T, Notice> {
+        let sketch = self.world.frame_sink.clone().map(|sink| {
+            let envelope = cell_frame::envelope(terms.envelope());
+            let sequence = self.world.cell.sequences().saturating_sub(1);
+            LadderPainter::new(sink, self.record.clock().clone(), sequence, of.id(), envelope)
+        });
+        let Some(rig) = self.world.cell.rig_mut() else { return Err(Notice::ArmOutOfReach) };
+        rig.arm_mut().body_mut().draw(sketch);
+        let result = run(rig);
+        rig.arm_mut().body_mut().draw(None);
+        result.map_err(|error| Notice::BodyFailed { problem: error.to_string() })
     }
 
     /// Leaves the family safe-stopped: a rung failed, or there is no rollback target.
