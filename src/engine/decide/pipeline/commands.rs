@@ -162,6 +162,7 @@ impl Pipeline {
         signer: Option<&Signer>,
     ) -> Result<Reply, EngineFault> {
         let Self { context, record, evidence_files, monitors, world, .. } = self;
+        let rolled_back = DeactivationKind::RolledBack;
         match command {
             Command::Register { package, name, by } => {
                 let signer = signer.map(|signer| (signer.name.as_str(), signer.seal.public_key()));
@@ -173,18 +174,12 @@ impl Pipeline {
             Command::Decide { signed } => self.decide(*signed),
             Command::Person { signed } => persons::carry_out(context, record, &mut self.approvals, *signed),
             Command::Reject(operation) => self.operator_reject(&operation),
-            Command::Rollback(operation) => operations::roll_back(
-                &mut self.live(),
-                &operation,
-                DeactivationKind::RolledBack,
-                LastVersion::Ask,
-            ),
-            Command::Vacate(operation) => operations::roll_back(
-                &mut self.live(),
-                &operation,
-                DeactivationKind::RolledBack,
-                LastVersion::Take,
-            ),
+            Command::Rollback(operation) => {
+                operations::roll_back(&mut self.live(), &operation, rolled_back, LastVersion::Ask)
+            }
+            Command::Vacate(operation) => {
+                operations::roll_back(&mut self.live(), &operation, rolled_back, LastVersion::Take)
+            }
             Command::Demote { operation, profiles } => self.operator_demote(&operation, &profiles),
             Command::Release { operation, profiles } => self.operator_release(&operation, &profiles),
             Command::Pause(operation) => {
@@ -252,8 +247,7 @@ impl Pipeline {
                 Ok(self.alarm_command(alarm, event, AlarmAct::Acknowledge))
             }
             Command::ResetAlarm { alarm, by, reason } => {
-                let reason = Untrusted::new(reason);
-                let event = |key| AlarmEvent::Reset { key, by, reason };
+                let event = |key| AlarmEvent::Reset { key, by, reason: Untrusted::new(reason) };
                 Ok(self.alarm_command(alarm, event, AlarmAct::Reset))
             }
             Command::ShelveAlarm { alarm, by, for_ms, reason } => {
