@@ -143,16 +143,16 @@ impl Pipeline {
             }
             Ok(reply)
         });
-        match done {
-            Ok(reply) => reply,
-            Err(fault) => match fault.refusal() {
-                Some(code) => Reply::refused(code, &fault),
-                None => {
-                    self.hold(&fault.halt_problem());
-                    refuse_held(&fault.halt_problem())
-                }
-            },
+        done.unwrap_or_else(|fault| self.refuse_fault(&fault))
+    }
+
+    /// The refusal of a command that caused a fault; a fault of the engine's own halts it.
+    fn refuse_fault(&mut self, fault: &EngineFault) -> Reply {
+        if let Some(code) = fault.refusal() {
+            return Reply::refused(code, fault);
         }
+        self.hold(&fault.halt_problem());
+        refuse_held(&fault.halt_problem())
     }
 
     fn carry_out(
@@ -306,16 +306,7 @@ impl Pipeline {
         if let Some(why) = &self.context.unauthorized {
             return refuse_unauthorized(why);
         }
-        match self.try_launch(id, stage) {
-            Ok(reply) => reply,
-            Err(fault) => match fault.refusal() {
-                Some(code) => Reply::refused(code, &fault),
-                None => {
-                    self.hold(&fault.halt_problem());
-                    refuse_held(&fault.halt_problem())
-                }
-            },
-        }
+        self.try_launch(id, stage).unwrap_or_else(|fault| self.refuse_fault(&fault))
     }
 
     fn try_launch(&mut self, id: &CapabilityId, stage: Stage) -> Result<Reply, EngineFault> {
