@@ -303,6 +303,11 @@ impl VersionTable {
         self.families.iter()
     }
 
+    /// Every version with its state, by family and registration.
+    pub fn versions(&self) -> impl Iterator<Item = (&VersionEntry, &Version)> {
+        self.families.values().flat_map(|entry| entry.members.iter().zip(&entry.state.versions))
+    }
+
     /// A family.
     ///
     /// # Errors

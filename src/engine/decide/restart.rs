@@ -197,33 +197,31 @@ fn reload_evidence_files(
 ) -> Result<(), EngineFault> {
     let views = record.version_table().store().views()?;
     let mut loaded = Vec::new();
-    for (_, entry) in record.version_table().families() {
-        for (member, version) in entry.members.iter().zip(&entry.state.versions) {
-            let id = member.capability.id();
-            let evidence = views.evidence(&id, None)?;
-            let is_over = version.state.is_terminal();
-            let mut entries = evidence.iter().rev().filter(|entry| match entry.kind {
-                EvidenceKind::Compat | EvidenceKind::Sandbox | EvidenceKind::Shadow => true,
-                // From a rejection at the gate; the evidence of a pass is no evidence file.
-                EvidenceKind::Gate => is_over,
-                EvidenceKind::Activation
-                | EvidenceKind::Monitor
-                | EvidenceKind::Rollback
-                | EvidenceKind::Drill => false,
-            });
-            let newest = entries.find_map(|entry| serde_json::from_str::<EvidenceFile>(&entry.json).ok());
-            let Some(mut evidence_file) = newest else { continue };
-            if is_over {
-                evidence_file = terminal_summary(evidence_file);
-            } else if version.state == State::Active {
-                evidence_file.conditions = conditions_in_force(context, &evidence, &evidence_file.conditions);
-                if !version.flags.provisional {
-                    evidence_file.conditions.retain(Condition::outlives_confirmation);
-                }
-                evidence_file.suspicion = recorded_concern(&evidence);
+    for (member, version) in record.version_table().versions() {
+        let id = member.capability.id();
+        let evidence = views.evidence(&id, None)?;
+        let is_over = version.state.is_terminal();
+        let mut entries = evidence.iter().rev().filter(|entry| match entry.kind {
+            EvidenceKind::Compat | EvidenceKind::Sandbox | EvidenceKind::Shadow => true,
+            // From a rejection at the gate; the evidence of a pass is no evidence file.
+            EvidenceKind::Gate => is_over,
+            EvidenceKind::Activation
+            | EvidenceKind::Monitor
+            | EvidenceKind::Rollback
+            | EvidenceKind::Drill => false,
+        });
+        let newest = entries.find_map(|entry| serde_json::from_str::<EvidenceFile>(&entry.json).ok());
+        let Some(mut evidence_file) = newest else { continue };
+        if is_over {
+            evidence_file = terminal_summary(evidence_file);
+        } else if version.state == State::Active {
+            evidence_file.conditions = conditions_in_force(context, &evidence, &evidence_file.conditions);
+            if !version.flags.provisional {
+                evidence_file.conditions.retain(Condition::outlives_confirmation);
             }
-            loaded.push((id, evidence_file));
+            evidence_file.suspicion = recorded_concern(&evidence);
         }
+        loaded.push((id, evidence_file));
     }
     drop(views);
     evidence_files.extend(loaded);

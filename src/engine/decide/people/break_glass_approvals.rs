@@ -82,15 +82,13 @@ pub(crate) fn views(
     if !context.profile.approval.break_glass {
         return found;
     }
-    for (_, entry) in record.version_table().families() {
-        for member in &entry.members {
-            let id = member.capability.id();
-            if let Some(request) = break_glass_request(context, record, evidence_files, &id) {
-                let mut shown = view(context, record, evidence_files, &id, &request);
-                shown.valid_until = request.row.until;
-                shown.tier = tier(context.profile.name, 2, true);
-                found.push(shown);
-            }
+    for (member, _) in record.version_table().versions() {
+        let id = member.capability.id();
+        if let Some(request) = break_glass_request(context, record, evidence_files, &id) {
+            let mut shown = view(context, record, evidence_files, &id, &request);
+            shown.valid_until = request.row.until;
+            shown.tier = tier(context.profile.name, 2, true);
+            found.push(shown);
         }
     }
     found

@@ -90,15 +90,13 @@ impl LiveHarmWatch {
         let views = version_table.store().views()?;
         let mut watch = Self::default();
         let mut active = Vec::new();
-        for (_, entry) in version_table.families() {
-            for (member, version) in entry.members.iter().zip(&entry.state.versions) {
-                let id = member.capability.id();
-                if version.state == State::Active {
-                    active.push(id.clone());
-                }
-                if let Some(count) = recorded(context, &*views, &id)? {
-                    watch.counts.insert(id, count);
-                }
+        for (member, version) in version_table.versions() {
+            let id = member.capability.id();
+            if version.state == State::Active {
+                active.push(id.clone());
+            }
+            if let Some(count) = recorded(context, &*views, &id)? {
+                watch.counts.insert(id, count);
             }
         }
         drop(views);

@@ -72,10 +72,7 @@ pub fn assess(context: &Context, version_table: &VersionTable, candidate: &Capab
     let entry = version_table.family(&candidate.id().family).ok();
     let origin =
         entry.and_then(|entry| entry.find(&candidate.id())).map(|(_, _, member)| member.origin.clone());
-    let known = version_table.families().flat_map(|(_, entry)| {
-        let versions = entry.members.iter().zip(&entry.state.versions);
-        versions.map(|(member, version)| (member.capability.id(), version.state))
-    });
+    let known = version_table.versions().map(|(member, version)| (member.capability.id(), version.state));
     let against = CheckInputs {
         active: entry.and_then(|entry| entry.active()).map(|member| &member.capability),
         registered: &registered(version_table),
@@ -88,14 +85,6 @@ pub fn assess(context: &Context, version_table: &VersionTable, candidate: &Capab
 
 /// Versions a dependency may resolve to: neither rejected nor rolled back.
 pub(crate) fn registered(version_table: &VersionTable) -> Vec<RegisteredVersion> {
-    let mut known = Vec::new();
-    for (_, entry) in version_table.families() {
-        for (member, version) in entry.members.iter().zip(&entry.state.versions) {
-            if version.state.is_terminal() {
-                continue;
-            }
-            known.push(check::entry(&member.capability, version.state == State::Active));
-        }
-    }
-    known
+    let known = version_table.versions().filter(|(_, version)| !version.state.is_terminal());
+    known.map(|(member, version)| check::entry(&member.capability, version.state == State::Active)).collect()
 }
