@@ -367,7 +367,7 @@ impl Pipeline {
     }
 
     fn sandbox_slice(&mut self, run: Box<SandboxRun>) -> Result<(), EngineFault> {
-        let (id, begun_ms) = (run.id().clone(), self.record.now_ms());
+        let (id, begun_ms) = (run.id.clone(), self.record.now_ms());
         let mut sandbox = Sandbox {
             context: &self.context,
             trials: &self.trials,
@@ -421,7 +421,7 @@ impl Pipeline {
         fork: Option<Box<dyn holdpoint_cell::TrialCell>>,
     ) -> Result<(), EngineFault> {
         match self.work.take() {
-            Some(StageWork::Shadow(run)) if run.id() == id => {
+            Some(StageWork::Shadow(run)) if run.id == *id => {
                 let Self { context, record, evidence_files, .. } = self;
                 match shadow::take_in(context, record, evidence_files, run, trace, fork)? {
                     ShadowStep::GoOn(run) => self.work = Some(StageWork::Shadow(run)),

@@ -27,7 +27,7 @@ impl Pipeline {
 
     /// Re-evaluates a candidate whose behavior shifted in shadow.
     pub(super) fn begin_again_in_shadow(&mut self, shadow: Box<ShadowRun>) -> Result<(), EngineFault> {
-        let id = shadow.id().clone();
+        let id = shadow.id.clone();
         let Self { context, record, evidence_files, world, .. } = self;
         self.work = re_evaluation::begin(context, record, evidence_files, &world.cell, &id, Some(shadow))?
             .map(StageWork::ReEvaluation);
@@ -35,7 +35,7 @@ impl Pipeline {
     }
 
     pub(super) fn re_evaluation_slice(&mut self, run: Box<ReEvaluationRun>) -> Result<(), EngineFault> {
-        let (id, begun_ms) = (run.id().clone(), self.record.now_ms());
+        let (id, begun_ms) = (run.id.clone(), self.record.now_ms());
         let Self { context, trials, record, evidence_files, monitors, .. } = self;
         let step = re_evaluation::slice(context, trials, record, evidence_files, monitors, run)?;
         self.note_slice_time(&id, begun_ms);
@@ -67,7 +67,7 @@ impl Pipeline {
     }
 
     pub(super) fn confirmation_slice(&mut self, run: Box<ConfirmationRun>) -> Result<(), EngineFault> {
-        let (id, begun_ms) = (run.id().clone(), self.record.now_ms());
+        let (id, begun_ms) = (run.id.clone(), self.record.now_ms());
         let Self { context, trials, record, evidence_files, monitors, .. } = self;
         let step = confirmation::slice(context, trials, record, evidence_files, monitors, run)?;
         self.note_slice_time(&id, begun_ms);

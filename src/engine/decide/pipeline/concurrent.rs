@@ -117,8 +117,8 @@ impl Pipeline {
     fn is_concluding(&self) -> Option<bool> {
         match self.work.as_ref()? {
             StageWork::Sandbox(_) => Some(false),
-            StageWork::Confirmation(run) => Some(run.is_over() || self.has_spent_time(run.id())),
-            StageWork::ReEvaluation(run) => Some(run.is_over() || self.has_spent_time(run.id())),
+            StageWork::Confirmation(run) => Some(run.is_over() || self.has_spent_time(&run.id)),
+            StageWork::ReEvaluation(run) => Some(run.is_over() || self.has_spent_time(&run.id)),
             StageWork::Shadow(_) => None,
         }
     }

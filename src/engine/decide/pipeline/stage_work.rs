@@ -18,10 +18,10 @@ pub(super) enum StageWork {
 impl StageWork {
     pub(super) fn id(&self) -> &CapabilityId {
         match self {
-            Self::Sandbox(run) => run.id(),
-            Self::Shadow(run) => run.id(),
-            Self::Confirmation(run) => run.id(),
-            Self::ReEvaluation(run) => run.id(),
+            Self::Sandbox(run) => &run.id,
+            Self::Shadow(run) => &run.id,
+            Self::Confirmation(run) => &run.id,
+            Self::ReEvaluation(run) => &run.id,
         }
     }
 

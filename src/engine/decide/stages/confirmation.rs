@@ -35,18 +35,13 @@ use holdpoint_record::version_table::VersionTable;
 
 /// A confirmation under way.
 pub struct ConfirmationRun {
-    id: CapabilityId,
+    pub(crate) id: CapabilityId,
     predecessor: Capability,
     seeds: SeedSource,
     evaluation: Evaluation,
 }
 
 impl ConfirmationRun {
-    #[must_use]
-    pub const fn id(&self) -> &CapabilityId {
-        &self.id
-    }
-
     /// Whether the anchor is still the one that it compares with: a person may choose another meanwhile.
     pub(crate) fn is_current(&self, version_table: &VersionTable) -> bool {
         let anchor = version_table.anchor_beside(&self.predecessor).map(Capability::digest);

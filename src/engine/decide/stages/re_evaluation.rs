@@ -40,7 +40,7 @@ use holdpoint_record::version_concern::ReEvaluationEvidence;
 
 /// A version under re-evaluation.
 pub struct ReEvaluationRun {
-    id: CapabilityId,
+    pub(crate) id: CapabilityId,
     before: Capability,
     binding: EvidenceBinding,
     cell: Cell,
@@ -52,11 +52,6 @@ pub struct ReEvaluationRun {
 }
 
 impl ReEvaluationRun {
-    #[must_use]
-    pub const fn id(&self) -> &CapabilityId {
-        &self.id
-    }
-
     /// Whether nothing is left but to conclude it.
     #[must_use]
     pub fn is_over(&self) -> bool {

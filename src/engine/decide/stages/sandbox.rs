@@ -43,7 +43,7 @@ use holdpoint_record::evidence_file::{EvidenceFiles, MODE_EPISODES};
 
 /// A sandbox evaluation under way.
 pub struct SandboxRun {
-    id: CapabilityId,
+    pub(crate) id: CapabilityId,
     binding: EvidenceBinding,
     seeds: SeedSource,
     plan: EvaluationPlan,
@@ -64,13 +64,6 @@ enum SandboxPhase {
 struct SandboxComparison {
     evaluation: Evaluation,
     records: (Vec<TaskRecord>, Vec<TaskRecord>),
-}
-
-impl SandboxRun {
-    #[must_use]
-    pub const fn id(&self) -> &CapabilityId {
-        &self.id
-    }
 }
 
 /// What a sandbox slice reads and adds to.

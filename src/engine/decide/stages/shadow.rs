@@ -36,7 +36,7 @@ const TRACES_A_BATCH: usize = 20;
 
 /// A shadow deployment under way.
 pub struct ShadowRun {
-    id: CapabilityId,
+    pub(crate) id: CapabilityId,
     binding: EvidenceBinding,
     fork: Option<Box<dyn TrialCell>>,
     tried: u32,
@@ -44,13 +44,6 @@ pub struct ShadowRun {
     /// Hard stops so far, those of the sandbox included.
     stops: SceneStops,
     traces: Vec<ShadowTrace>,
-}
-
-impl ShadowRun {
-    #[must_use]
-    pub const fn id(&self) -> &CapabilityId {
-        &self.id
-    }
 }
 
 /// Begins the shadow of a candidate. A version in doubt is looked at as long as the profile allows.
