@@ -62,9 +62,9 @@ pub struct LiveWorld {
     /// Whether the record names this engine as running the cell.
     pub(crate) at_work: bool,
     recent: VecDeque<bool>,
-    last_tasks: Vec<TaskSummary>,
-    /// Tasks that ran although no evidence covers their start.
-    uncovered: u64,
+    pub(crate) last_tasks: Vec<TaskSummary>,
+    /// Tasks of this session that ran although no evidence covers their start.
+    pub(crate) uncovered: u64,
 }
 
 impl LiveWorld {
@@ -175,12 +175,6 @@ impl LiveWorld {
         self.uncovered += tasks.iter().filter(|task| task.uncovered).count() as u64;
     }
 
-    /// Tasks of this session that ran although no evidence covers their start.
-    #[must_use]
-    pub const fn uncovered(&self) -> u64 {
-        self.uncovered
-    }
-
     /// Success of the last sequences, oldest first.
     #[must_use]
     pub fn recent(&self) -> Vec<bool> {
@@ -191,12 +185,6 @@ impl LiveWorld {
     #[must_use]
     pub fn works(&self) -> bool {
         self.recent.back() == Some(&true)
-    }
-
-    /// The tasks of the last sequence.
-    #[must_use]
-    pub fn last_tasks(&self) -> &[TaskSummary] {
-        &self.last_tasks
     }
 }
 

@@ -44,7 +44,7 @@ pub(crate) fn set(
     let goal_record = GoalRecord { goal: goal.name().to_owned(), by, reason };
     let body = serde_json::json!(goal_record).to_string();
     record.note(RecordKind::GoalSet, String::new(), body)?;
-    world.cell.set_goal(goal);
+    world.cell.goal = goal;
     let GoalRecord { goal: name, by, reason } = goal_record;
     record.tell(EventKind::GoalSet { goal: name, by, reason });
     let text = engine_effect(&EngineEffect::Goal(&goal.plan(world.cell.tasks())));

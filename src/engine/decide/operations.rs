@@ -481,7 +481,7 @@ pub(crate) fn live_fault(
     world: &mut LiveWorld,
     fault: Option<LiveFault>,
 ) -> Result<Reply, EngineFault> {
-    world.cell.set_fault(fault);
+    world.cell.fault = fault;
     let body = serde_json::json!({ "fault": fault }).to_string();
     record.note(RecordKind::LiveFault, String::new(), body)?;
     record.tell(EventKind::LiveFault { fault });

@@ -174,7 +174,7 @@ impl Pipeline {
         let tasks = pipeline.world.cell.tasks();
         let goal = goal::recall(&*pipeline.record.version_table().store().views()?, tasks)?;
         if let Some(goal) = goal {
-            pipeline.world.cell.set_goal(goal);
+            pipeline.world.cell.goal = goal;
         }
         // A stop from before the start is recorded first.
         pipeline.take_in_halt();

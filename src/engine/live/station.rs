@@ -116,8 +116,9 @@ pub struct LiveStation {
     agent: Digest,
     distribution: Arc<Distribution>,
     drift: Option<Drift>,
-    fault: Option<LiveFault>,
-    goal: Goal,
+    pub(crate) fault: Option<LiveFault>,
+    /// The agent's goal from the next sequence on.
+    pub(crate) goal: Goal,
     sequences: u64,
 }
 
@@ -168,27 +169,6 @@ impl LiveStation {
     /// Stops the arm, from any thread.
     pub(crate) fn switch(&self) -> Arc<StopSwitch> {
         Arc::clone(&self.switch)
-    }
-
-    /// Injects or repairs a fault.
-    pub const fn set_fault(&mut self, fault: Option<LiveFault>) {
-        self.fault = fault;
-    }
-
-    /// Sets the agent's goal from the next sequence on.
-    pub const fn set_goal(&mut self, goal: Goal) {
-        self.goal = goal;
-    }
-
-    /// The agent's goal from the next sequence on.
-    #[must_use]
-    pub const fn goal(&self) -> Goal {
-        self.goal
-    }
-
-    #[must_use]
-    pub const fn fault(&self) -> Option<LiveFault> {
-        self.fault
     }
 
     /// Whether the arm's telemetry reaches the monitors.

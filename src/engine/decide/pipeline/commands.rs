@@ -4,7 +4,6 @@ use std::borrow::Cow;
 
 use super::Pipeline;
 use crate::decide::operations::{self, LastVersion, accepted, checked};
-use crate::decide::people::approvals::PendingApproval;
 use crate::decide::people::signed_calls::{self, Signer};
 use crate::decide::people::{monitor_questions, persons};
 use crate::decide::stages::closing::close_rejected;
@@ -360,7 +359,7 @@ impl Pipeline {
             Ok(result) => result,
             Err(refusal) => return Ok(refusal),
         };
-        let text = match self.approvals.of(&id).map(PendingApproval::kind) {
+        let text = match self.approvals.of(&id).map(|pending| pending.kind) {
             Some(RequestKind::Release) => {
                 let (mut live, approvals) = self.live_and_approvals();
                 release::settle(&mut live, approvals, &id, &result)?

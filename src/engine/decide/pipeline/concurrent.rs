@@ -15,7 +15,6 @@ use holdpoint_protocol::snapshot::RequestKind;
 use super::{Pipeline, SliceOutcome, StageWork};
 use crate::decide::halt;
 use crate::decide::operations::is_last_version;
-use crate::decide::people::approvals::PendingApproval;
 use crate::decide::stages::{confirmation, resume};
 use crate::fault::EngineFault;
 use crate::live::sequence::{FinishedSequence, ShadowResult};
@@ -70,7 +69,7 @@ impl Pipeline {
 
     /// Versions and envelopes change between two sequences; a reviewer's rejection stops the sequence that runs.
     fn decision_timing(&self, approval: &Approval) -> CommandTiming {
-        match self.approvals.of(&approval.version).map(PendingApproval::kind) {
+        match self.approvals.of(&approval.version).map(|pending| pending.kind) {
             _ if approval.break_glass => CommandTiming::Between,
             Some(RequestKind::Review) if approval.decision == ApprovalDecision::Reject => CommandTiming::Stop,
             Some(RequestKind::Release) => CommandTiming::Between,

@@ -193,7 +193,7 @@ impl SnapshotView<'_> {
     }
 
     fn live_view(&self) -> LiveView {
-        let (recent, last) = (self.world.recent(), self.world.last_tasks());
+        let (recent, last) = (self.world.recent(), &self.world.last_tasks);
         let n = recent.len();
         let share = (n > 0).then(|| recent.iter().filter(|ok| **ok).count() as f64 / n as f64);
         let needed = self.context.profile.activation.provisional_episodes;
@@ -202,10 +202,10 @@ impl SnapshotView<'_> {
             recent_success: share,
             recent: n as u64,
             last: last.to_vec(),
-            uncovered: self.world.uncovered(),
+            uncovered: self.world.uncovered,
             drift: self.world.cell.drift().copied(),
-            fault: self.world.cell.fault(),
-            goal: self.world.cell.goal().name().to_owned(),
+            fault: self.world.cell.fault,
+            goal: self.world.cell.goal.name().to_owned(),
             pace: self.world.pace(),
             outcomes: recent,
             monitors: self.monitors.views(needed),

@@ -20,7 +20,7 @@ use super::closing::{
 };
 use super::release;
 use super::validation::registered;
-use crate::decide::people::approvals::{Approvals, PendingApproval, clear_alarm, closing_note};
+use crate::decide::people::approvals::{Approvals, clear_alarm, closing_note};
 use crate::decide::recorder::EngineRecorder;
 use crate::decide::store_identity::StoreAgent;
 use crate::fault::EngineFault;
@@ -119,7 +119,7 @@ impl Activation<'_> {
             }
             ApprovalOutcome::Granted { .. } | ApprovalOutcome::NotNeeded => {
                 let Some(prompt) = self.approvals.of(id) else { return Ok(reply()) };
-                let event = LifecycleEvent::Approved { version, row_version: prompt.life_row_version() };
+                let event = LifecycleEvent::Approved { version, row_version: prompt.life_row_version };
                 let note = closing_note(prompt, RequestState::Granted, why);
                 match self.record.transition(&id.family, event, note) {
                     Err(EngineFault::VersionTable(VersionTableError::Refused(refusal))) => {
@@ -195,7 +195,7 @@ impl Activation<'_> {
         }
         let due = self.approvals.due(self.record.wall_now());
         for id in &due {
-            match self.approvals.of(id).map(PendingApproval::kind) {
+            match self.approvals.of(id).map(|pending| pending.kind) {
                 Some(RequestKind::Release) => {
                     release::lapse(self.record, self.approvals, id)?;
                 }

@@ -393,7 +393,7 @@ impl LiveMonitoring<'_> {
         let Some(mut resumption) = rollback.run(id, trigger, trip, leave, scene)? else { return Ok(()) };
         // A stopped cell runs no task: the result is known when it starts again.
         if self.world.is_paced() || self.world.is_halted() {
-            raise_rolled_back(self.context, self.record, resumption.record());
+            raise_rolled_back(self.context, self.record, &resumption.record);
             self.resumptions.push(resumption.alarmed());
             return Ok(());
         }

@@ -78,7 +78,7 @@ pub(crate) fn settle(
             let by = people.iter().cloned().collect::<Vec<_>>().join(", ");
             let (version, _, _) = live.record.version_table().version(id)?;
             let note = closing_note(prompt, RequestState::Granted, Notice::ReleaseApproved);
-            let event = LifecycleEvent::Approved { version, row_version: prompt.life_row_version() };
+            let event = LifecycleEvent::Approved { version, row_version: prompt.life_row_version };
             let answered = prompt.last_voter();
             live.record.transition(&id.family, event, note)?;
             approvals.close(id);

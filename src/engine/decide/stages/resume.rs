@@ -27,7 +27,7 @@ const RESUME_SEQUENCES_MAX: u32 = 9;
 /// A predecessor whose first tasks are watched.
 pub struct Resumption {
     predecessor: CapabilityId,
-    record: RollbackRecord,
+    pub(crate) record: RollbackRecord,
     events: Vec<SafetyEvent>,
     sequences: u32,
     from_ms: u64,
@@ -46,12 +46,6 @@ impl Resumption {
     #[must_use]
     pub(crate) fn alarmed(self) -> Self {
         Self { alarmed: true, ..self }
-    }
-
-    /// The rollback it belongs to.
-    #[must_use]
-    pub const fn record(&self) -> &RollbackRecord {
-        &self.record
     }
 }
 

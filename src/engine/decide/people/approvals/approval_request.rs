@@ -39,7 +39,7 @@ impl RecordedAnswer {
 pub struct PendingApproval {
     /// The row without the text of the evidence.
     pub(in crate::decide::people) row: ApprovalRequest,
-    pub(in crate::decide::people) kind: RequestKind,
+    pub(crate) kind: RequestKind,
     /// The subject of a release or a review.
     pub(in crate::decide::people) about: String,
     /// Whether its deadline has passed while it stays open: a review.
@@ -47,7 +47,8 @@ pub struct PendingApproval {
     pub(in crate::decide::people) quorum: QuorumRequest,
     /// In the order of the record.
     pub(in crate::decide::people) answers: Vec<RecordedAnswer>,
-    pub(in crate::decide::people) life_row_version: u64,
+    /// The version's row as the request names it: an answer over another one is void.
+    pub(crate) life_row_version: u64,
     pub(in crate::decide::people) requested_at: WallTime,
     pub(in crate::decide::people) replaces: Option<CapabilityId>,
     /// Whether people override what a rule would not pass.
@@ -172,18 +173,6 @@ impl PendingApproval {
         self.quorum.asked_by = Some(version_origin::person(&persons, name));
         self.about = about;
         Ok(self)
-    }
-
-    /// The version's row as the request names it: an answer over another one is void.
-    #[must_use]
-    pub const fn life_row_version(&self) -> u64 {
-        self.life_row_version
-    }
-
-    /// The kind of request.
-    #[must_use]
-    pub const fn kind(&self) -> RequestKind {
-        self.kind
     }
 
     /// Whether it is about the version as its row is in the store, and its deadline has or has not passed likewise.

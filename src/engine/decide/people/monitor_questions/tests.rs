@@ -43,7 +43,7 @@ fn escalation_is_answered_and_may_be_raised_again() {
     let pipeline = &mut bench.pipeline;
     assert!(pipeline.live().monitors.questions().is_empty());
     assert!(matches!(pipeline.command(go_on(&id)), Reply::Refused { code: Refusal::NotNow, .. }));
-    pipeline.live().world.cell.set_fault(Some(LiveFault::TelemetryLost));
+    pipeline.live().world.cell.fault = Some(LiveFault::TelemetryLost);
     wait_for_a_question(pipeline);
     let questions = pipeline.live().monitors.questions();
     assert_eq!(questions.len(), 1);
@@ -83,7 +83,7 @@ fn telemetry_silence_has_its_own_alarm_priority() {
     let id = bench.activate("align-improved");
     let pipeline = &mut bench.pipeline;
     Arc::make_mut(&mut pipeline.context_mut().profile).alarms.telemetry_silent = Priority::Low;
-    pipeline.live().world.cell.set_fault(Some(LiveFault::TelemetryLost));
+    pipeline.live().world.cell.fault = Some(LiveFault::TelemetryLost);
     wait_for_a_question(pipeline);
     let alarm = pipeline.record().alarms().get(&AlarmKey::Escalated(id)).unwrap();
     assert_eq!(alarm.priority, Priority::Low);
@@ -125,7 +125,7 @@ fn answer_after_the_deadline_is_refused() {
     let mut bench = RollbackBench::new();
     let id = bench.activate("align-improved");
     let pipeline = &mut bench.pipeline;
-    pipeline.live().world.cell.set_fault(Some(LiveFault::TelemetryLost));
+    pipeline.live().world.cell.fault = Some(LiveFault::TelemetryLost);
     wait_for_a_question(pipeline);
     let deadline_ms = pipeline.live().monitors.questions()[0].deadline_ms;
     pipeline.jump_to(deadline_ms);
@@ -181,7 +181,7 @@ fn a_question_is_shown_during_its_sequence() {
     let id = bench.activate("grasp-improved");
     let pipeline = &mut bench.pipeline;
     pipeline.live().record.set_clock(Clock::real(0));
-    pipeline.live().world.cell.set_fault(Some(LiveFault::TelemetryLost));
+    pipeline.live().world.cell.fault = Some(LiveFault::TelemetryLost);
     // A watch that was never read is silent from the start, so its first task raises the question.
     pipeline.pace_live_world(Some(1.0), Arc::new(|_| {}));
     let until = std::time::Instant::now() + std::time::Duration::from_mins(1);

@@ -520,7 +520,7 @@ fn activation_that_cannot_be_written_ends_the_ladder() {
 fn silence_asks_then_restricts_then_rolls_back() {
     let mut bench = RollbackBench::new();
     let id = bench.activate("grasp-improved");
-    bench.pipeline.live().world.cell.set_fault(Some(LiveFault::TelemetryLost));
+    bench.pipeline.live().world.cell.fault = Some(LiveFault::TelemetryLost);
     let mut decisions = Vec::new();
     let mut record = None;
     for _ in 0..60 {
@@ -551,7 +551,7 @@ fn lost_telemetry_of_an_idle_arm_rolls_the_version_back() {
     let mut bench = RollbackBench::new();
     bench.activate("align-improved");
     let pipeline = &mut bench.pipeline;
-    pipeline.live().world.cell.set_fault(Some(LiveFault::TelemetryLost));
+    pipeline.live().world.cell.fault = Some(LiveFault::TelemetryLost);
     // Nothing is worked: only time passes, from one deadline to the next.
     let mut steps = 0;
     while pipeline.live().monitors.iter().next().is_some() {

@@ -53,7 +53,7 @@ fn unchanged_cell_raises_no_alarm_and_a_shift_raises_it_at_its_first_task() {
     let report = run(&mut bench);
     let grasp = report.task(TaskKind::Grasp).unwrap();
     assert!(grasp.record.starts_outside() && grasp.record.time_secs > 1.0, "it runs all the same");
-    assert_eq!(bench.pipeline.live().world.uncovered(), 1);
+    assert_eq!(bench.pipeline.live().world.uncovered, 1);
     let alarm = alarm(&bench, &baseline()).unwrap();
     assert!(alarm.condition && alarm.priority == Priority::Low, "{alarm:?}");
     let Some(Notice::OutsideDomain { missed, run_by, .. }) = alarm.text.notice() else { panic!("{alarm:?}") };

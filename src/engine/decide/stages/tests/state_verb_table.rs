@@ -171,7 +171,7 @@ pub(super) const SETTINGS: [Setting; 29] = [
     }),
     ("active, its monitor asks", |bench| {
         let id = bench.activate(CANDIDATE);
-        bench.pipeline.live().world.cell.set_fault(Some(LiveFault::TelemetryLost));
+        bench.pipeline.live().world.cell.fault = Some(LiveFault::TelemetryLost);
         let due_ms = bench.pipeline.next_deadline_ms().unwrap();
         bench.pipeline.jump_to(due_ms);
         assert!(bench.pipeline.live().look_at_monitors().unwrap());
