@@ -35,7 +35,7 @@ use holdpoint_record::version_table::{TransitionNote, VersionTable};
 pub use approval_request::PendingApproval;
 pub(super) use approval_request::{RecordedAnswer, new_row, vote};
 
-use super::request_display::{self, IssuedRequests};
+use super::request_display::{self, IssuedRequests, RequestSources};
 use super::signers::check_signer;
 
 #[derive(Default)]
@@ -118,16 +118,10 @@ impl Approvals {
     }
 
     /// What waits for people.
-    #[must_use]
-    pub fn views(
-        &self,
-        context: &Context,
-        record: &EngineRecorder,
-        evidence_files: &EvidenceFiles,
-    ) -> Vec<ApprovalRequestView> {
+    pub(crate) fn views(&self, from: RequestSources<'_>) -> Vec<ApprovalRequestView> {
         let shown = |(id, request)| ApprovalRequestView {
             granted: self.granted.contains(id),
-            ..view(context, record, evidence_files, id, request)
+            ..view(from, id, request)
         };
         self.pending.iter().map(shown).collect()
     }
@@ -212,7 +206,7 @@ impl Approvals {
         request: PendingApproval,
     ) {
         let id = request.row.version.clone();
-        let request_view = view(context, record, evidence_files, &id, &request);
+        let request_view = view(RequestSources { context, record, evidence_files }, &id, &request);
         let conditions = evidence_files.of(&id).map(|known| known.conditions.clone()).unwrap_or_default();
         self.pending.insert(id.clone(), request);
         record.tell(EventKind::ApprovalRequested {
@@ -275,7 +269,8 @@ impl Approvals {
                 "`holdpoint status` shows whom it waits for; another answer of the same person is taken";
             return refuse(Refusal::NotAllowed, text, Some(hint));
         }
-        let shown = match self.displayed_text(context, record, evidence_files, request, &approval)? {
+        let from = RequestSources { context, record, evidence_files };
+        let shown = match self.displayed_text(from, request, &approval)? {
             Ok(shown) => shown,
             Err(refused) => return Ok(Err(refused)),
         };
@@ -361,12 +356,11 @@ pub fn void_requests(version_table: &VersionTable, id: &CapabilityId) -> Result<
 }
 
 pub(super) fn view(
-    context: &Context,
-    record: &EngineRecorder,
-    evidence_files: &EvidenceFiles,
+    from: RequestSources<'_>,
     id: &CapabilityId,
     request: &PendingApproval,
 ) -> ApprovalRequestView {
+    let RequestSources { context, record, evidence_files } = from;
     let votes = request.votes(context);
     let counted = approval::counted(&request.quorum, &votes, record.wall_now());
     let quorum = request.quorum.quorum;
@@ -411,7 +405,7 @@ pub(super) fn view(
         },
         purpose: request.kind,
         about: request.about.clone(),
-        lines: request_display::overview(context, record, evidence_files, id, request),
+        lines: request_display::overview(from, id, request),
     }
 }
 

@@ -16,7 +16,7 @@ use holdpoint_text::is_visible;
 use holdpoint_wording::request::review_cause;
 
 use super::approvals::{Approvals, PendingApproval, new_row, tier, view, vote};
-use super::request_display::DisplayedText;
+use super::request_display::{DisplayedText, RequestSources};
 use super::signers::check_signer;
 use crate::decide::recorder::EngineRecorder;
 use crate::fault::EngineFault;
@@ -44,12 +44,8 @@ fn break_glass_approval(
 }
 
 /// What a break-glass approval of a version must sign now; absent if break-glass does not apply.
-pub(super) fn break_glass_request(
-    context: &Context,
-    record: &EngineRecorder,
-    evidence_files: &EvidenceFiles,
-    id: &CapabilityId,
-) -> Option<PendingApproval> {
+pub(super) fn break_glass_request(from: RequestSources<'_>, id: &CapabilityId) -> Option<PendingApproval> {
+    let RequestSources { context, record, evidence_files } = from;
     let settings = context.profile.approval;
     let entry = record.version_table().family(&id.family).ok()?;
     let (_, state, member) = entry.find(id)?;
@@ -73,21 +69,17 @@ pub(super) fn break_glass_request(
 }
 
 /// Versions that one person may activate by break-glass now.
-pub(crate) fn views(
-    context: &Context,
-    record: &EngineRecorder,
-    evidence_files: &EvidenceFiles,
-) -> Vec<ApprovalRequestView> {
+pub(crate) fn views(from: RequestSources<'_>) -> Vec<ApprovalRequestView> {
     let mut found = Vec::new();
-    if !context.profile.approval.break_glass {
+    if !from.context.profile.approval.break_glass {
         return found;
     }
-    for (member, _) in record.version_table().versions() {
+    for (member, _) in from.record.version_table().versions() {
         let id = member.capability.id();
-        if let Some(request) = break_glass_request(context, record, evidence_files, &id) {
-            let mut shown = view(context, record, evidence_files, &id, &request);
+        if let Some(request) = break_glass_request(from, &id) {
+            let mut shown = view(from, &id, &request);
             shown.valid_until = request.row.until;
-            shown.tier = tier(context.profile.name, 2, true);
+            shown.tier = tier(from.context.profile.name, 2, true);
             found.push(shown);
         }
     }
@@ -99,12 +91,11 @@ pub(crate) fn views(
 /// # Errors
 /// If the version cannot be read.
 pub(crate) fn check(
-    context: &Context,
-    record: &EngineRecorder,
-    evidence_files: &EvidenceFiles,
+    from: RequestSources<'_>,
     approvals: &Approvals,
     signed: SignedApproval,
 ) -> Result<Result<BreakGlassApproval, Reply>, EngineFault> {
+    let RequestSources { context, record, .. } = from;
     let refuse = |code, text: String, hint: Option<&str>| {
         Ok(Err(Reply::Refused { code, text, hint: hint.map(ToOwned::to_owned) }))
     };
@@ -121,7 +112,7 @@ pub(crate) fn check(
         let text = "break-glass needs an approval with a reason".to_owned();
         return refuse(Refusal::BadInput, text, None);
     }
-    let Some(request) = break_glass_request(context, record, evidence_files, id) else {
+    let Some(request) = break_glass_request(from, id) else {
         let text = format!("{id} does not wait for approval or a freeze after shadow");
         return refuse(Refusal::NotNow, text, Some("break-glass replaces no stage and no measurement"));
     };
@@ -131,18 +122,13 @@ pub(crate) fn check(
         let why = result.reasons.last().map_or_else(String::new, holdpoint_wording::reason);
         return refuse(Refusal::NotAllowed, format!("{id} is not activated: {why}"), None);
     }
-    let shown =
-        match approvals.displayed_text(context, record, evidence_files, &request, signed.approval())? {
-            Ok(Some(shown)) => shown,
-            Ok(None) => {
-                return refuse(
-                    Refusal::BadInput,
-                    "it is signed over nothing that was shown".to_owned(),
-                    None,
-                );
-            }
-            Err(refused) => return Ok(Err(refused)),
-        };
+    let shown = match approvals.displayed_text(from, &request, signed.approval())? {
+        Ok(Some(shown)) => shown,
+        Ok(None) => {
+            return refuse(Refusal::BadInput, "it is signed over nothing that was shown".to_owned(), None);
+        }
+        Err(refused) => return Ok(Err(refused)),
+    };
     let until = answer.not_after().min(request.row.until);
     Ok(Ok(BreakGlassApproval { signed, shown, result, until }))
 }

@@ -49,6 +49,14 @@ const REQUESTS_MAX: usize = 4096;
 /// Reasons against it that are shown.
 const REASONS_MAX: usize = 4;
 
+/// What requests are read from.
+#[derive(Clone, Copy)]
+pub(crate) struct RequestSources<'a> {
+    pub(crate) context: &'a Context,
+    pub(crate) record: &'a EngineRecorder,
+    pub(crate) evidence_files: &'a EvidenceFiles,
+}
+
 /// The open nonces, by approval request and approver. Closing a request removes its nonces. An approver who asks again
 /// before answering gets the same nonce, so that repeated requests cannot void an honest answer.
 #[derive(Default)]
@@ -123,21 +131,18 @@ impl Approvals {
     /// If the version cannot be read, or the machine gives no random number.
     pub(crate) fn question(
         &mut self,
-        context: &Context,
-        record: &EngineRecorder,
-        evidence_files: &EvidenceFiles,
+        from: RequestSources<'_>,
         (id, purpose): (&CapabilityId, RequestKind),
         who: &str,
     ) -> Result<Reply, EngineFault> {
+        let RequestSources { context, record, .. } = from;
         let store = record.version_table().store();
         let who = match person(&store.persons()?, who) {
             Ok(who) => who,
             Err(refusal) => return Ok(refusal),
         };
         let emergency = match purpose {
-            RequestKind::Emergency => {
-                break_glass_approvals::break_glass_request(context, record, evidence_files, id)
-            }
+            RequestKind::Emergency => break_glass_approvals::break_glass_request(from, id),
             RequestKind::Activation | RequestKind::Release | RequestKind::Review => None,
         };
         let pending = self.of(id).filter(|pending| pending.kind == purpose);
@@ -150,7 +155,7 @@ impl Approvals {
             earlier: &pending.answers,
             at: record.wall_now(),
         };
-        let facts = facts(context, record, evidence_files, id, pending, &reader)?;
+        let facts = facts(from, id, pending, &reader)?;
         let (lines, facts) = (render(&facts), canonical_json(&facts)?);
         let valid_until = valid_until(context, record, pending);
         let question = pending.row.id.clone();
@@ -174,12 +179,11 @@ impl Approvals {
     /// A rejection without a text gives `None`.
     pub(super) fn displayed_text(
         &self,
-        context: &Context,
-        record: &EngineRecorder,
-        evidence_files: &EvidenceFiles,
+        from: RequestSources<'_>,
         pending: &PendingApproval,
         approval: &Approval,
     ) -> Result<Result<Option<DisplayedText>, Reply>, EngineFault> {
+        let RequestSources { context, record, .. } = from;
         let stale = |cause| {
             let why = QuestionRefusal::AnswerVoid { version: approval.version.clone(), cause };
             Ok(Err(refused(Refusal::Stale, &why)))
@@ -201,8 +205,7 @@ impl Approvals {
             earlier: &pending.answers,
             at: record.wall_now(),
         };
-        match check_display(context, record, evidence_files, (pending, &approval.version), &reader, binding)?
-        {
+        match check_display(from, (pending, &approval.version), &reader, binding)? {
             Ok(texts) => Ok(Ok(Some(texts))),
             Err(cause) => stale(cause),
         }
@@ -214,15 +217,13 @@ impl Approvals {
     /// If the version cannot be read.
     pub(crate) fn is_outdated(
         &self,
-        context: &Context,
-        record: &EngineRecorder,
-        evidence_files: &EvidenceFiles,
+        from: RequestSources<'_>,
         id: &CapabilityId,
     ) -> Result<bool, EngineFault> {
         let Some(pending) = self.of(id) else { return Ok(false) };
         for (number, answer) in pending.answers.iter().enumerate() {
             let earlier = pending.answers.get(..number).unwrap_or_default();
-            if !is_display_current(context, record, evidence_files, pending, answer, earlier)? {
+            if !is_display_current(from, pending, answer, earlier)? {
                 return Ok(true);
             }
         }
@@ -247,9 +248,7 @@ fn valid_until(context: &Context, record: &EngineRecorder, pending: &PendingAppr
 /// Whether a recorded decision was signed over the text that its approver would see now, after these earlier answers. A
 /// rejection counts without a text; an approval that an older program recorded without one does not.
 pub(super) fn is_display_current(
-    context: &Context,
-    record: &EngineRecorder,
-    evidence_files: &EvidenceFiles,
+    from: RequestSources<'_>,
     pending: &PendingApproval,
     answer: &RecordedAnswer,
     earlier: &[RecordedAnswer],
@@ -258,13 +257,11 @@ pub(super) fn is_display_current(
     let Some(binding) = &approval.shown else { return Ok(approval.decision == ApprovalDecision::Reject) };
     let reader = RequestReader { asked: Some((&approval.who, approval.role)), earlier, at: answer.at };
     let of = (pending, &approval.version);
-    Ok(check_display(context, record, evidence_files, of, &reader, binding)?.is_ok())
+    Ok(check_display(from, of, &reader, binding)?.is_ok())
 }
 
 fn check_display(
-    context: &Context,
-    record: &EngineRecorder,
-    evidence_files: &EvidenceFiles,
+    from: RequestSources<'_>,
     (pending, version): (&PendingApproval, &CapabilityId),
     reader: &RequestReader<'_>,
     binding: &DisplayBinding,
@@ -272,10 +269,10 @@ fn check_display(
     if binding.renderer != RENDERER_VERSION {
         return Ok(Err(AnswerVoidCause::OtherRenderer));
     }
-    if binding.store_key != hex(record.version_table().store().public_key().as_bytes()) {
+    if binding.store_key != hex(from.record.version_table().store().public_key().as_bytes()) {
         return Ok(Err(AnswerVoidCause::OtherStoreKey));
     }
-    let facts = facts(context, record, evidence_files, version, pending, reader)?;
+    let facts = facts(from, version, pending, reader)?;
     let (lines, facts) = (render(&facts), canonical_json(&facts)?);
     Ok(if facts_digest(&facts) != binding.facts {
         Err(AnswerVoidCause::OtherFacts)
@@ -288,16 +285,12 @@ fn check_display(
 
 /// The lines of a request for observers; empty if the version cannot be read.
 pub(super) fn overview(
-    context: &Context,
-    record: &EngineRecorder,
-    evidence_files: &EvidenceFiles,
+    from: RequestSources<'_>,
     id: &CapabilityId,
     pending: &PendingApproval,
 ) -> Vec<String> {
-    let reader = RequestReader { asked: None, earlier: &pending.answers, at: record.wall_now() };
-    facts(context, record, evidence_files, id, pending, &reader)
-        .map(|facts| render(&facts))
-        .unwrap_or_default()
+    let reader = RequestReader { asked: None, earlier: &pending.answers, at: from.record.wall_now() };
+    facts(from, id, pending, &reader).map(|facts| render(&facts)).unwrap_or_default()
 }
 
 /// The reader of a request.
@@ -311,13 +304,12 @@ struct RequestReader<'a> {
 }
 
 fn facts(
-    context: &Context,
-    record: &EngineRecorder,
-    evidence_files: &EvidenceFiles,
+    from: RequestSources<'_>,
     id: &CapabilityId,
     pending: &PendingApproval,
     reader: &RequestReader<'_>,
 ) -> Result<ApprovalFacts, EngineFault> {
+    let RequestSources { context, record, evidence_files } = from;
     let (_, lifecycle, member) = record.version_table().version(id)?;
     let empty = EvidenceFile::default();
     let evidence_file = evidence_files.of(id).unwrap_or(&empty);

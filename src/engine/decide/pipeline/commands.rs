@@ -4,6 +4,7 @@ use std::borrow::Cow;
 
 use super::Pipeline;
 use crate::decide::operations::{self, LastVersion, accepted, checked};
+use crate::decide::people::request_display::RequestSources;
 use crate::decide::people::signed_calls::{self, Signer};
 use crate::decide::people::{monitor_questions, persons};
 use crate::decide::stages::closing::close_rejected;
@@ -168,7 +169,8 @@ impl Pipeline {
                 operations::register(context, record, &name, package, (signer, by.as_deref()))
             }
             Command::Question { version, purpose, who } => {
-                self.approvals.question(context, record, evidence_files, (&version, purpose), &who)
+                let from = RequestSources { context, record, evidence_files };
+                self.approvals.question(from, (&version, purpose), &who)
             }
             Command::Decide { signed } => self.decide(*signed),
             Command::Person { signed } => persons::carry_out(context, record, &mut self.approvals, *signed),

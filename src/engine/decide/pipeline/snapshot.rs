@@ -3,6 +3,7 @@
 use crate::decide::clock_mismatch;
 use crate::decide::people::approvals::Approvals;
 use crate::decide::people::break_glass_approvals;
+use crate::decide::people::request_display::RequestSources;
 use crate::decide::people::signed_calls::SignedCalls;
 use crate::decide::recorder::EngineRecorder;
 use crate::live::monitors::Monitors;
@@ -27,7 +28,6 @@ use holdpoint_text::Hint;
 /// What a snapshot is taken of.
 pub(crate) struct SnapshotView<'a> {
     pub(crate) context: &'a Context,
-    /// Seed of the run.
     pub(crate) record: &'a EngineRecorder,
     pub(crate) evidence_files: &'a EvidenceFiles,
     pub(crate) approvals: &'a Approvals,
@@ -63,7 +63,9 @@ fn present_reasons(
 impl SnapshotView<'_> {
     /// The current snapshot.
     pub(crate) fn snapshot(&self) -> Snapshot {
-        let prompts = self.approvals.views(self.context, self.record, self.evidence_files);
+        let Self { context, record, evidence_files, .. } = *self;
+        let from = RequestSources { context, record, evidence_files };
+        let prompts = self.approvals.views(from);
         let mut candidates = Vec::new();
         let mut families = Vec::new();
         for (family, entry) in self.record.version_table().families() {
@@ -141,7 +143,7 @@ impl SnapshotView<'_> {
             unauthorized: self.context.unauthorized.as_ref().map(holdpoint_wording::notice_sentence),
             families,
             candidates,
-            emergencies: break_glass_approvals::views(self.context, self.record, self.evidence_files),
+            emergencies: break_glass_approvals::views(from),
             prompts,
             alarms: self.alarm_views(),
             live: self.live_view(),

@@ -21,6 +21,7 @@ use super::closing::{
 use super::release;
 use super::validation::registered;
 use crate::decide::people::approvals::{Approvals, clear_alarm, closing_note};
+use crate::decide::people::request_display::RequestSources;
 use crate::decide::recorder::EngineRecorder;
 use crate::decide::store_identity::StoreAgent;
 use crate::fault::EngineFault;
@@ -222,7 +223,9 @@ impl Activation<'_> {
     /// # Errors
     /// If it cannot be written.
     pub(crate) fn void_outdated(&mut self, id: &CapabilityId) -> Result<bool, EngineFault> {
-        let is_outdated = self.approvals.is_outdated(self.context, self.record, self.evidence_files, id)?;
+        let (context, record, evidence_files) = (self.context, &*self.record, &*self.evidence_files);
+        let is_outdated =
+            self.approvals.is_outdated(RequestSources { context, record, evidence_files }, id)?;
         if is_outdated {
             let cause = RequestVoidCause::TextChanged;
             self.void(id, Notice::RequestVoid { version: id.clone(), cause })?;

@@ -26,6 +26,7 @@ use crate::decide::halt;
 use crate::decide::operations::accepted;
 use crate::decide::people::approvals::{Approvals, clear_alarm, closing_note};
 use crate::decide::people::break_glass_approvals;
+use crate::decide::people::request_display::RequestSources;
 use crate::fault::EngineFault;
 use holdpoint_record::version_table::TransitionNote;
 
@@ -40,14 +41,9 @@ impl Activation<'_> {
         if self.cell_stands {
             return Ok(halt::activation_refusal(&signed.approval().version));
         }
-        let checked = break_glass_approvals::check(
-            self.context,
-            self.record,
-            self.evidence_files,
-            self.approvals,
-            signed,
-        )?;
-        let emergency = match checked {
+        let (context, record, evidence_files) = (self.context, &*self.record, &*self.evidence_files);
+        let from = RequestSources { context, record, evidence_files };
+        let emergency = match break_glass_approvals::check(from, self.approvals, signed)? {
             Ok(emergency) => emergency,
             Err(refusal) => return Ok(refusal),
         };

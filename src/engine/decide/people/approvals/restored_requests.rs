@@ -8,7 +8,7 @@ use holdpoint_store::verify_approval;
 
 use super::{Approvals, PendingApproval, RecordedAnswer, RequestKind, activation_terms, vote};
 use crate::decide::people::persons::unconfirmed;
-use crate::decide::people::request_display::is_display_current;
+use crate::decide::people::request_display::{RequestSources, is_display_current};
 use crate::decide::recorder::EngineRecorder;
 use crate::decide::stages::activation::gate;
 use crate::fault::EngineFault;
@@ -76,8 +76,8 @@ impl Approvals {
             let consumed = entry.consumed_seq.is_some();
             let answer = RecordedAnswer::of(record, entry);
             let earlier = &pending.answers;
-            let is_same_text =
-                is_display_current(context, record, evidence_files, &pending, &answer, earlier)?;
+            let from = RequestSources { context, record, evidence_files };
+            let is_same_text = is_display_current(from, &pending, &answer, earlier)?;
             if counts && is_same_text && !consumed {
                 pending.answers.push(answer);
             }
