@@ -55,7 +55,7 @@ impl SeedSource {
     pub fn seed(&self, purpose: SeedPurpose, index: u64) -> u64 {
         match self {
             Self::OfRun(run_seed) => episode_seed(*run_seed, purpose, index),
-            Self::Keyed(key) => KEYED_FROM + key.number(purpose.name(), index) % KEYED_FROM,
+            Self::Keyed(key) => KEYED_FROM + key.number(purpose.row().0, index) % KEYED_FROM,
         }
     }
 
@@ -106,38 +106,21 @@ pub enum SeedPurpose {
 }
 
 impl SeedPurpose {
-    /// The name under which a key gives its seeds.
-    const fn name(self) -> &'static str {
+    /// The name under which a key gives its seeds; and of its block in a run the first seed and their number.
+    const fn row(self) -> (&'static str, u64, u64) {
         match self {
-            Self::Perturbation => "perturbation",
-            Self::Canonical => "canonical",
-            Self::Adversarial => "adversarial",
-            Self::Drill => "drill",
-            Self::Live => "live",
-            Self::Confirmation => "confirmation",
-            Self::ConfirmationDrill => "confirmation-drill",
-            Self::Search => "search",
-            Self::Sequence => "sequence",
-            Self::ConfirmationSequence => "confirmation-sequence",
-            Self::ReEvaluation => "re-evaluation",
-            Self::ReEvaluationSequence => "re-evaluation-sequence",
-        }
-    }
-
-    const fn range(self) -> (u64, u64) {
-        match self {
-            Self::Perturbation => (0, 2_000),
-            Self::Canonical => (2_000, 250),
-            Self::Sequence => (2_250, 250),
-            Self::Adversarial => (2_500, 500),
-            Self::Drill => (3_000, 1_500),
-            Self::Search => (4_500, 250),
-            Self::ConfirmationSequence => (4_750, 250),
-            Self::Live => (5_000, 3_000),
-            Self::ReEvaluation => (8_000, 800),
-            Self::ReEvaluationSequence => (8_800, 200),
-            Self::Confirmation => (9_000, 800),
-            Self::ConfirmationDrill => (9_800, 200),
+            Self::Perturbation => ("perturbation", 0, 2_000),
+            Self::Canonical => ("canonical", 2_000, 250),
+            Self::Sequence => ("sequence", 2_250, 250),
+            Self::Adversarial => ("adversarial", 2_500, 500),
+            Self::Drill => ("drill", 3_000, 1_500),
+            Self::Search => ("search", 4_500, 250),
+            Self::ConfirmationSequence => ("confirmation-sequence", 4_750, 250),
+            Self::Live => ("live", 5_000, 3_000),
+            Self::ReEvaluation => ("re-evaluation", 8_000, 800),
+            Self::ReEvaluationSequence => ("re-evaluation-sequence", 8_800, 200),
+            Self::Confirmation => ("confirmation", 9_000, 800),
+            Self::ConfirmationDrill => ("confirmation-drill", 9_800, 200),
         }
     }
 }
@@ -145,7 +128,7 @@ impl SeedPurpose {
 /// The seed of the `index`-th episode of a purpose in a run. Indices wrap within the purpose's block.
 #[must_use]
 pub const fn episode_seed(run_seed: u64, purpose: SeedPurpose, index: u64) -> u64 {
-    let (from, count) = purpose.range();
+    let (_, from, count) = purpose.row();
     run_seed.wrapping_mul(BLOCK).wrapping_add(from + index % count)
 }
 
@@ -178,7 +161,7 @@ mod tests {
     fn blocks_are_disjoint_and_fill_a_run() {
         let mut next = 0;
         for purpose in PURPOSES {
-            let (from, count) = purpose.range();
+            let (_, from, count) = purpose.row();
             assert_eq!(from, next, "{purpose:?}");
             next = from + count;
         }
