@@ -38,6 +38,7 @@ use holdpoint_protocol::event::DimensionResult;
 use holdpoint_protocol::snapshot::ProgressView;
 use holdpoint_runtime::capability::Capability;
 use holdpoint_runtime::task::TaskRecord;
+use holdpoint_trials::evaluation::Evaluation;
 use holdpoint_trials::mode_metrics::ModeMetrics;
 
 /// Episodes of the canonical and of the adversarial mode of the sandbox.
@@ -213,7 +214,34 @@ impl EvidenceFile {
         has_passed && is_clean && !failed_again
     }
 
-    /// Forgets what shadow gave.
+    /// Forgets what was measured in the sandbox.
+    pub fn clear_sandbox(&mut self) {
+        self.alone.clear();
+        self.pairs.clear();
+        self.anchor = None;
+        self.hard_stops.clear();
+        self.shared_events.clear();
+        self.modes.clear();
+        self.unsafe_under_stress = 0;
+        self.searched = None;
+        self.permissions = None;
+        self.drills = Some((DrillTallies::default(), DrillTallies::default()));
+        self.settling = SettlingTallies::default();
+        self.failed_drills.clear();
+        self.handovers = None;
+    }
+
+    /// Takes in the results of the sandbox's comparison so far, its hard stops apart.
+    pub fn take_comparison(&mut self, evaluation: &Evaluation) {
+        let rehearsed = evaluation.rehearsed();
+        self.pairs = evaluation.paired().pairs;
+        self.drills = Some((rehearsed.candidate, rehearsed.active));
+        self.settling = rehearsed.settling;
+        self.failed_drills = evaluation.failed_drills().to_vec();
+        self.anchor = evaluation.anchor().cloned();
+        self.handovers = evaluation.sequences().cloned();
+    }
+
     pub fn clear_shadow(&mut self) {
         self.sequences.clear();
         self.twins.clear();

@@ -9,7 +9,7 @@ use holdpoint_governance::composition::{Kappas, psi};
 use holdpoint_governance::decision::{Reason, ReasonCode};
 use holdpoint_governance::early_stop::EarlyStopReason;
 use holdpoint_governance::evaluation_key::KeyUse;
-use holdpoint_governance::evidence::{DrillTallies, EvidenceBinding, SandboxMode, SettlingTallies};
+use holdpoint_governance::evidence::{EvidenceBinding, SandboxMode};
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::lifecycle::{LifecycleEvent, Stage};
 use holdpoint_governance::notice::Notice;
@@ -107,24 +107,12 @@ pub fn begin(
     evidence_file.tried_under.clone_from(&evidence_file.conditions);
     evidence_file.domain = Some(StartDomain::clone(context.cell.start_domain(candidate.bundle.task())));
     (evidence_file.counted, evidence_file.refused_try) = (None, None);
-    evidence_file.pairs.clear();
-    evidence_file.anchor = None;
-    evidence_file.hard_stops.clear();
-    evidence_file.shared_events.clear();
-    evidence_file.modes.clear();
+    evidence_file.clear_sandbox();
     evidence_file.kept = None;
     // Shadow and an earlier confirmation rest on evidence that is now gathered again.
     evidence_file.shadow = None;
     evidence_file.confirmation = None;
-    evidence_file.permissions = None;
-    evidence_file.unsafe_under_stress = 0;
-    evidence_file.searched = None;
-    evidence_file.handovers = None;
     evidence_file.clear_shadow();
-    evidence_file.drills = Some((DrillTallies::default(), DrillTallies::default()));
-    evidence_file.settling = SettlingTallies::default();
-    evidence_file.failed_drills.clear();
-    evidence_file.alone.clear();
     evidence_file.bindings = vec![binding];
     let phase = SandboxPhase::Alone(SoloMode::Canonical, Vec::new());
     Ok(Box::new(SandboxRun { id: id.clone(), binding, seeds, plan, stops: SceneStops::default(), phase }))
@@ -261,14 +249,8 @@ impl Sandbox<'_> {
     ) -> Result<(), EngineFault> {
         let id = &candidate.id();
         let evaluation = &comparison.evaluation;
-        let (paired, rehearsed) = (evaluation.paired(), evaluation.rehearsed());
         let evidence_file = self.evidence_files.edit(id);
-        evidence_file.pairs = paired.pairs;
-        evidence_file.drills = Some((rehearsed.candidate, rehearsed.active));
-        evidence_file.settling = rehearsed.settling;
-        evidence_file.failed_drills = evaluation.failed_drills().to_vec();
-        evidence_file.anchor = evaluation.anchor().cloned();
-        evidence_file.handovers = evaluation.sequences().cloned();
+        evidence_file.take_comparison(evaluation);
         keep_stops(self.context, self.record, evidence_file, (id, active), evaluation.stops());
         let (mut new, mut traces) = (Vec::new(), Vec::new());
         for pair in slice.pairs {

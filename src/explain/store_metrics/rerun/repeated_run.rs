@@ -7,7 +7,7 @@ use serde::Serialize;
 
 use holdpoint_governance::behavior::{add_search_concern, add_stress_concern};
 use holdpoint_governance::early_stop::EarlyStopReason;
-use holdpoint_governance::evidence::{DrillTallies, Pair, SandboxMode, SettlingTallies};
+use holdpoint_governance::evidence::{Pair, SandboxMode};
 use holdpoint_governance::ids::Digest;
 use holdpoint_governance::outcome::BehaviorOutcome;
 use holdpoint_governance::shared_event::SceneKind;
@@ -127,24 +127,8 @@ impl StoreUnderRerun<'_> {
         let profile = &cast.context.profile;
         let lab = self.workers.lab(&self.cell, seeds, cast);
         let subjects = (&cast.candidate, &cast.active);
-        let mut again = EvidenceFile {
-            alone: Vec::new(),
-            pairs: Vec::new(),
-            anchor: None,
-            hard_stops: Vec::new(),
-            shared_events: Vec::new(),
-            modes: Vec::new(),
-            unsafe_under_stress: 0,
-            searched: None,
-            permissions: None,
-            drills: Some((DrillTallies::default(), DrillTallies::default())),
-            settling: SettlingTallies::default(),
-            failed_drills: Vec::new(),
-            handovers: None,
-            behavior: None,
-            recovery: None,
-            ..recorded.clone()
-        };
+        let mut again = recorded.clone();
+        again.clear_sandbox();
         let (mut stops, mut runs) = (SceneStops::default(), 0);
         for solo in [SoloMode::Canonical, SoloMode::Adversarial] {
             // A hard stop ends the sandbox.
@@ -172,24 +156,16 @@ impl StoreUnderRerun<'_> {
         let (mut behavior, recovery) = evaluation.assess(profile);
         add_stress_concern(&mut behavior, again.unsafe_under_stress, MODE_EPISODES, profile);
         add_search_concern(&mut behavior, again.searched.as_ref(), profile);
-        let (paired, drilled) = (evaluation.paired(), evaluation.rehearsed());
         again.note_use(&cast.candidate.version, &records.candidate);
         for (version, records) in
             [(ComparedVersion::Candidate, &records.candidate), (ComparedVersion::Active, &records.active)]
         {
             again.modes.extend(ModeMetrics::of(SandboxMode::Perturbation, version, records));
         }
-        again.pairs = paired.pairs;
-        again.drills = Some((drilled.candidate, drilled.active));
-        again.settling = drilled.settling;
-        again.failed_drills = evaluation.failed_drills().to_vec();
-        again.anchor = evaluation.anchor().cloned();
-        again.handovers = evaluation.sequences().cloned();
+        again.take_comparison(&evaluation);
         again.hard_stops.clone_from(&evaluation.stops().own);
         again.shared_events.clone_from(&evaluation.stops().shared);
         // What was measured comes before what the rules conclude from it.
-        again.behavior.clone_from(&recorded.behavior);
-        again.recovery.clone_from(&recorded.recovery);
         let mut difference = first_difference((&recorded.pairs, recorded), (&again.pairs, &again))?;
         if difference.is_none() {
             (again.behavior, again.recovery) = (Some(behavior), Some(recovery));
