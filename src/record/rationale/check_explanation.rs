@@ -446,21 +446,7 @@ mod tests {
     use holdpoint_governance::finding::EvidenceGap;
 
     fn pair(violation: bool) -> Pair {
-        let values = EpisodeValues {
-            failure: None,
-            success: true,
-            violation: false,
-            anomaly: false,
-            recovery: false,
-            intervention: false,
-            timeout: false,
-            near_violation: false,
-            policy_warning: false,
-            retries: 0,
-            time_s: 4.0,
-            unsafe_continuation_ms: 0.0,
-            harm: None,
-        };
+        let values = EpisodeValues { time_s: 4.0, ..EpisodeValues::CLEAN };
         let candidate = EpisodeValues { violation, ..values };
         Pair { seed: 1, active: values, candidate, live_like: false }
     }

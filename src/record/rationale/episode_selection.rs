@@ -364,21 +364,7 @@ mod tests {
     use holdpoint_governance::harm::HarmMeasures;
 
     fn values(violation: bool, success: bool) -> EpisodeValues {
-        EpisodeValues {
-            failure: None,
-            success,
-            violation,
-            anomaly: false,
-            recovery: false,
-            intervention: false,
-            timeout: false,
-            near_violation: false,
-            policy_warning: false,
-            retries: 0,
-            time_s: 4.0,
-            unsafe_continuation_ms: 0.0,
-            harm: None,
-        }
+        EpisodeValues { success, violation, time_s: 4.0, ..EpisodeValues::CLEAN }
     }
 
     fn pair(seed: u64, candidate: EpisodeValues, active: EpisodeValues) -> Pair {
