@@ -165,17 +165,9 @@ fn pair(
     evidence_file: &EvidenceFile,
     request: FilmRequest,
 ) -> Result<SelectedEpisode, SelectionFailure> {
-    let none = SelectionFailure::NoneOnRecord(request.of);
-    if pairs.is_empty() {
-        return Err(none);
-    }
     let deciding = deciding(evidence_file);
     let cause = break_cause(evidence_file);
-    let index = match request.number {
-        Some(number) => numbered(number, pairs.len(), request.of)?,
-        None => worst(pairs, deciding, cause.is_some()),
-    };
-    let pair = *pairs.get(index).ok_or(none)?;
+    let (index, pair) = chosen(pairs, request, || worst(pairs, deciding, cause.is_some()))?;
     let reason = if request.number.is_some() {
         None
     } else if let Some(cause) = cause.filter(|_| broke_off(&pair.candidate) && !broke_off(&pair.active)) {
@@ -204,15 +196,7 @@ fn drill(
     all: u32,
     request: FilmRequest,
 ) -> Result<SelectedEpisode, SelectionFailure> {
-    let none = SelectionFailure::NoneOnRecord(request.of);
-    if failed.is_empty() {
-        return Err(none);
-    }
-    let index = match request.number {
-        Some(number) => numbered(number, failed.len(), request.of)?,
-        None => worst_drill(failed),
-    };
-    let found = *failed.get(index).ok_or(none)?;
+    let (index, found) = chosen(failed, request, || worst_drill(failed))?;
     let is_worst = request.number.is_none();
     let reason = is_worst.then_some(SelectionReason::MostFailingDrill { active_passes: found.active });
     let (number, listed) = (count(index + 1), count(failed.len()));
@@ -225,10 +209,6 @@ fn alone(
     overrun: Option<CodeFault>,
     request: FilmRequest,
 ) -> Result<SelectedEpisode, SelectionFailure> {
-    let none = SelectionFailure::NoneOnRecord(request.of);
-    if episodes.is_empty() {
-        return Err(none);
-    }
     let gravity = |episode: &SoloEpisode| -> [f64; 7] {
         let mut score = [0.0; 7];
         score[0] = f64::from(u8::from(episode.hard_stop.is_some()));
@@ -237,11 +217,7 @@ fn alone(
         }
         score
     };
-    let index = match request.number {
-        Some(number) => numbered(number, episodes.len(), request.of)?,
-        None => first_most(episodes.iter().map(gravity)),
-    };
-    let episode = *episodes.get(index).ok_or(none)?;
+    let (index, episode) = chosen(episodes, request, || first_most(episodes.iter().map(gravity)))?;
     let reason = match (request.number, episode.hard_stop) {
         (Some(_), _) => None,
         (None, Some(stop)) => Some(SelectionReason::EndsEvaluation { stop, overrun }),
@@ -268,6 +244,23 @@ fn first_most<const N: usize>(scores: impl Iterator<Item = [f64; N]>) -> usize {
 
 fn count(number: usize) -> u32 {
     u32::try_from(number).unwrap_or(u32::MAX)
+}
+
+/// The one that the request numbers, or else the worst, and its index.
+fn chosen<T: Copy>(
+    all: &[T],
+    request: FilmRequest,
+    worst: impl FnOnce() -> usize,
+) -> Result<(usize, T), SelectionFailure> {
+    let none = SelectionFailure::NoneOnRecord(request.of);
+    if all.is_empty() {
+        return Err(none);
+    }
+    let index = match request.number {
+        Some(number) => numbered(number, all.len(), request.of)?,
+        None => worst(),
+    };
+    all.get(index).map(|found| (index, *found)).ok_or(none)
 }
 
 fn numbered(number: u32, all: usize, of: FilmSubject) -> Result<usize, SelectionFailure> {
