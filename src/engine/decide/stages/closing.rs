@@ -2,7 +2,7 @@
 
 use holdpoint_governance::decision::{Decision, Kappa, Reason, lead_reason};
 use holdpoint_governance::ids::CapabilityId;
-use holdpoint_governance::lifecycle::{LifecycleEvent, Stage, State};
+use holdpoint_governance::lifecycle::{LifecycleEvent, Stage, State, VersionFlags};
 use holdpoint_governance::monitor::MonitorOutcome;
 use holdpoint_governance::notice::Notice;
 use holdpoint_governance::outcome::StageOutcome;
@@ -180,17 +180,9 @@ pub(crate) fn cancel_request(
     id: &CapabilityId,
     why: Notice,
 ) -> Result<(), EngineFault> {
-    let Some(pending) = approvals.of(id) else { return Ok(()) };
-    let (version, lifecycle, _) = record.version_table().version(id)?;
-    let flags = lifecycle.flags;
-    let note = closing_note(pending, RequestState::Void, why.clone());
-    if flags.awaiting_approval {
-        record.transition(&id.family, LifecycleEvent::ApprovalExpired { version }, note)?;
-    } else {
-        record.write(note.before, Vec::new())?;
-    }
-    approvals.close(id);
-    clear_alarm(record, id, None);
+    let Some(flags) = end_request(record, approvals, id, RequestState::Void, why.clone())? else {
+        return Ok(());
+    };
     record.tell(EventKind::Voided { family: id.family.clone(), reason: why.clone().into() });
     if flags.running == Some(Stage::Activation) {
         abort_stage(record, evidence_files, id, why)?;
@@ -198,7 +190,29 @@ pub(crate) fn cancel_request(
     Ok(())
 }
 
-/// The deciding reason.
+/// Ends a version's request that was not granted. Returns the flags that the version had; `None` without a request.
+pub(crate) fn end_request(
+    record: &mut EngineRecorder,
+    approvals: &mut Approvals,
+    id: &CapabilityId,
+    state: RequestState,
+    why: Notice,
+) -> Result<Option<VersionFlags>, EngineFault> {
+    let Some(pending) = approvals.of(id) else { return Ok(None) };
+    let note = closing_note(pending, state, why);
+    let (version, lifecycle, _) = record.version_table().version(id)?;
+    let flags = lifecycle.flags;
+    if flags.awaiting_approval {
+        record.transition(&id.family, LifecycleEvent::ApprovalExpired { version }, note)?;
+    } else {
+        // The version left its place meanwhile, and the question with it.
+        record.write(note.before, Vec::new())?;
+    }
+    approvals.close(id);
+    clear_alarm(record, id, None);
+    Ok(Some(flags))
+}
+
 pub(crate) fn first_reason<O>(decision: &Decision<O>) -> Notice {
     Notice::decided(lead_reason(decision.reasons()))
 }

@@ -19,6 +19,7 @@ use holdpoint_wording::command_effect::{VersionEffect, version_effect};
 use crate::decide::operations::{accepted, checked};
 use crate::decide::people::approvals::{Approvals, clear_alarm, closing_note};
 use crate::decide::recorder::EngineRecorder;
+use crate::decide::stages::closing::end_request;
 use crate::decide::stages::monitoring::LiveMonitoring;
 use crate::fault::EngineFault;
 use crate::live::monitors::Monitors;
@@ -88,7 +89,7 @@ pub(crate) fn settle(
             Ok(version_effect(id, &VersionEffect::Released))
         }
         ApprovalOutcome::Refused { person } => {
-            close(live.record, approvals, id, RequestState::Refused, Notice::ReleaseRefused)?;
+            end_request(live.record, approvals, id, RequestState::Refused, Notice::ReleaseRefused)?;
             Ok(version_effect(id, &VersionEffect::ReleaseRefusedBy(person)))
         }
         ApprovalOutcome::TimedOut | ApprovalOutcome::NotNeeded => {
@@ -104,28 +105,7 @@ pub(crate) fn lapse(
     approvals: &mut Approvals,
     id: &CapabilityId,
 ) -> Result<(), EngineFault> {
-    close(record, approvals, id, RequestState::Expired, Notice::ReleaseLapsed)
-}
-
-fn close(
-    record: &mut EngineRecorder,
-    approvals: &mut Approvals,
-    id: &CapabilityId,
-    state: RequestState,
-    why: Notice,
-) -> Result<(), EngineFault> {
-    let Some(prompt) = approvals.of(id) else { return Ok(()) };
-    let note = closing_note(prompt, state, why);
-    let (version, lifecycle, _) = record.version_table().version(id)?;
-    if lifecycle.flags.awaiting_approval {
-        record.transition(&id.family, LifecycleEvent::ApprovalExpired { version }, note)?;
-    } else {
-        // The version left its place meanwhile, and the question with it.
-        record.write(note.before, Vec::new())?;
-    }
-    approvals.close(id);
-    clear_alarm(record, id, None);
-    Ok(())
+    end_request(record, approvals, id, RequestState::Expired, Notice::ReleaseLapsed).map(|_| ())
 }
 
 /// The restriction ends: in the record, in the envelope from the next task on, and in the monitor, which restarts.
