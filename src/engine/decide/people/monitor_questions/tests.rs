@@ -38,8 +38,7 @@ fn wait_for_a_question(pipeline: &mut Pipeline) {
 
 #[test]
 fn escalation_is_answered_and_may_be_raised_again() {
-    let mut bench = RollbackBench::new();
-    let id = bench.activate("align-improved");
+    let (mut bench, id) = RollbackBench::with_active("align-improved");
     let pipeline = &mut bench.pipeline;
     assert!(pipeline.live().monitors.questions().is_empty());
     assert!(matches!(pipeline.command(go_on(&id)), Reply::Refused { code: Refusal::NotNow, .. }));
@@ -79,8 +78,7 @@ fn escalation_is_answered_and_may_be_raised_again() {
 
 #[test]
 fn telemetry_silence_has_its_own_alarm_priority() {
-    let mut bench = RollbackBench::new();
-    let id = bench.activate("align-improved");
+    let (mut bench, id) = RollbackBench::with_active("align-improved");
     let pipeline = &mut bench.pipeline;
     Arc::make_mut(&mut pipeline.context_mut().profile).alarms.telemetry_silent = Priority::Low;
     pipeline.live().world.cell.fault = Some(LiveFault::TelemetryLost);
@@ -91,8 +89,7 @@ fn telemetry_silence_has_its_own_alarm_priority() {
 
 #[test]
 fn refusals_change_no_evidence_file() {
-    let mut bench = RollbackBench::new();
-    let active = bench.activate("align-improved");
+    let (mut bench, active) = RollbackBench::with_active("align-improved");
     let unknown: CapabilityId = "align@9.9.9".parse().unwrap();
     let pipeline = &mut bench.pipeline;
     pipeline.live().evidence_files.edit(&active).held = true;
@@ -122,8 +119,7 @@ fn refusals_change_no_evidence_file() {
 
 #[test]
 fn answer_after_the_deadline_is_refused() {
-    let mut bench = RollbackBench::new();
-    let id = bench.activate("align-improved");
+    let (mut bench, id) = RollbackBench::with_active("align-improved");
     let pipeline = &mut bench.pipeline;
     pipeline.live().world.cell.fault = Some(LiveFault::TelemetryLost);
     wait_for_a_question(pipeline);
@@ -134,8 +130,7 @@ fn answer_after_the_deadline_is_refused() {
 
 #[test]
 fn alarm_returns_to_normal_when_its_cause_ends() {
-    let mut bench = RollbackBench::new();
-    let id = bench.activate("align-improved");
+    let (mut bench, id) = RollbackBench::with_active("align-improved");
     bench.by_operator(&id);
     let pipeline = &mut bench.pipeline;
     let key = AlarmKey::RolledBack(id.clone());
@@ -177,8 +172,7 @@ fn alarm_is_shelved_for_a_limited_time() {
 
 #[test]
 fn a_question_is_shown_during_its_sequence() {
-    let mut bench = RollbackBench::new();
-    let id = bench.activate("grasp-improved");
+    let (mut bench, id) = RollbackBench::with_active("grasp-improved");
     let pipeline = &mut bench.pipeline;
     pipeline.live().record.set_clock(Clock::real(0));
     pipeline.live().world.cell.fault = Some(LiveFault::TelemetryLost);

@@ -207,8 +207,7 @@ fn active(bench: &RollbackBench, id: &CapabilityId) -> Option<String> {
 /// A block under a profile once stopped only candidates: an active version kept running under it.
 #[test]
 fn a_blocked_version_does_not_run_under_the_profile() {
-    let mut bench = RollbackBench::new();
-    let id = bench.activate("align-improved");
+    let (mut bench, id) = RollbackBench::with_active("align-improved");
     block(&mut bench, &id, ProfileName::Human);
     assert!(runs_task(&mut bench, &id), "it runs where it is not blocked");
     bench = bench.reopened(profile(ProfileName::Sim));
@@ -222,8 +221,7 @@ fn a_blocked_version_does_not_run_under_the_profile() {
 /// Neither a rollback nor an operator reactivates a blocked version.
 #[test]
 fn no_rollback_activates_a_blocked_version() {
-    let mut bench = RollbackBench::new();
-    let id = bench.activate("align-improved");
+    let (mut bench, id) = RollbackBench::with_active("align-improved");
     let before: CapabilityId = "align@1.0.0".parse().unwrap();
     for id in [&id, &before] {
         block(&mut bench, id, ProfileName::Human);
@@ -246,8 +244,7 @@ fn no_rollback_activates_a_blocked_version() {
 /// An operator who rolls back the last version learns first that no version follows.
 #[test]
 fn a_blocked_rollback_target_does_not_take_over() {
-    let mut bench = RollbackBench::new();
-    let id = bench.activate("align-improved");
+    let (mut bench, id) = RollbackBench::with_active("align-improved");
     block(&mut bench, &"align@1.0.0".parse().unwrap(), ProfileName::Sim);
     let reply = bench.pipeline.command(Command::Rollback(operation(&id)));
     assert!(matches!(&reply, Reply::Refused { hint: Some(hint), .. } if hint.contains("--stop-family")));
@@ -365,8 +362,7 @@ fn an_intervention_counts_for_its_version() {
         first.record
     );
     assert_eq!(charts(&bench), restricted);
-    let mut bench = RollbackBench::new();
-    let id = bench.activate("grasp-improved");
+    let (mut bench, id) = RollbackBench::with_active("grasp-improved");
     let charts = |bench: &RollbackBench| {
         let view = bench.pipeline.snapshot().live.monitors.remove(0);
         (view.episodes, view.charts.into_iter().map(named).collect::<Vec<_>>())

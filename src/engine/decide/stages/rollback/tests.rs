@@ -55,6 +55,13 @@ impl RollbackBench {
         Self::under(Profile::builtin(ProfileName::Sim).unwrap())
     }
 
+    /// With this candidate active.
+    pub(crate) fn with_active(name: &str) -> (Self, CapabilityId) {
+        let mut bench = Self::new();
+        let id = bench.activate(name);
+        (bench, id)
+    }
+
     pub(crate) fn under(profile: Profile) -> Self {
         Self::opened(quick_folder(), profile)
     }
@@ -298,9 +305,8 @@ impl RollbackBench {
 
 #[test]
 fn safety_event_starts_the_rollback_in_its_tick() {
-    let mut bench = RollbackBench::new();
     // It flies low, among the live cell's clutter.
-    let id = bench.activate("align-low-transit");
+    let (mut bench, id) = RollbackBench::with_active("align-low-transit");
     for _ in 0..40 {
         assert_eq!(bench.pipeline.advance(), SliceOutcome::Ran);
         if bench.pipeline.live().monitors.iter().next().is_none() {
@@ -328,8 +334,7 @@ fn safety_event_starts_the_rollback_in_its_tick() {
 
 #[test]
 fn arm_at_standstill_is_restored_at_once() {
-    let mut bench = RollbackBench::new();
-    let id = bench.activate("align-improved");
+    let (mut bench, id) = RollbackBench::with_active("align-improved");
     let record = bench.by_operator(&id);
     bench.assert_restored(&record);
     assert_eq!(record.recovered, Some(true), "{:?}", record.rungs);
@@ -339,8 +344,7 @@ fn arm_at_standstill_is_restored_at_once() {
 fn frames_show_the_sequence_and_the_ladder_and_change_nothing() {
     let frames = std::sync::Arc::new(std::sync::Mutex::new(Vec::new()));
     let outcomes = [false, true].map(|drawn| {
-        let mut bench = RollbackBench::new();
-        let id = bench.activate("align-improved");
+        let (mut bench, id) = RollbackBench::with_active("align-improved");
         if drawn {
             let sink = std::sync::Arc::clone(&frames);
             bench.pipeline.draw_live_world(std::sync::Arc::new(move |frame| {
@@ -372,8 +376,7 @@ fn frames_show_the_sequence_and_the_ladder_and_change_nothing() {
 
 #[test]
 fn hook_that_does_not_stop_the_arm_does_not_end_the_ladder() {
-    let mut bench = RollbackBench::new();
-    let id = bench.activate("align-improved");
+    let (mut bench, id) = RollbackBench::with_active("align-improved");
     bench.move_tool([0.5, 0.2, 0.35], 48);
     // The task was stopped 40 ticks ago, and its hook has not brought the arm to a standstill since.
     let world_tick = bench.pipeline.live().world.cell.rig_mut().unwrap().world().tick() - 40;
@@ -406,8 +409,7 @@ fn family_without_a_rollback_target_is_stopped() {
 
 #[test]
 fn runaway_joint_is_no_standstill() {
-    let mut bench = RollbackBench::new();
-    let id = bench.activate("align-improved");
+    let (mut bench, id) = RollbackBench::with_active("align-improved");
     bench.break_arm(InjectedFault::JointRunaway { joint: 0 });
     let record = bench.by_operator(&id);
     bench.assert_stopped(&record, RungFailure::NoStandstill);
@@ -416,8 +418,7 @@ fn runaway_joint_is_no_standstill() {
 
 #[test]
 fn a_jammed_joint_blocks_the_retreat() {
-    let mut bench = RollbackBench::new();
-    let id = bench.activate("align-improved");
+    let (mut bench, id) = RollbackBench::with_active("align-improved");
     bench.move_tool([0.5, 0.0, 0.10], 480);
     bench.break_arm(InjectedFault::JointStuck { joint: 1 });
     let record = bench.by_operator(&id);
@@ -427,8 +428,7 @@ fn a_jammed_joint_blocks_the_retreat() {
 
 #[test]
 fn rollback_target_changed_in_the_store_is_not_activated() {
-    let mut bench = RollbackBench::new();
-    let id = bench.activate("align-improved");
+    let (mut bench, id) = RollbackBench::with_active("align-improved");
     let database = bench.pipeline.record().version_table().store().layout().database();
     assert!(database.starts_with(bench.folder.path()));
     let other = rusqlite::Connection::open(database).unwrap();
@@ -449,8 +449,7 @@ fn rollback_target_changed_in_the_store_is_not_activated() {
 
 #[test]
 fn policies_that_are_not_the_profiles_end_the_ladder() {
-    let mut bench = RollbackBench::new();
-    let id = bench.activate("align-improved");
+    let (mut bench, id) = RollbackBench::with_active("align-improved");
     let other = Profile::builtin(ProfileName::Human).unwrap();
     bench.pipeline.context_mut().table = std::sync::Arc::new(PolicyTable::builtin(&other).unwrap());
     let record = bench.by_operator(&id);
@@ -505,8 +504,7 @@ fn site_policies_other_than_those_in_force_end_the_ladder() {
 
 #[test]
 fn activation_that_cannot_be_written_ends_the_ladder() {
-    let mut bench = RollbackBench::new();
-    let id = bench.activate("align-improved");
+    let (mut bench, id) = RollbackBench::with_active("align-improved");
     let database = bench.pipeline.record().version_table().store().layout().database();
     // Of the gate's activation and one that restores there can be one alone.
     let index = "CREATE UNIQUE INDEX refuse ON activation (family) WHERE cause IN ('gate', 'restore')";
@@ -518,8 +516,7 @@ fn activation_that_cannot_be_written_ends_the_ladder() {
 
 #[test]
 fn silence_asks_then_restricts_then_rolls_back() {
-    let mut bench = RollbackBench::new();
-    let id = bench.activate("grasp-improved");
+    let (mut bench, id) = RollbackBench::with_active("grasp-improved");
     bench.pipeline.live().world.cell.fault = Some(LiveFault::TelemetryLost);
     let mut decisions = Vec::new();
     let mut record = None;
@@ -569,8 +566,7 @@ fn lost_telemetry_of_an_idle_arm_rolls_the_version_back() {
 /// An unsigned rollback ended the predecessor's restriction, and let its window count as passed.
 #[test]
 fn a_rollback_target_keeps_its_restriction_and_monitor() {
-    let mut bench = RollbackBench::new();
-    let before = bench.activate("align-improved");
+    let (mut bench, before) = RollbackBench::with_active("align-improved");
     let operation =
         Operation { version: before.clone(), by: "ann".to_owned(), reason: "too fast here".to_owned() };
     let reply = bench.pipeline.command(Command::Restrict(operation));

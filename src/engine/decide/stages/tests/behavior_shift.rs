@@ -22,8 +22,7 @@ use holdpoint_record::version_concern::VersionConcern;
 /// A bench with an active version whose twins in shadow were these, once it has worked as many live tasks as the first look
 /// is taken at; and what the alarm says, if it is raised.
 fn shift_alarm(twin: EpisodeValues) -> (RollbackBench, Option<NoticeOrText>) {
-    let mut bench = RollbackBench::new();
-    let id = bench.activate("align-improved");
+    let (mut bench, id) = RollbackBench::with_active("align-improved");
     let live = bench.pipeline.live();
     live.evidence_files.edit(&id).twins = vec![twin; 40];
     let tasks = (1..1_000).find(|tasks| is_live_look_due(*tasks, &live.context.profile)).unwrap();
@@ -111,8 +110,7 @@ fn a_re_evaluation_that_clears_a_version_survives_a_restart() {
 
 #[test]
 fn a_version_that_re_evaluates_as_worse_is_demoted() {
-    let mut bench = RollbackBench::new();
-    let id = bench.activate("align-low-transit");
+    let (mut bench, id) = RollbackBench::with_active("align-low-transit");
     let reasons = Vec::new();
     bench.pipeline.live().evidence_files.edit(&id).suspicion = Some(VersionConcern { reasons, again: None });
     re_evaluate(&mut bench, &id);

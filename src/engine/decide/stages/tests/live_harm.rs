@@ -137,9 +137,8 @@ fn a_violated_limit_is_told_by_value_limit_and_sequence() {
 /// No monitor watches a version whose window had passed before the start.
 #[test]
 fn confirmed_version_is_rolled_back_for_a_safety_event_after_a_restart() {
-    let mut bench = RollbackBench::new();
     // It flies low, among the live cell's clutter.
-    let version = bench.activate("align-low-transit");
+    let (mut bench, version) = RollbackBench::with_active("align-low-transit");
     let reference = bench.pipeline.record().version_table().version(&version).unwrap().0;
     let note = TransitionNote::because(Notice::StageBegins);
     let confirm = LifecycleEvent::Confirm { version: reference };

@@ -49,9 +49,8 @@ fn rollback_of(bench: &mut RollbackBench, id: &CapabilityId) -> RollbackRecord {
 
 #[test]
 fn version_whose_rollback_target_has_the_same_event_is_demoted() {
-    let mut bench = RollbackBench::new();
     // It flies low, among the live cell's clutter.
-    let before = bench.activate("align-low-transit");
+    let (mut bench, before) = RollbackBench::with_active("align-low-transit");
     confirm(&mut bench, &before);
     let again = renumbered("candidates/align-low-transit", "1.1.1", "1.1.2");
     let id = bench.activate_package(again, &[]);
@@ -69,8 +68,7 @@ fn version_whose_rollback_target_has_the_same_event_is_demoted() {
 
 #[test]
 fn version_whose_rollback_target_is_safe_in_the_same_task_is_rolled_back() {
-    let mut bench = RollbackBench::new();
-    let id = bench.activate("align-low-transit");
+    let (mut bench, id) = RollbackBench::with_active("align-low-transit");
     let record = rollback_of(&mut bench, &id);
     assert_eq!((record.post_status, record.shared), (PostStatus::RolledBack, None));
     assert_eq!(bench.pipeline.record().version_table().version(&id).unwrap().1.state, State::RolledBack);

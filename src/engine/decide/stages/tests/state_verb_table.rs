@@ -386,8 +386,7 @@ fn records(bench: &RollbackBench, kind: RecordKind) -> usize {
 /// Regression: a restriction could not be lifted, so the version could never be confirmed.
 #[test]
 fn unrestricted_version_is_confirmed_after_a_new_provisional_window() {
-    let mut bench = RollbackBench::new();
-    let id = bench.activate(CANDIDATE);
+    let (mut bench, id) = RollbackBench::with_active(CANDIDATE);
     done(&mut bench, Command::Restrict(operation(&id)));
     assert!(bench.pipeline.live().monitors.of(&id).unwrap().restricted);
     done(&mut bench, Command::Release { operation: operation(&id), profiles: Vec::new() });
@@ -409,8 +408,7 @@ fn unrestricted_version_is_confirmed_after_a_new_provisional_window() {
 /// Where activations are bound to people, a restriction is lifted by them alone: none of their answers is left out.
 #[test]
 fn approvers_lift_a_restriction_where_activations_need_them() {
-    let mut bench = RollbackBench::new();
-    let id = bench.activate(CANDIDATE);
+    let (mut bench, id) = RollbackBench::with_active(CANDIDATE);
     let mut bench = bench.reopened(profile_with_approvers());
     done(&mut bench, Command::Restrict(operation(&id)));
     let restricted = |bench: &RollbackBench| {
@@ -456,8 +454,7 @@ fn approvers_lift_a_restriction_where_activations_need_them() {
 /// behind its telemetry, and rolled it back.
 #[test]
 fn version_that_runs_last_is_not_counted_as_silent() {
-    let mut bench = RollbackBench::new();
-    let id = bench.activate("place-robust");
+    let (mut bench, id) = RollbackBench::with_active("place-robust");
     for _ in 0..60 {
         bench.pipeline.advance();
         let codes: Vec<_> =
@@ -494,8 +491,7 @@ fn blocked_profile_is_recorded_and_blocked_after_a_restart() {
 /// Regression: one command deactivated the last version of a family.
 #[test]
 fn only_one_verb_deactivates_the_last_version() {
-    let mut bench = RollbackBench::new();
-    let id = bench.activate(CANDIDATE);
+    let (mut bench, id) = RollbackBench::with_active(CANDIDATE);
     done(&mut bench, Command::Demote { operation: operation(&id), profiles: Vec::new() });
     for command in [
         Command::Rollback(operation(&baseline())),
@@ -533,8 +529,7 @@ fn a_version_on_hold_can_be_resumed() {
 /// Regression: a restriction was reported as done although no monitor watched the version.
 #[test]
 fn an_unmonitored_version_can_be_restricted() {
-    let mut bench = RollbackBench::new();
-    let id = bench.activate(CANDIDATE);
+    let (mut bench, id) = RollbackBench::with_active(CANDIDATE);
     bench.pipeline.live().monitors.remove(&id.family);
     let speed = |bench: &mut RollbackBench| {
         let live = bench.pipeline.live();

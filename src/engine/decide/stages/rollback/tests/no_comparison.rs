@@ -56,8 +56,7 @@ fn a_fork_compares_only_from_a_state_that_its_cell_takes() {
 
 #[test]
 fn an_event_without_a_comparison_takes_the_version_off_for_good() {
-    let mut bench = RollbackBench::new();
-    let id = bench.activate("align-improved");
+    let (mut bench, id) = RollbackBench::with_active("align-improved");
     let cause = trigger(bench.pipeline.record(), TriggerKind::SafetyEvent, Notice::StageBegins);
     bench.pipeline.live().deactivate(&id, cause, None, DeactivationKind::RolledBack).unwrap();
     let record = bench.record();

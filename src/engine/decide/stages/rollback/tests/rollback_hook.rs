@@ -52,8 +52,7 @@ fn hooks(record: &RollbackRecord) -> Vec<(Rung, Option<RungFailure>)> {
 
 #[test]
 fn a_rehearsed_rollback_hook_is_the_first_rung() {
-    let mut bench = RollbackBench::new();
-    let id = bench.activate("align-improved");
+    let (mut bench, id) = RollbackBench::with_active("align-improved");
     rehearse(&mut bench, &id, 0);
     let record = bench.by_operator(&id);
     assert_eq!(hooks(&record), [(Rung::RollbackHook, None)]);
@@ -64,8 +63,7 @@ fn a_rehearsed_rollback_hook_is_the_first_rung() {
 #[test]
 fn a_rollback_hook_that_failed_its_drills_is_not_called() {
     for failed_alone in [1, CLEAN_DRILLS] {
-        let mut bench = RollbackBench::new();
-        let id = bench.activate("align-improved");
+        let (mut bench, id) = RollbackBench::with_active("align-improved");
         rehearse(&mut bench, &id, failed_alone);
         let record = bench.by_operator(&id);
         assert_eq!(hooks(&record), [(Rung::SafeAbort, None)], "{failed_alone}");
@@ -97,8 +95,7 @@ fn a_rollback_hook_that_never_ends_is_given_up_for_the_safe_abort_hook() {
 
 #[test]
 fn no_rollback_hook_after_a_safety_event() {
-    let mut bench = RollbackBench::new();
-    let id = bench.activate("align-low-transit");
+    let (mut bench, id) = RollbackBench::with_active("align-low-transit");
     rehearse(&mut bench, &id, 0);
     for _ in 0..40 {
         assert_eq!(bench.pipeline.advance(), SliceOutcome::Ran);
