@@ -154,24 +154,10 @@ impl RollbackBench {
         let version = pipeline.record().version_table().version(&id).unwrap().0;
         pipeline.live().evidence_files.edit(&id).conditions = conditions.to_vec();
         for stage in stages.iter().copied() {
-            pipeline
-                .live()
-                .record
-                .transition(
-                    &id.family,
-                    LifecycleEvent::Start { version, stage },
-                    TransitionNote::because(Notice::StageBegins),
-                )
-                .unwrap();
-            pipeline
-                .live()
-                .record
-                .transition(
-                    &id.family,
-                    LifecycleEvent::Pass { version, stage },
-                    TransitionNote::because(Notice::StageBegins),
-                )
-                .unwrap();
+            for event in [LifecycleEvent::Start { version, stage }, LifecycleEvent::Pass { version, stage }] {
+                let note = TransitionNote::because(Notice::StageBegins);
+                pipeline.live().record.transition(&id.family, event, note).unwrap();
+            }
         }
         let live = pipeline.live();
         live.evidence_files.edit(&id).twins = vec![GOOD; 40];
