@@ -143,8 +143,7 @@ fn store_changed_under_a_running_engine_halts_it() {
     other.execute_batch("UPDATE family SET reason = 'edited' WHERE name = 'align'").unwrap();
     let version: CapabilityId = "grasp@1.0.0".parse().unwrap();
     let operation = Operation { version, by: "ada".to_owned(), reason: "a test".to_owned() };
-    let reply = pipeline.command(Command::Restrict(operation));
-    assert!(matches!(reply, Reply::Accepted { .. }), "{reply:?}");
+    assert_accepted(&pipeline.command(Command::Restrict(operation)));
     pipeline.advance();
     let holding = pipeline.record().holding().map(Hint::sentence).unwrap_or_default();
     assert!(holding.contains("\"align\""), "the row is named: {holding}");

@@ -148,8 +148,7 @@ fn an_unprotected_key_approves_nothing_where_people_decide() {
     assert!(bench.pipeline.snapshot().prompts[0].approved_by.is_empty());
     // The person sets a passphrase, as the refusal advises.
     ann.rewrite_key(&folder, KeyEncoding::Sealed(&passphrase(), KdfCost::LEAST)).unwrap();
-    let reply = approve(&mut bench, &ann);
-    assert!(matches!(reply, Reply::Accepted { .. }), "{reply:?}");
+    done(&approve(&mut bench, &ann));
 }
 
 #[test]
@@ -176,8 +175,7 @@ fn readable_or_malformed_key_file_approves_nothing() {
     assert_refused(&approve(&mut bench, &ann), &["ann.key", "kdf"]);
     // A key outside the store is accepted: its protection is unknown.
     fs::remove_file(&file).unwrap();
-    let reply = approve(&mut bench, &ann);
-    assert!(matches!(reply, Reply::Accepted { .. }), "{reply:?}");
+    done(&approve(&mut bench, &ann));
 }
 
 /// A signature of earlier versions does not cover the shown text: as an approval it is void, as a refusal it counts.
@@ -304,12 +302,10 @@ fn an_answer_without_a_reason_is_refused() {
 fn scripts_refusals_and_other_profiles_need_no_passphrase() {
     let (mut bench, _) = waiting(ProfileName::Human, true);
     let ann = plain(&mut bench, "ann");
-    let reply = approve(&mut bench, &ann);
-    assert!(matches!(reply, Reply::Accepted { .. }), "{reply:?}");
+    done(&approve(&mut bench, &ann));
     let (mut bench, _) = waiting(ProfileName::Human, false);
     let ann = plain(&mut bench, "ann");
-    let reply = say(&mut bench, &ann, ApprovalDecision::Reject);
-    assert!(matches!(reply, Reply::Accepted { .. }), "{reply:?}");
+    done(&say(&mut bench, &ann, ApprovalDecision::Reject));
 }
 
 /// A copy of a person's key files under another name, which earlier versions took for another person.

@@ -23,6 +23,7 @@ use crate::decide::people::persons::enrolled;
 use crate::decide::pipeline::Pipeline;
 use crate::decide::stages::break_glass;
 use crate::decide::stages::rollback::tests::RollbackBench;
+use crate::tests::assert_accepted;
 
 pub(crate) fn package(name: &str, changes: &[(&str, &str)]) -> Package {
     let mut package = capability::read(&Path::new(crate::MANIFESTS).join("candidates").join(name)).unwrap();
@@ -54,8 +55,7 @@ pub(crate) fn request_activation_by(
         name: "test".to_owned(),
         by: by.map(ToOwned::to_owned),
     };
-    let reply = pipeline.command(register);
-    assert!(matches!(reply, Reply::Accepted { .. }), "{reply:?}");
+    assert_accepted(&pipeline.command(register));
     pipeline.advance();
     let (version, lifecycle, _) = pipeline.record().version_table().version(&id).unwrap();
     assert_eq!(lifecycle.state, State::Validated);
@@ -148,8 +148,7 @@ fn all_changes_are_shown_before_a_decision() {
         assert!(shown.lines.iter().any(|line| line.contains(text)), "{text}: {:#?}", shown.lines);
     }
     let decide = shown.answer(&identity, ApprovalDecision::Approve, "read").unwrap();
-    let reply = pipeline.command(decide);
-    assert!(matches!(reply, Reply::Accepted { .. }), "{reply:?}");
+    assert_accepted(&pipeline.command(decide));
     let filter = AuditFilter { kind: Some(RecordKind::Shown), ..AuditFilter::default() };
     let body =
         pipeline.record().version_table().store().views().unwrap().audit(&filter).unwrap().remove(0).body;
@@ -189,8 +188,7 @@ fn operation(version: &CapabilityId) -> Operation {
 
 fn block(bench: &mut RollbackBench, id: &CapabilityId, name: ProfileName) {
     let demote = Command::Demote { operation: operation(id), profiles: vec![name] };
-    let reply = bench.pipeline.command(demote);
-    assert!(matches!(reply, Reply::Accepted { .. }), "{reply:?}");
+    assert_accepted(&bench.pipeline.command(demote));
 }
 
 fn runs_task(bench: &mut RollbackBench, id: &CapabilityId) -> bool {
@@ -235,8 +233,7 @@ fn no_rollback_activates_a_blocked_version() {
     assert_eq!(*hint, format!("`{command}` unblocks it"));
     let unblock = Command::Release { operation: operation(&before), profiles: vec![ProfileName::Human] };
     for command in [unblock, rearm()] {
-        let reply = bench.pipeline.command(command);
-        assert!(matches!(reply, Reply::Accepted { .. }), "{reply:?}");
+        assert_accepted(&bench.pipeline.command(command));
     }
     assert!(runs_task(&mut bench, &before));
 }
@@ -346,8 +343,7 @@ fn an_intervention_counts_for_its_version() {
     let intervention_charts = ["intervention trip", "intervention warning"];
     let before = charts(&bench);
     let operation = Operation { version: id.clone(), by: "ann".to_owned(), reason: "a test".to_owned() };
-    let reply = bench.pipeline.command(holdpoint_protocol::command::Command::Restrict(operation));
-    assert!(matches!(reply, Reply::Accepted { .. }), "{reply:?}");
+    assert_accepted(&bench.pipeline.command(holdpoint_protocol::command::Command::Restrict(operation)));
     let restricted = charts(&bench);
     let mut changed = changed_charts(&before, &restricted);
     changed.sort();

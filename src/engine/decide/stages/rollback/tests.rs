@@ -20,6 +20,7 @@ use crate::live::monitors::ActivationMonitor;
 use crate::live::station::LiveFault;
 use crate::live::stop_switch::Controls;
 use crate::quick_folder::quick_folder;
+use crate::tests::assert_accepted;
 use holdpoint_body::Body;
 use holdpoint_governance::evidence::EpisodeValues;
 use holdpoint_governance::ids::Digest;
@@ -29,7 +30,7 @@ use holdpoint_governance::profile::{Profile, ProfileName};
 use holdpoint_governance::site_profile::{ChosenProfile, ProfileTexts};
 use holdpoint_governance::submission::Package;
 use holdpoint_protocol::clock::Clock;
-use holdpoint_protocol::command::{Command, Operation, Reply};
+use holdpoint_protocol::command::{Command, Operation};
 use holdpoint_protocol::event::EventKind;
 use holdpoint_record::version_table::VersionTable;
 use holdpoint_record::wall_clock::WallClock;
@@ -149,8 +150,7 @@ impl RollbackBench {
     fn pass_package(&mut self, package: Package, stages: &[Stage], conditions: &[Condition]) -> CapabilityId {
         let pipeline = &mut self.pipeline;
         let id = Capability::load("test", package.clone()).unwrap().id();
-        let reply = pipeline.command(Command::Register { package, name: "test".to_owned(), by: None });
-        assert!(matches!(reply, Reply::Accepted { .. }), "{reply:?}");
+        assert_accepted(&pipeline.command(Command::Register { package, name: "test".to_owned(), by: None }));
         let version = pipeline.record().version_table().version(&id).unwrap().0;
         pipeline.live().evidence_files.edit(&id).conditions = conditions.to_vec();
         for stage in stages.iter().copied() {
@@ -202,8 +202,7 @@ impl RollbackBench {
     }
 
     fn roll_back(&mut self, command: Command) -> RollbackRecord {
-        let reply = self.pipeline.command(command);
-        assert!(matches!(reply, Reply::Accepted { .. }), "{reply:?}");
+        assert_accepted(&self.pipeline.command(command));
         let record = self.record();
         assert_eq!(record.trigger.kind, TriggerKind::Operator);
         assert!(!record.in_flight);
@@ -555,8 +554,7 @@ fn a_rollback_target_keeps_its_restriction_and_monitor() {
     let (mut bench, before) = RollbackBench::with_active("align-improved");
     let operation =
         Operation { version: before.clone(), by: "ann".to_owned(), reason: "too fast here".to_owned() };
-    let reply = bench.pipeline.command(Command::Restrict(operation));
-    assert!(matches!(reply, Reply::Accepted { .. }), "{reply:?}");
+    assert_accepted(&bench.pipeline.command(Command::Restrict(operation)));
     let id = bench.activate("align-low-transit");
     assert!(bench.pipeline.live().monitors.of(&before).is_none());
     bench.by_operator(&id);

@@ -12,6 +12,7 @@ use crate::decide::people::signers::tests::signed;
 use crate::decide::pipeline::{Pipeline, PipelineSettings, SliceOutcome};
 use crate::live::stop_switch::Controls;
 use crate::quick_folder::quick_folder;
+use crate::tests::assert_accepted;
 use holdpoint_approvals::keyfile::KeyEncoding;
 use holdpoint_body::disturbance::{DriftKind, Magnitude};
 use holdpoint_explain::store_metrics::{RulesInForce, Since, StoreMetrics, observe_under};
@@ -71,8 +72,7 @@ fn worked_under(
                 State::Rejected | State::Demoted | State::RolledBack | State::Superseded => true,
                 State::Active if drifts && !is_drifting => {
                     let (kind, magnitude) = (Some(DriftKind::SensorNoise), Some(Magnitude::Strong));
-                    let reply = pipeline.command(Command::Drift { kind, magnitude });
-                    assert!(matches!(reply, Reply::Accepted { .. }), "{reply:?}");
+                    assert_accepted(&pipeline.command(Command::Drift { kind, magnitude }));
                     is_drifting = true;
                     false
                 }
@@ -114,8 +114,7 @@ fn registered(
     let path = Path::new(crate::MANIFESTS).join("candidates").join(candidate);
     let package = capability::read(&path).unwrap();
     let id = Capability::load(candidate, package.clone()).unwrap().id();
-    let reply = pipeline.command(Command::Register { package, name: candidate.to_owned(), by: None });
-    assert!(matches!(reply, Reply::Accepted { .. }), "{reply:?}");
+    assert_accepted(&pipeline.command(Command::Register { package, name: candidate.to_owned(), by: None }));
     (folder, pipeline, id)
 }
 
@@ -473,8 +472,7 @@ fn changed_decision_is_refused_and_the_signed_one_activates_in_four_transactions
     };
     let command = decide(&mut pipeline, &waits.prompts[0]).unwrap();
     let before = transactions();
-    let reply = pipeline.command(command);
-    assert!(matches!(reply, Reply::Accepted { .. }), "{reply:?}");
+    assert_accepted(&pipeline.command(command));
     assert_eq!(pipeline.record().active_of(&id.family).unwrap().id(), id);
     assert_eq!(transactions() - before, 4);
 }
