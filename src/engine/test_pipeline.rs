@@ -30,6 +30,21 @@ pub(crate) fn pipeline_by(
     seeded_pipeline(folder, profile, EpisodeSeeds::OfRun(CALIBRATION_FROM_RUN), wall)
 }
 
+/// Under a built-in profile in the simulated cell.
+pub(crate) fn settings(profile: Profile, seeds: EpisodeSeeds) -> PipelineSettings {
+    PipelineSettings {
+        seeds,
+        jobs: 1,
+        table: PolicyTable::builtin(&profile).unwrap(),
+        profile,
+        own: None,
+        cell: Cell::of(&SimCells, None).unwrap(),
+        cache: EpisodeCache::InStore,
+        controls: Controls::default(),
+        omitted: holdpoint_governance::ablation::AblatedParts::default(),
+    }
+}
+
 /// As [`pipeline_by`], with other seeds.
 pub(crate) fn seeded_pipeline(
     folder: &Path,
@@ -37,30 +52,17 @@ pub(crate) fn seeded_pipeline(
     seeds: EpisodeSeeds,
     wall: impl FnOnce(Option<WallTime>) -> WallClock,
 ) -> Pipeline {
-    pipeline_in(folder, profile, Cell::of(&SimCells, None).unwrap(), seeds, wall)
+    pipeline_of(folder, settings(profile, seeds), wall)
 }
 
-/// As [`seeded_pipeline`], in another cell.
-pub(crate) fn pipeline_in(
+/// As [`pipeline_by`], with other settings.
+pub(crate) fn pipeline_of(
     folder: &Path,
-    profile: Profile,
-    cell: Cell,
-    seeds: EpisodeSeeds,
+    settings: PipelineSettings,
     wall: impl FnOnce(Option<WallTime>) -> WallClock,
 ) -> Pipeline {
     let store = Store::open(folder).unwrap();
     let clock = Clock::scripted(store.opening().head.at_ms);
-    let settings = PipelineSettings {
-        seeds,
-        jobs: 1,
-        table: PolicyTable::builtin(&profile).unwrap(),
-        profile,
-        own: None,
-        cell,
-        cache: EpisodeCache::InStore,
-        controls: Controls::default(),
-        omitted: holdpoint_governance::ablation::AblatedParts::default(),
-    };
     let baselines = holdpoint_trials::embedded::baselines().unwrap();
     let wall = wall(store.opening().newest_record);
     Pipeline::new(settings, VersionTable::open(Box::new(store), wall).unwrap(), clock, baselines).unwrap()

@@ -11,15 +11,14 @@ use holdpoint_governance::alarms::Priority;
 use holdpoint_governance::condition::Condition;
 use holdpoint_governance::monitor::MonitorOutcome;
 use holdpoint_governance::rollback::PostStatus;
-use holdpoint_sim::SimCells;
 use tempfile::TempDir;
 
 use super::*;
-use crate::decide::pipeline::{Pipeline, PipelineSettings, SliceOutcome};
+use crate::decide::pipeline::{Pipeline, SliceOutcome};
 use crate::live::monitors::ActivationMonitor;
 use crate::live::station::LiveFault;
-use crate::live::stop_switch::Controls;
 use crate::quick_folder::quick_folder;
+use crate::test_pipeline::{pipeline_of, settings};
 use crate::tests::assert_accepted;
 use holdpoint_body::Body;
 use holdpoint_governance::evidence::EpisodeValues;
@@ -29,18 +28,13 @@ use holdpoint_governance::policy::PolicyTable;
 use holdpoint_governance::profile::{Profile, ProfileName};
 use holdpoint_governance::site_profile::{ChosenProfile, ProfileTexts};
 use holdpoint_governance::submission::Package;
-use holdpoint_protocol::clock::Clock;
 use holdpoint_protocol::command::{Command, Operation};
 use holdpoint_protocol::event::EventKind;
-use holdpoint_record::version_table::VersionTable;
 use holdpoint_record::wall_clock::WallClock;
-use holdpoint_registry::Store;
 use holdpoint_runtime::capability;
 use holdpoint_runtime::recovery::{RecoveryReport, StoppedBy};
 use holdpoint_store::{Change, EvidenceKind};
-use holdpoint_trials::cache::EpisodeCache;
-use holdpoint_trials::cell::Cell;
-use holdpoint_trials::seeds::CALIBRATION_FROM_RUN;
+use holdpoint_trials::seeds::{CALIBRATION_FROM_RUN, EpisodeSeeds};
 
 /// What stands for a twin's task: no faster and no farther from its limits than live tasks of the candidates are.
 pub(crate) const GOOD: EpisodeValues =
@@ -101,24 +95,11 @@ impl RollbackBench {
         profile: Profile,
         own: Option<(PolicyTable, ProfileTexts)>,
     ) -> Self {
-        let builtin = PolicyTable::builtin(&profile).unwrap();
-        let (table, own) = own.map_or((builtin, None), |(table, own)| (table, Some(own)));
-        let settings = PipelineSettings {
-            seeds: holdpoint_trials::seeds::EpisodeSeeds::OfRun(seed),
-            jobs: 1,
-            table,
-            profile,
-            own,
-            cell: Cell::of(&SimCells, None).unwrap(),
-            cache: EpisodeCache::InStore,
-            controls: Controls::default(),
-            omitted: holdpoint_governance::ablation::AblatedParts::default(),
-        };
-        let store = Store::open(folder.path()).unwrap();
-        let clock = Clock::scripted(store.opening().head.at_ms);
-        let version_table = VersionTable::open(Box::new(store), WallClock::scripted(0, None)).unwrap();
-        let baselines = holdpoint_trials::embedded::baselines().unwrap();
-        let pipeline = Pipeline::new(settings, version_table, clock, baselines).unwrap();
+        let mut settings = settings(profile, EpisodeSeeds::OfRun(seed));
+        if let Some((table, texts)) = own {
+            (settings.table, settings.own) = (table, Some(texts));
+        }
+        let pipeline = pipeline_of(folder.path(), settings, |_| WallClock::scripted(0, None));
         Self { folder, pipeline }
     }
 

@@ -12,27 +12,22 @@ use holdpoint_governance::ids::{CapabilityId, Digest};
 use holdpoint_governance::lifecycle::Stage;
 use holdpoint_governance::notice::Notice;
 use holdpoint_governance::outcome::StageOutcome;
-use holdpoint_governance::policy::PolicyTable;
 use holdpoint_governance::profile::{Profile, ProfileName};
 use holdpoint_governance::record::RecordKind;
-use holdpoint_protocol::clock::Clock;
 use holdpoint_protocol::command::{Command, Operation, Reply};
 use holdpoint_protocol::event::EventKind;
 use holdpoint_registry::Store;
-use holdpoint_sim::SimCells;
 use holdpoint_store::{AuditFilter, CacheSecret, ResultCache};
 use holdpoint_trials::cache::EpisodeCache;
-use holdpoint_trials::cell::Cell;
-use holdpoint_trials::seeds::CALIBRATION_FROM_RUN;
+use holdpoint_trials::seeds::{CALIBRATION_FROM_RUN, EpisodeSeeds};
 use rusqlite::Connection;
 use tempfile::TempDir;
 
 use crate::decide::pipeline::{Pipeline, PipelineSettings, SliceOutcome};
 use crate::decide::stages::activation::tests::package;
 use crate::folder_copy::FolderCopy;
-use crate::live::stop_switch::Controls;
 use crate::quick_folder::quick_folder;
-use holdpoint_record::version_table::VersionTable;
+use crate::test_pipeline::{pipeline_of, settings};
 use holdpoint_record::wall_clock::WallClock;
 
 const PAIRS: u32 = 60;
@@ -49,27 +44,9 @@ pub(super) fn pipeline(folder: &Path, cache: EpisodeCache, jobs: usize) -> Pipel
     // So wide that every try takes these pairs.
     profile.tries.margin = 0.5;
     profile.evaluation.drills_per_kind = DRILLS;
-    let store = Store::open(folder).unwrap();
-    let clock = Clock::scripted(store.opening().head.at_ms);
-    let settings = PipelineSettings {
-        seeds: holdpoint_trials::seeds::EpisodeSeeds::OfRun(CALIBRATION_FROM_RUN + 3),
-        jobs,
-        table: PolicyTable::builtin(&profile).unwrap(),
-        profile,
-        own: None,
-        cell: Cell::of(&SimCells, None).unwrap(),
-        cache,
-        controls: Controls::default(),
-        omitted: holdpoint_governance::ablation::AblatedParts::default(),
-    };
-    let baselines = holdpoint_trials::embedded::baselines().unwrap();
-    Pipeline::new(
-        settings,
-        VersionTable::open(Box::new(store), WallClock::scripted(0, None)).unwrap(),
-        clock,
-        baselines,
-    )
-    .unwrap()
+    let seeds = EpisodeSeeds::OfRun(CALIBRATION_FROM_RUN + 3);
+    let settings = PipelineSettings { jobs, cache, ..settings(profile, seeds) };
+    pipeline_of(folder, settings, |_| WallClock::scripted(0, None))
 }
 
 /// The sandbox result of a candidate, and the events until then.

@@ -14,11 +14,12 @@ use holdpoint_governance::profile::{Profile, ProfileName};
 use holdpoint_trials::cell::Cell;
 use holdpoint_trials::seeds::{CALIBRATION_FROM_RUN, EpisodeSeeds};
 
+use crate::decide::pipeline::PipelineSettings;
 use crate::decide::stages::rollback::tests::{GOOD, RollbackBench};
 use crate::decide::stages::shadow::{self, ShadowStep};
 use crate::live::fake_cell::{StubFactory, stand_still};
 use crate::quick_folder::quick_folder;
-use crate::test_pipeline::pipeline_in;
+use crate::test_pipeline::{pipeline_of, settings};
 use crate::tests::compatible;
 use holdpoint_record::evidence_file::EvidenceFile;
 use holdpoint_record::wall_clock::WallClock;
@@ -28,8 +29,8 @@ fn shadowed(profile: &Profile) -> (RollbackBench, CapabilityId) {
     let cell = Cell::new(Arc::new(StubFactory::new())).unwrap();
     let folder = quick_folder();
     let seeds = EpisodeSeeds::OfRun(CALIBRATION_FROM_RUN);
-    let wall = |_| WallClock::scripted(0, None);
-    let pipeline = pipeline_in(folder.path(), profile.clone(), cell.clone(), seeds, wall);
+    let settings = PipelineSettings { cell: cell.clone(), ..settings(profile.clone(), seeds) };
+    let pipeline = pipeline_of(folder.path(), settings, |_| WallClock::scripted(0, None));
     let mut bench = RollbackBench { folder, pipeline };
     let id = bench.pass("grasp-improved", &[Stage::Validation, Stage::Sandbox]);
     let live = bench.pipeline.live();

@@ -10,8 +10,8 @@ use tempfile::TempDir;
 use crate::decide::people::persons::enrolled;
 use crate::decide::people::signers::tests::signed;
 use crate::decide::pipeline::{Pipeline, PipelineSettings, SliceOutcome};
-use crate::live::stop_switch::Controls;
 use crate::quick_folder::quick_folder;
+use crate::test_pipeline::{pipeline_of, settings};
 use crate::tests::assert_accepted;
 use holdpoint_approvals::keyfile::KeyEncoding;
 use holdpoint_body::disturbance::{DriftKind, Magnitude};
@@ -25,17 +25,14 @@ use holdpoint_governance::metrics::store_metrics::{NotReplayable, ReplayOutcome}
 use holdpoint_governance::policy::PolicyTable;
 use holdpoint_governance::profile::{Profile, ProfileName};
 use holdpoint_governance::site_profile::{ProfileTexts, SiteProfile};
-use holdpoint_protocol::clock::Clock;
 use holdpoint_protocol::command::{Command, Refusal, Reply};
-use holdpoint_record::version_table::VersionTable;
 use holdpoint_record::wall_clock::WallClock;
 use holdpoint_registry::{Store, TelemetryViews, Views};
 use holdpoint_runtime::capability::{self, Capability};
 use holdpoint_sim::SimCells;
 use holdpoint_store::Layout;
-use holdpoint_trials::cache::EpisodeCache;
 use holdpoint_trials::cell::Cell;
-use holdpoint_trials::seeds::CALIBRATION_FROM_RUN;
+use holdpoint_trials::seeds::{CALIBRATION_FROM_RUN, EpisodeSeeds};
 
 /// The slices within which an upgrade must complete.
 const SLICES_MAX: usize = 20_000;
@@ -96,21 +93,9 @@ fn registered(
     candidate: &str,
 ) -> (TempDir, Pipeline, CapabilityId) {
     let folder = quick_folder();
-    let settings = PipelineSettings {
-        seeds: holdpoint_trials::seeds::EpisodeSeeds::OfRun(CALIBRATION_FROM_RUN),
-        jobs: 1,
-        table,
-        profile,
-        own,
-        cell: Cell::of(&SimCells, None).unwrap(),
-        cache: EpisodeCache::InStore,
-        controls: Controls::default(),
-        omitted: holdpoint_governance::ablation::AblatedParts::default(),
-    };
-    let store = Box::new(Store::open(folder.path()).unwrap());
-    let version_table = VersionTable::open(store, WallClock::scripted(0, None)).unwrap();
-    let baselines = holdpoint_trials::embedded::baselines().unwrap();
-    let mut pipeline = Pipeline::new(settings, version_table, Clock::scripted(0), baselines).unwrap();
+    let seeds = EpisodeSeeds::OfRun(CALIBRATION_FROM_RUN);
+    let settings = PipelineSettings { table, own, ..settings(profile, seeds) };
+    let mut pipeline = pipeline_of(folder.path(), settings, |_| WallClock::scripted(0, None));
     let path = Path::new(crate::MANIFESTS).join("candidates").join(candidate);
     let package = capability::read(&path).unwrap();
     let id = Capability::load(candidate, package.clone()).unwrap().id();

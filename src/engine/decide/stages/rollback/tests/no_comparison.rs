@@ -4,20 +4,20 @@ use std::sync::Arc;
 
 use holdpoint_governance::monitor::SafetyEvent;
 use holdpoint_runtime::task::TaskRecord;
-use holdpoint_trials::seeds::EpisodeSeeds;
+use holdpoint_trials::cell::Cell;
 
 use super::*;
+use crate::decide::pipeline::PipelineSettings;
 use crate::live::fake_cell::StubFactory;
 use crate::quick_folder::quick_folder;
-use crate::test_pipeline::pipeline_in;
 
 /// What the rollback finds for a force of a grasp in these cells, with the state at the task's start, if one was kept.
 fn compared(factory: StubFactory, start: Option<&CellCopy>) -> Result<Option<SharedEvent>, UncomparedReason> {
     let cell = Cell::new(Arc::new(factory)).unwrap();
     let folder = quick_folder();
     let profile = Profile::builtin(ProfileName::Sim).unwrap();
-    let seeds = EpisodeSeeds::OfRun(CALIBRATION_FROM_RUN);
-    let mut pipeline = pipeline_in(folder.path(), profile, cell, seeds, |_| WallClock::scripted(0, None));
+    let settings = PipelineSettings { cell, ..settings(profile, EpisodeSeeds::OfRun(CALIBRATION_FROM_RUN)) };
+    let mut pipeline = pipeline_of(folder.path(), settings, |_| WallClock::scripted(0, None));
     let target = pipeline.record().capability(&"grasp@1.0.0".parse().unwrap()).unwrap();
     let of_force = Trigger {
         event: Some(SafetyEvent::ForceLimit),
