@@ -60,11 +60,8 @@ pub(crate) fn request_activation_by(
     let (version, lifecycle, _) = pipeline.record().version_table().version(&id).unwrap();
     assert_eq!(lifecycle.state, State::Validated);
     let mut move_on = |event| {
-        pipeline
-            .live()
-            .record
-            .transition(&id.family, event, TransitionNote::because(Notice::StageBegins))
-            .unwrap();
+        let note = TransitionNote::because(Notice::StageBegins);
+        pipeline.live().record.transition(&id.family, event, note).unwrap();
     };
     for stage in [Stage::Sandbox, Stage::Shadow] {
         move_on(LifecycleEvent::Start { version, stage });
@@ -256,12 +253,8 @@ fn no_sequence_runs_a_blocked_version() {
         let id = bench.pass("align-improved", &Stage::ALL);
         let version = bench.pipeline.record().version_table().version(&id).unwrap().0;
         let event = LifecycleEvent::Close { version, profile: ProfileName::Sim };
-        bench
-            .pipeline
-            .live()
-            .record
-            .transition(&id.family, event, TransitionNote::because(Notice::StageBegins))
-            .unwrap();
+        let note = TransitionNote::because(Notice::StageBegins);
+        bench.pipeline.live().record.transition(&id.family, event, note).unwrap();
         bench.enter(&id, |version| {
             if unreviewed {
                 LifecycleEvent::ActivateUnreviewed {

@@ -158,12 +158,8 @@ fn rollback_target_that_is_no_safer_is_recorded() {
     let before = bench.activate("align-low-transit");
     let version = bench.pipeline.record().version_table().version(&before).unwrap().0;
     let confirm = LifecycleEvent::Confirm { version };
-    bench
-        .pipeline
-        .live()
-        .record
-        .transition(&before.family, confirm, TransitionNote::because(Notice::StageBegins))
-        .unwrap();
+    let note = TransitionNote::because(Notice::StageBegins);
+    bench.pipeline.live().record.transition(&before.family, confirm, note).unwrap();
     let id = bench.activate("align-improved");
     let operation = Operation { version: id.clone(), by: "ann".to_owned(), reason: "drill".to_owned() };
     assert!(matches!(bench.pipeline.command(Command::Rollback(operation)), Reply::Accepted { .. }));
