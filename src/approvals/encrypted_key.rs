@@ -73,7 +73,6 @@ impl KdfCost {
 /// An error in an encrypted key or in its passphrase.
 #[derive(Debug, PartialEq, Eq, thiserror::Error)]
 pub enum EncryptedKeyError {
-    /// A field is missing, out of place, or not allowed.
     #[error("{field} is {value:?}; allowed: {allowed}")]
     Field {
         field: &'static str,
@@ -87,10 +86,8 @@ pub enum EncryptedKeyError {
     /// The machine lacks the memory that the parameters require.
     #[error("there is not enough memory to try the passphrase: {0} KiB are needed")]
     Memory(u32),
-    /// The algorithm refuses the parameters.
     #[error("the key derivation refuses its parameters: {0}")]
     Kdf(argon2::Error),
-    /// The system returned no random numbers.
     #[error("the system gave no random numbers for a key: {0}")]
     Random(getrandom::Error),
 }

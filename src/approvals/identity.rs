@@ -32,14 +32,12 @@ pub enum IdentityError {
         "the identity {0:?} is not allowed: 1 to 64 of a-z, 0-9, '.', '_', '-', starting with a letter or digit"
     )]
     Name(String),
-    /// Its public file names a role that does not exist.
     #[error("the identity {name:?} cannot decide anything: {source}")]
     Role {
         name: String,
         /// The unknown role and the valid ones.
         source: ClosedSetError,
     },
-    /// The name is taken.
     #[error("there is an identity {0:?} already")]
     Exists(String),
     /// The name is unknown.
@@ -49,29 +47,22 @@ pub enum IdentityError {
         /// The folder searched.
         folder: PathBuf,
     },
-    /// Another name has this key: one key is one person.
     #[error("the key of {name:?} is that of {other:?} already; one key is one person")]
     KeyTaken {
         name: String,
         /// The name with this key.
         other: String,
     },
-    /// The secret and the public key do not belong together.
     #[error("the secret and the public key of {0:?} do not belong together")]
     Mismatch(String),
-    /// There are too many.
     #[error("{0:?} holds more than 1000 identities")]
     TooMany(PathBuf),
-    /// The key is in an agent, which manages its passphrase.
     #[error("the key of {0:?} is with an ssh-agent, and has no passphrase here")]
     WithAgent(String),
-    /// The agent does not hold it now.
     #[error("the ssh-agent does not hold the key of {name:?} ({fingerprint})")]
     NotWithAgent { name: String, fingerprint: String },
-    /// The agent that holds a key.
     #[error(transparent)]
     Agent(#[from] AgentError),
-    /// A key file cannot be used.
     #[error(transparent)]
     Key(#[from] KeyError),
 }

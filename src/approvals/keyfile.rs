@@ -20,7 +20,6 @@ use super::passphrase::{Passphrase, PassphraseCause, open_plainly};
 /// A key that cannot be read or written.
 #[derive(Debug, thiserror::Error)]
 pub enum KeyError {
-    /// The file could not be used.
     #[error("cannot {what} the key {path:?}: {source}")]
     Io { what: &'static str, path: PathBuf, source: std::io::Error },
     /// Others can read the secret.
@@ -33,16 +32,12 @@ pub enum KeyError {
     Malformed { path: PathBuf },
     #[error("{path:?} is not a key: it has more than the allowed {FILE_BYTES_MAX} bytes")]
     TooLarge { path: PathBuf },
-    /// The system gave no random numbers.
     #[error("the system gave no random numbers for a key: {0}")]
     Random(getrandom::Error),
-    /// It is encrypted, and cannot be opened.
     #[error("the key {path:?}: {problem}")]
     Sealed { path: PathBuf, problem: EncryptedKeyError },
-    /// It is encrypted, and no passphrase was given.
     #[error("the key {path:?} has a passphrase, and none was given")]
     Locked { path: PathBuf },
-    /// A passphrase was given for a key that has none.
     #[error("the key {path:?} has no passphrase, and one was given")]
     Open { path: PathBuf },
 }

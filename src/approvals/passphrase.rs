@@ -45,13 +45,11 @@ pub enum PassphraseError {
     /// Longer than a person types.
     #[error("the passphrase has more than {PASSPHRASE_BYTES_MAX} bytes")]
     TooLong,
-    /// Too short for a new key.
     #[error("the passphrase has {0} characters; at least {PASSPHRASE_CHARS_MIN} are needed")]
     TooShort(usize),
     /// It has a line end or another control character, which cannot be typed at a terminal.
     #[error("the passphrase has control characters; one line of text is needed")]
     Control,
-    /// The file cannot be read.
     #[error("cannot read the passphrase file {path:?}: {source}")]
     Io {
         /// The file.
@@ -59,10 +57,8 @@ pub enum PassphraseError {
         /// The error of the system.
         source: std::io::Error,
     },
-    /// It is a link, a folder, a pipe or a device.
     #[error("the passphrase file {0:?} is not a regular file")]
     Kind(PathBuf),
-    /// Others can read or write it.
     #[error("the passphrase file {path:?} has mode {mode:04o}; others must have no access")]
     Permissions {
         /// The file.

@@ -140,7 +140,6 @@ pub enum PersonError {
     /// A field that is not allowed.
     #[error("the act about the person {name:?} has a bad {field}: {allowed}")]
     Field { name: String, field: &'static str, allowed: &'static str },
-    /// The signature is not by that key over these bytes.
     #[error("the signature of {0:?} does not match the act")]
     Signature(String),
     #[error("the act about {name:?} was made for the store {found:?}")]

@@ -201,19 +201,14 @@ pub struct SignedApproval {
 /// Why an approval is invalid.
 #[derive(Debug, thiserror::Error)]
 pub enum ApprovalError {
-    /// Not 32 hexadecimal digits.
     #[error("{0:?} is not a nonce: 32 hexadecimal digits are needed")]
     Nonce(String),
-    /// The system gave no random numbers.
     #[error("the system gave no random numbers for a nonce: {0}")]
     Random(getrandom::Error),
-    /// The signature is not by that key over these bytes.
     #[error("the signature of {0:?} does not match the decision")]
     Signature(String),
-    /// The key is not the identity's.
     #[error("the decision is signed with another key than that of {0:?}")]
     Key(String),
-    /// The role is not the identity's.
     #[error("{who:?} signed as {signed:?} but is {is:?}")]
     Role {
         /// Name of the identity.
@@ -222,13 +217,10 @@ pub enum ApprovalError {
         signed: Role,
         is: Role,
     },
-    /// The content has no canonical form.
     #[error("what is to be signed has no canonical form: {0}")]
     NoForm(String),
-    /// The key's agent refused to sign.
     #[error(transparent)]
     Agent(#[from] AgentError),
-    /// The reason is too long.
     #[error("the reason has {0} bytes; at most 4096 are allowed")]
     ReasonTooLong(usize),
 }

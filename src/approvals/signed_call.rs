@@ -66,13 +66,10 @@ pub struct SignedCall {
 /// Why a signed request is invalid.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum CallError {
-    /// The signature is not by that key over these bytes.
     #[error("the signature of {0:?} does not match the request")]
     Signature(String),
-    /// The key is not the person's.
     #[error("the request is signed with another key than that of {0:?}")]
     Key(String),
-    /// The role is not the person's.
     #[error("{who:?} signed as {signed} but is {is}")]
     Role { who: String, signed: Role, is: Role },
 }

@@ -10,7 +10,6 @@ use holdpoint_text::{ErrorDetails, ErrorReason, Hint};
 /// A file or folder that could not be used.
 #[derive(Debug, thiserror::Error)]
 pub enum FileError {
-    /// The system could not open, read or write it.
     #[error("cannot {what} {path:?}: {source}")]
     Io {
         /// The act, as a verb.
@@ -18,7 +17,6 @@ pub enum FileError {
         path: PathBuf,
         source: std::io::Error,
     },
-    /// A value that is not allowed.
     #[error("{what} {value:?} is not allowed: {allowed}")]
     Invalid {
         /// The kind of value.

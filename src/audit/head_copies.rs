@@ -31,25 +31,21 @@ pub struct HeadCopy {
 /// Why a head that was kept elsewhere is not one of a chain.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum HeadFault {
-    /// There is no head to compare.
     #[error("{0}")]
     Unreadable(String),
     #[error("it belongs to the store {0:?}")]
     OtherStore(String),
-    /// The store's key did not sign it.
     #[error("its signature does not match the store's public key")]
     NotSigned,
     /// All heads of this store at a witness have another signer.
     #[error("it is of this store, and signed with another key than the store has now")]
     OtherKey,
-    /// The chain ends before it.
     #[error("it was signed at record {seq}, and the chain ends at record {end}: {} cut off", missing(*.seq, *.end))]
     CutOff { seq: u64, end: u64 },
     #[error("record {0}, which it was signed at, cannot be read")]
     RecordUnreadable(u64),
     #[error("record {0} is not the one that it was signed at: history was rewritten")]
     RecordRewritten(u64),
-    /// Its tree is of other records.
     #[error("the records up to {0} are not those that it was signed over: history was rewritten")]
     TreeRewritten(u64),
 }

@@ -9,10 +9,8 @@ use holdpoint_text::{ErrorDetails, ErrorReason, Hint};
 /// The first problem of a history.
 #[derive(Debug, thiserror::Error)]
 pub enum HistoryError {
-    /// The file cannot be opened or read.
     #[error(transparent)]
     Unreadable(#[from] FileError),
-    /// A record of the chain.
     #[error("audit record {seq} is bad: {problem}")]
     Record { seq: u64, problem: String },
     #[error("the checkpoint {file:?} is bad: {problem}")]
@@ -20,7 +18,6 @@ pub enum HistoryError {
     /// A signed head that was kept elsewhere, or the chain that it contradicts.
     #[error("the copy {file:?} contradicts it: {fault}")]
     Copy { file: String, fault: HeadFault },
-    /// An invalid line of an exported file.
     #[error("line {line} is bad: {problem}")]
     Line { line: u64, problem: String },
     /// The signature of the end of the chain.
@@ -28,7 +25,6 @@ pub enum HistoryError {
     Unsigned(String),
     #[error("the approval {nonce} is bad: {problem}")]
     Approval { nonce: String, problem: String },
-    /// An act that enrolled or revoked a person.
     #[error("the person {name:?} is bad: {problem}")]
     Person { name: String, problem: String },
 }

@@ -81,10 +81,8 @@ pub enum Proof {
 /// A file that is no proof, or a proof that is invalid.
 #[derive(Debug, thiserror::Error)]
 pub enum ProofError {
-    /// The file is not a proof.
     #[error("{0}")]
     NoProof(String),
-    /// The proof is invalid.
     #[error("the proof does not hold: {0}")]
     Wrong(String),
 }
@@ -102,7 +100,6 @@ impl Hint for ProofError {
 /// Why no signed head proves it; each has its remedy as a hint.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum ProofFault {
-    /// The chain does not match its signatures.
     #[error("{0}")]
     Unsound(String),
     #[error("an earlier version signed the end of the audit chain, without a tree")]
@@ -111,7 +108,6 @@ pub enum ProofFault {
     HeadWithoutTree,
     #[error("there is no record {seq}; the chain ends at record {end}")]
     NoRecord { seq: u64, end: u64 },
-    /// No checkpoint was made at that record.
     #[error("no checkpoint was made at record {seq} ({})", nearest(.near))]
     NoHead { seq: u64, near: Vec<u64> },
     #[error("that head belongs to the store {0:?}")]

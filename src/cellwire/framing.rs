@@ -53,13 +53,11 @@ pub enum WireError {
     /// The other side closed it, or is gone.
     #[error("the connection was closed")]
     Closed,
-    /// Nothing came in time.
     #[error("no answer within {within_ms} ms")]
     Deadline {
         /// The time.
         within_ms: u64,
     },
-    /// A frame began, and did not end in time.
     #[error("a message was torn: {came} of {due} bytes came")]
     Torn {
         /// Bytes that came.
@@ -67,7 +65,6 @@ pub enum WireError {
         /// Bytes that were due.
         due: u64,
     },
-    /// A frame or a block is larger than allowed.
     #[error("{bytes} bytes; at most {most} are allowed")]
     TooLarge {
         /// Its bytes.
@@ -75,7 +72,6 @@ pub enum WireError {
         /// The bound.
         most: u64,
     },
-    /// The bytes are no such message.
     #[error("the bytes are no message: {0}")]
     Malformed(String),
     /// An answer has another number than the request.

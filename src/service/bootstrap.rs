@@ -63,7 +63,6 @@ pub enum BootstrapError {
     /// The socket cannot be served.
     #[error(transparent)]
     Socket(#[from] ControlSocketError),
-    /// The system gives no thread to read the record on.
     #[error("cannot start a thread: {0}")]
     Thread(std::io::Error),
 }

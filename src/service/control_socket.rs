@@ -93,7 +93,6 @@ pub enum ControlSocketError {
         /// How to resolve it.
         hint: String,
     },
-    /// The socket cannot be given to the group of its folder.
     #[error("the socket {path:?} cannot be opened to its group: {problem}")]
     GroupRefused {
         path: PathBuf,
@@ -103,10 +102,8 @@ pub enum ControlSocketError {
     },
     #[error("cannot {what} {path:?}: {source}")]
     Io { what: &'static str, path: PathBuf, source: std::io::Error },
-    /// The other side belongs to another user.
     #[error("{path:?} is served by user {}, not by you", described_user(*uid))]
     Foreign { path: PathBuf, uid: u32 },
-    /// The other side speaks another version of this protocol.
     #[error(
         "the socket {path:?} is answered by another program, or by another version of holdpoint: {problem}"
     )]
@@ -114,7 +111,6 @@ pub enum ControlSocketError {
     /// The engine closed the connection with a reason and a hint.
     #[error("the engine at {path:?} closed the connection: {text}")]
     Closed { path: PathBuf, text: String },
-    /// No answer in time.
     #[error(
         "the engine at {path:?} did not answer within {secs} s; whether the command was carried out is not known"
     )]
@@ -123,7 +119,6 @@ pub enum ControlSocketError {
         /// How long the client waited, s.
         secs: u64,
     },
-    /// An engine is there but does not respond.
     #[error("the engine at {path:?}, process {process}, does not answer: {}", why_silent(*stopped))]
     Silent {
         path: PathBuf,
@@ -131,10 +126,8 @@ pub enum ControlSocketError {
         /// Whether a signal stopped it.
         stopped: bool,
     },
-    /// The engine ended meanwhile.
     #[error("the engine at {path:?} has ended")]
     Ended { path: PathBuf },
-    /// The system gave no random numbers for a command's id.
     #[error(transparent)]
     Random(#[from] holdpoint_approvals::ApprovalError),
 }

@@ -57,7 +57,6 @@ const NICE: i32 = 5;
 /// Why the engine did not take a request, with the request.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum RequestRejected {
-    /// Too many are unanswered.
     #[error("the engine is busy: {OUTSTANDING_MAX} requests wait already")]
     Busy(Box<Request>),
     /// There is no engine in this process: it has ended, or never came up.
@@ -71,7 +70,6 @@ pub enum StopError {
     /// It still runs; it ends later and approves nothing.
     #[error("the engine did not end within {0:?}")]
     Late(Duration),
-    /// It ended with an error.
     #[error("{0}")]
     Failed(EngineEndError),
 }

@@ -14,7 +14,6 @@ use std::borrow::Cow;
 /// Why the records cannot be listed.
 #[derive(Debug, thiserror::Error)]
 pub enum RecordListError {
-    /// The store cannot be read.
     #[error(transparent)]
     Store(#[from] StoreError),
     /// A record has another form.

@@ -129,7 +129,6 @@ pub const ROW_BYTES_MAX: i32 = 32 << 20;
 /// [`StoreError::Unknown`]: then the outcome is not known, and the command may be retried with the same id.
 #[derive(Debug, thiserror::Error)]
 pub enum StoreError {
-    /// A file or folder could not be used.
     #[error("cannot {what} {path:?}: {source}")]
     Io { what: &'static str, path: PathBuf, source: std::io::Error },
     /// Another user owns the store's folder and does not share it.
@@ -140,7 +139,6 @@ pub enum StoreError {
         owner: String,
         own: String,
     },
-    /// Another engine has the store open.
     #[error("the store {path:?} is in use by {owner}")]
     InUse {
         path: PathBuf,
@@ -155,25 +153,21 @@ pub enum StoreError {
         problem: String,
         cause: RefusalCause,
     },
-    /// The database reported an error.
     #[error("the store could not {what}: {source}")]
     Database { what: &'static str, source: Box<dyn std::error::Error + Send + Sync> },
     /// The disk is full. The transaction was undone.
     #[error("the disk is full: the store could not {what}; nothing was changed")]
     DiskFull { what: &'static str },
-    /// A row is longer than any that this program writes.
     #[error(
         "the store could not {what}: its database has a row of more than {ROW_BYTES_MAX} bytes, and so many are read"
     )]
     RowTooLong { what: &'static str },
-    /// No such version, request, approval or family.
     #[error("there is no {what} {name:?} in the store")]
     NotFound {
         /// The kind of entry.
         what: &'static str,
         name: String,
     },
-    /// It exists already.
     #[error("the {what} {name:?} is in the store already")]
     Exists { what: &'static str, name: String },
     /// Another command changed the version first.
@@ -185,10 +179,8 @@ pub enum StoreError {
         /// State and row version it has.
         found: String,
     },
-    /// An approval that cannot be used.
     #[error("the approval {nonce} cannot be used: {problem}")]
     Approval { nonce: String, problem: ApprovalFault },
-    /// An act about a person that is invalid.
     #[error("{name:?} is neither enrolled nor revoked: {problem}")]
     Person { name: String, problem: String },
     /// A family's active pointer was set with another robot.
@@ -213,21 +205,16 @@ pub enum StoreError {
     /// Another program wrote to the database of a running engine. Nothing is written over it.
     #[error("the store was changed behind the engine: {0}")]
     Altered(String),
-    /// Another program wrote to the database while it was read.
     #[error(
         "another program wrote to the database while the engine started, so its data may differ from the record"
     )]
     Disturbed,
-    /// The command id was used for another command.
     #[error("the command id {0:?} was already used for a different command")]
     CommandReused(String),
-    /// The transaction would violate an invariant of the registry.
     #[error("the change is refused: {0}")]
     Invariant(String),
-    /// A value that is not allowed.
     #[error("{what} {value:?} is not allowed: {allowed}")]
     Invalid { what: &'static str, value: String, allowed: String },
-    /// A key of the store, or of cached results, cannot be used.
     #[error("a key is missing or cannot be used: {source}")]
     Key {
         /// The file of the key.
@@ -244,7 +231,6 @@ pub enum StoreError {
         /// Virtual time of the refused transaction, ms.
         found_ms: u64,
     },
-    /// The writer has ended; the outcome of the command is not known.
     #[error("the store's writer has ended; the outcome of the command is not known")]
     Unknown,
     /// A test asked for a failure here.

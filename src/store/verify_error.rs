@@ -9,25 +9,18 @@ use holdpoint_text::{ErrorDetails, ErrorReason, Hint};
 /// The first problem.
 #[derive(Debug, thiserror::Error)]
 pub enum VerifyError {
-    /// The file cannot be opened or read.
     #[error(transparent)]
     Unreadable(#[from] StoreError),
-    /// The chain, its signatures, or what its records hold.
     #[error(transparent)]
     History(#[from] HistoryError),
-    /// The file is damaged.
     #[error("the database is damaged: {0}")]
     Damaged(String),
-    /// The registry does not match the chain.
     #[error("the {table} {key:?} does not match the audit chain: {problem}")]
     State { table: &'static str, key: String, problem: String },
-    /// An invariant of the registry.
     #[error("the registry breaks an invariant: {0}")]
     Invariant(String),
-    /// The telemetry file has another form.
     #[error("the telemetry file is not as this program makes it: {0}")]
     TelemetryFile(String),
-    /// A sealed batch of telemetry.
     #[error("telemetry batch {batch}, sealed by audit record {seq}, is bad: {problem}")]
     Telemetry {
         batch: u64,

@@ -142,16 +142,12 @@ pub(crate) fn for_each<E: From<rusqlite::Error>>(
 /// A failure while exporting.
 #[derive(Debug, thiserror::Error)]
 pub enum ExportError {
-    /// The chain cannot be read.
     #[error("the audit chain cannot be read: {}", error_message(.0))]
     Read(#[from] rusqlite::Error),
-    /// The output cannot be written.
     #[error("the audit chain cannot be written out: {0}")]
     Write(#[from] std::io::Error),
-    /// Data that belongs to the chain cannot be read.
     #[error(transparent)]
     Store(Box<StoreError>),
-    /// A record has no JSON form.
     #[error("the audit record cannot be written as JSON: {0}")]
     Json(#[from] serde_json::Error),
 }

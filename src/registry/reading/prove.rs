@@ -19,7 +19,6 @@ use holdpoint_text::{ErrorDetails, Hint};
 /// A proof that cannot be made.
 #[derive(Debug, thiserror::Error)]
 pub enum ProveError {
-    /// The store cannot be read.
     #[error(transparent)]
     Unreadable(#[from] StoreError),
     /// No signed head proves it.
