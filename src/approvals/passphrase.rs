@@ -63,7 +63,6 @@ pub enum PassphraseError {
     Permissions {
         /// The file.
         path: PathBuf,
-        /// Its mode.
         mode: u32,
     },
     /// Its content is not a passphrase.

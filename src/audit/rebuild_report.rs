@@ -9,7 +9,6 @@ use serde_json::Value;
 pub struct DifferingRow {
     pub table: String,
     pub key: String,
-    /// The problem.
     pub problem: String,
     /// The changed columns of the rebuilt row; empty if the row was missing or is gone.
     pub columns: Vec<String>,

@@ -37,7 +37,6 @@ const SPEED_RAD_S: f64 = 0.5;
 /// Whether a cell keeps a promise.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Verdict {
-    /// The promise.
     pub promise: CellPromise,
     /// What is wrong; absent where it is kept.
     pub problem: Option<String>,
@@ -46,7 +45,6 @@ pub struct Verdict {
 /// How long one exchange of a tick took, with what the cell computed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ExchangeTimes {
-    /// Ticks.
     pub ticks: usize,
     /// The median, us.
     pub p50_us: u64,

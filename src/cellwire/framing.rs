@@ -67,7 +67,6 @@ pub enum WireError {
     },
     #[error("{bytes} bytes; at most {most} are allowed")]
     TooLarge {
-        /// Its bytes.
         bytes: u64,
         /// The bound.
         most: u64,

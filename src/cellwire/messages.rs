@@ -103,7 +103,6 @@ pub struct Welcome {
     pub rate_hz: u32,
     /// The watchdog as it is set.
     pub watchdog_ms: Option<u32>,
-    /// The bounds of the server.
     pub bounds: ServerLimits,
 }
 
@@ -152,7 +151,6 @@ pub enum Call {
     Describe,
     /// A distribution after a drift; answered by [`CellReply::Distribution`].
     Drift {
-        /// The distribution.
         of: Box<Distribution>,
         /// What changes, and how much.
         drift: Drift,
@@ -163,10 +161,7 @@ pub enum Call {
         guard: GuardVerdict,
     },
     /// One tick: sends a command, lets a tick pass, and tells what is then seen.
-    Step {
-        /// The command.
-        command: Command,
-    },
+    Step { command: Command },
     /// From outside the skill: stop, or take commands again.
     Interrupt {
         /// Which of the two.
@@ -200,10 +195,7 @@ pub enum Call {
         seed: u64,
     },
     /// Of a trial cell: starts an episode.
-    Reset {
-        /// The episode.
-        setup: Box<EpisodeSetup>,
-    },
+    Reset { setup: Box<EpisodeSetup> },
     /// Of a trial cell: continues from a fork of the session.
     GoOnFrom {
         /// Its handle.
@@ -286,7 +278,6 @@ pub struct Truth {
     pub forces: ContactForces,
     /// Where the object is, world frame, m.
     pub object: Isometry3<f64>,
-    /// Its speed, m/s.
     pub object_speed_m_s: f64,
 }
 

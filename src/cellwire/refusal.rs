@@ -17,13 +17,9 @@ const REFUSAL_WIDTH_MAX: usize = 200;
 #[serde(rename_all = "snake_case")]
 pub enum CellRefusal {
     /// The client speaks another version; the connection is closed.
-    Version {
-        /// That of the server.
-        server: u32,
-    },
+    Version { server: u32 },
     /// A value of the hello is not allowed; the connection is closed.
     Hello {
-        /// The field.
         field: String,
         /// What is allowed.
         allowed: String,
@@ -57,16 +53,13 @@ pub enum CellRefusal {
     Stopped(WatchdogStop),
     /// The description or the episode is wrong.
     File {
-        /// The file.
         file: String,
         /// The element or key inside it.
         element: String,
-        /// What is wrong.
         problem: String,
     },
     /// The episode could not be started.
     InvalidStart {
-        /// Its seed.
         seed: u64,
         /// What failed.
         problem: String,

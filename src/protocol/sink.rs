@@ -81,7 +81,6 @@ pub enum SinkReport {
 pub struct ClosedRecording {
     /// The candidate whose upgrade is recorded.
     pub version: CapabilityId,
-    /// The recorded end of the upgrade.
     pub outcome: Lenient<UpgradeEnd>,
     /// The file's name in the store's folder of recordings.
     pub file: String,

@@ -118,7 +118,6 @@ pub struct NewVersion {
     pub candidate_digest: Digest,
     /// Digest of the canonical manifest.
     pub manifest_digest: Digest,
-    /// Digest of the bundle.
     pub bundle_digest: Digest,
     /// Canonical manifest, JSON text.
     pub manifest: String,
@@ -188,7 +187,6 @@ pub enum Change {
         /// The state the decision was made on.
         from: State,
         to: State,
-        /// Why.
         reason: NoticeOrText,
     },
     /// Replaces all flags; the row version stays (a pause does not void an approval).
@@ -220,7 +218,6 @@ pub enum Change {
         family: Family,
         /// Whether it is stopped: then it has no active version.
         safe_stopped: bool,
-        /// Why.
         reason: NoticeOrText,
     },
     /// Stores the lifecycle model's view of a family, so that it survives a restart.
@@ -230,11 +227,7 @@ pub enum Change {
         json: String,
     },
     /// Voids all of a family's earlier gate passes, approvals and comparative evidence.
-    VoidFamily {
-        family: Family,
-        /// Why.
-        reason: NoticeOrText,
-    },
+    VoidFamily { family: Family, reason: NoticeOrText },
     /// A piece of evidence on a version at its present row version.
     PutEvidence {
         version: CapabilityId,
@@ -331,7 +324,6 @@ pub enum Change {
     /// The present state of an alarm.
     AlarmChange {
         alarm: String,
-        /// Its subject.
         subject: String,
         state: AlarmState,
         priority: Priority,

@@ -121,7 +121,6 @@ pub struct FamilyStatus {
     pub pinned: Option<CapabilityId>,
     /// Whether it ever had an active version.
     pub bootstrapped: bool,
-    /// Whether it is stopped.
     pub safe_stopped: bool,
     /// Why it is, or was last.
     pub reason: NoticeOrText,
@@ -133,7 +132,6 @@ pub struct FamilyStatus {
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct AlarmEntry {
     pub alarm: String,
-    /// Its subject.
     pub subject: String,
     pub state: AlarmState,
     pub priority: Priority,

@@ -147,12 +147,7 @@ pub enum StoreError {
     },
     /// The file is foreign, newer than this program, cut short or damaged. It was not modified.
     #[error("{path:?} cannot be opened as a Holdpoint store: {problem}. Nothing was changed")]
-    Refused {
-        path: PathBuf,
-        /// The problem.
-        problem: String,
-        cause: RefusalCause,
-    },
+    Refused { path: PathBuf, problem: String, cause: RefusalCause },
     #[error("the store could not {what}: {source}")]
     Database { what: &'static str, source: Box<dyn std::error::Error + Send + Sync> },
     /// The disk is full. The transaction was undone.

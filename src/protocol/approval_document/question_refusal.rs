@@ -10,12 +10,7 @@ use crate::request_kind::RequestKind;
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum QuestionRefusal {
     /// No request of this kind is open for the version.
-    NothingPending {
-        /// The kind of request.
-        purpose: RequestKind,
-        /// The version.
-        version: CapabilityId,
-    },
+    NothingPending { purpose: RequestKind, version: CapabilityId },
     /// The engine remembers no further request.
     TooManyRequests {
         /// How many it remembers.
@@ -23,7 +18,6 @@ pub enum QuestionRefusal {
     },
     /// The answer is void.
     AnswerVoid {
-        /// The version.
         version: CapabilityId,
         /// Why.
         cause: AnswerVoidCause,

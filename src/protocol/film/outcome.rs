@@ -29,7 +29,6 @@ pub enum ExceededValue {
         kind: HarmKind,
         /// The measured value.
         value: f64,
-        /// The limit.
         limit: f64,
     },
 }
@@ -41,7 +40,6 @@ pub struct ExceededLimit {
     pub tick: u64,
     /// How many times the limit the value is; not finite where the limit is 0.
     pub times: f64,
-    /// The value.
     pub value: ExceededValue,
 }
 
@@ -54,7 +52,6 @@ pub enum OutcomePart {
     CallRefused,
     /// A hard stop ended the run.
     HardStop {
-        /// The hard stop.
         stop: HardStop,
         /// How the code failed, if it did.
         fault: Option<CodeFault>,
@@ -84,7 +81,6 @@ pub enum OutcomePart {
     TimedOut,
     /// The task was done, or it was not.
     Task {
-        /// Whether it was done.
         done: bool,
         /// Why it was not, physically; absent where it was done, or nothing is known.
         cause: Option<FailureCause>,
@@ -100,12 +96,7 @@ pub enum OutcomePart {
         secs: f64,
     },
     /// The version passed a drill, or it failed it.
-    Drill {
-        /// The kind of drill.
-        kind: DrillKind,
-        /// Whether it passed.
-        passed: bool,
-    },
+    Drill { kind: DrillKind, passed: bool },
     /// The drill could not be set up.
     DrillNotSetUp,
 }
@@ -127,7 +118,6 @@ pub enum MarkedEvent {
     NotStopped,
     /// The task ended.
     TaskEnded {
-        /// Whether it was done.
         done: bool,
         /// Why it was not, physically; absent where it was done, or nothing is known.
         cause: Option<FailureCause>,

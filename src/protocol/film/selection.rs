@@ -14,7 +14,6 @@ use super::FilmSubject;
 /// A fault of confined code, and how often it is on record.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct CodeFaultCount {
-    /// The fault.
     pub fault: CodeFault,
     /// Tasks with this fault.
     pub failed: u64,
@@ -29,7 +28,6 @@ pub enum BreakCause {
     Code(CodeFaultCount),
     /// A hard stop ended the evaluation.
     HardStop {
-        /// The hard stop.
         stop: HardStop,
         /// The exceeded budget of the code, if there is one.
         overrun: Option<CodeFault>,
@@ -77,7 +75,6 @@ pub enum SelectionReason {
     },
     /// A hard stop in it ends the evaluation.
     EndsEvaluation {
-        /// The hard stop.
         stop: HardStop,
         /// The exceeded budget of the code, if there is one.
         overrun: Option<CodeFault>,
@@ -106,13 +103,9 @@ pub enum SelectionFailure {
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum FilmRefusal {
     /// The version is not in the registry.
-    UnknownVersion {
-        /// The version.
-        version: CapabilityId,
-    },
+    UnknownVersion { version: CapabilityId },
     /// Nothing could be selected.
     NotSelected {
-        /// The version.
         version: CapabilityId,
         /// Why.
         failure: SelectionFailure,
@@ -130,10 +123,7 @@ pub enum FilmRefusal {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ReplayDifference {
     /// The evidence was judged under another profile than the present one.
-    Profile {
-        /// The present profile.
-        present: ProfileName,
-    },
+    Profile { present: ProfileName },
     /// The evidence was judged under other policies.
     Policies,
     /// The evidence is of another build or another cell.

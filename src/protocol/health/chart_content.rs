@@ -11,35 +11,19 @@ use holdpoint_governance::notice::NoticeOrText;
 #[derive(Clone, Debug, PartialEq)]
 pub enum MarkContent {
     /// A candidate became active.
-    TookOver {
-        /// The version.
-        version: CapabilityId,
-    },
+    TookOver { version: CapabilityId },
     /// The first version of a family became active.
-    FirstOfFamily {
-        /// The version.
-        version: CapabilityId,
-    },
+    FirstOfFamily { version: CapabilityId },
     /// An earlier version became active by a rollback.
-    TookOverAgain {
-        /// The version.
-        version: CapabilityId,
-    },
+    TookOverAgain { version: CapabilityId },
     /// A person reactivated a version.
-    Reactivated {
-        /// The version.
-        version: CapabilityId,
-    },
+    Reactivated { version: CapabilityId },
     /// A family has no active version any more.
-    NoActiveVersion {
-        /// The family.
-        family: Family,
-    },
+    NoActiveVersion { family: Family },
     /// A version was rolled back or returned to evaluation.
     StateChanged {
         /// The version, as the record has it.
         subject: String,
-        /// Why.
         reason: NoticeOrText,
     },
     /// An upgrade was confirmed.
@@ -58,7 +42,6 @@ pub enum MarkContent {
     Acted {
         /// The person; empty if the record names none.
         by: String,
-        /// The act.
         act: MarkedAct,
         /// The person's reason; empty if there is none.
         reason: String,
@@ -80,12 +63,7 @@ pub enum MarkContent {
     /// The fault of the live cell was repaired.
     FaultRepaired,
     /// A person left a note.
-    Note {
-        /// The person.
-        by: String,
-        /// The note.
-        text: String,
-    },
+    Note { by: String, text: String },
     /// A profile came into force.
     ProfileInForce {
         /// The profile, as the record has it; absent if the record does not name it.
@@ -95,7 +73,6 @@ pub enum MarkContent {
     NormalCounted {
         /// The version, as the record has it.
         subject: String,
-        /// Tasks.
         tasks: f64,
         /// Of these, failed.
         failures: f64,

@@ -28,7 +28,6 @@ pub struct VerdictSide {
 /// The comparison of the tasks before and since a moment.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct HealthVerdict {
-    /// The family.
     pub family: Family,
     /// The moment, in words.
     pub moment: String,

@@ -38,7 +38,6 @@ const CLOSINGS_MAX: usize = 100;
 /// An active version and its rollback target.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ActiveVersion {
-    /// The active version.
     pub id: CapabilityId,
     /// Digest of what runs.
     pub bundle_digest: Digest,

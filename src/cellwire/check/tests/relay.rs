@@ -96,7 +96,6 @@ impl Link {
 pub(super) struct Memory {
     /// A session.
     pub(super) session: AtomicU64,
-    /// A count.
     pub(super) count: AtomicU64,
 }
 
