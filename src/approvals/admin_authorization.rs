@@ -16,7 +16,6 @@ pub(super) struct AdminAuthorization<'a> {
     pub(super) guarded: bool,
     pub(super) public_key: &'a str,
     pub(super) signature: &'a str,
-    /// The digest to sign.
     pub(super) digest: Digest,
     /// Whether it has the right subject and this end of the chain.
     pub(super) follows: bool,

@@ -45,7 +45,6 @@ pub fn facts_digest(text: &str) -> Digest {
 /// The person an approval request was rendered for.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct SignerName {
-    /// Name of the identity.
     pub name: String,
     pub role: Role,
 }

@@ -48,11 +48,7 @@ pub enum IdentityError {
         folder: PathBuf,
     },
     #[error("the key of {name:?} is that of {other:?} already; one key is one person")]
-    KeyTaken {
-        name: String,
-        /// The name with this key.
-        other: String,
-    },
+    KeyTaken { name: String, other: String },
     #[error("the secret and the public key of {0:?} do not belong together")]
     Mismatch(String),
     #[error("{0:?} holds more than 1000 identities")]

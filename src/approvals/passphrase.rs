@@ -51,24 +51,14 @@ pub enum PassphraseError {
     #[error("the passphrase has control characters; one line of text is needed")]
     Control,
     #[error("cannot read the passphrase file {path:?}: {source}")]
-    Io {
-        /// The file.
-        path: PathBuf,
-        /// The error of the system.
-        source: std::io::Error,
-    },
+    Io { path: PathBuf, source: std::io::Error },
     #[error("the passphrase file {0:?} is not a regular file")]
     Kind(PathBuf),
     #[error("the passphrase file {path:?} has mode {mode:04o}; others must have no access")]
-    Permissions {
-        /// The file.
-        path: PathBuf,
-        mode: u32,
-    },
+    Permissions { path: PathBuf, mode: u32 },
     /// Its content is not a passphrase.
     #[error("the passphrase file {path:?} cannot be used: {problem}")]
     Content {
-        /// The file.
         path: PathBuf,
         /// The problem with its text, which is not shown.
         problem: Box<Self>,

@@ -213,7 +213,6 @@ pub enum ApprovalError {
     Role {
         /// Name of the identity.
         who: String,
-        /// The role in the decision.
         signed: Role,
         is: Role,
     },

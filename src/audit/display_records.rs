@@ -21,7 +21,6 @@ struct DisplayRecord {
     /// Canonical JSON of the facts.
     facts: String,
     lines: Vec<String>,
-    /// Nonce of the decision.
     nonce: String,
 }
 

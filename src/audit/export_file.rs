@@ -22,7 +22,6 @@ use holdpoint_text::file;
 /// The sound content of an exported file.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct ExportReport {
-    /// The store that the file is of.
     pub store_id: String,
     /// Records in the file, from the first one on.
     pub records: u64,

@@ -50,11 +50,8 @@ pub(crate) const VERSION: u32 = 1;
 pub struct ExportHeader {
     /// The name of the form.
     pub format: String,
-    /// The version of the form.
     pub version: u32,
-    /// The store that the file is of.
     pub store_id: String,
-    /// Records in the file.
     pub records: u64,
     /// 64 hexadecimal digits.
     pub public_key: Option<String>,

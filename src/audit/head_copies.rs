@@ -61,7 +61,6 @@ fn missing(seq: u64, end: u64) -> String {
 /// The chain's data at a record: its hash, and the root of the tree up to it if known.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ChainPoint {
-    /// The hash of the record.
     pub hash: Digest,
     /// The root of the tree up to it.
     pub root: Option<Digest>,

@@ -99,7 +99,6 @@ pub struct ProfileHistory {
     was_live: bool,
     /// The rules of the last used authorization, while they are in force.
     authorized: Option<Digest>,
-    /// The last authorization.
     authorization: Option<RecordedAuthorization>,
     /// Earlier versions required no authorization: their records count until the first record of one that does.
     asked: bool,

@@ -20,7 +20,6 @@ pub struct RebuildReport {
     /// The last record of the chain it was made from.
     pub from_seq: u64,
     pub from_hash: Digest,
-    /// The first problem.
     pub problem: String,
     pub differed: Vec<DifferingRow>,
     /// Rows with a lost text: table and key.

@@ -46,11 +46,9 @@ pub struct Verdict {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ExchangeTimes {
     pub ticks: usize,
-    /// The median, us.
     pub p50_us: u64,
     /// One of a hundred took longer, us.
     pub p99_us: u64,
-    /// The longest, us.
     pub max_us: u64,
     /// Ticks that took longer than a tick lasts.
     pub overruns: usize,
@@ -63,7 +61,6 @@ type Found = Result<(), String>;
 struct Check {
     connect: Connect,
     described: Result<FactoryDescription, String>,
-    /// Whether a promise is looked at.
     is_wanted: Box<dyn Fn(CellPromise) -> bool>,
     verdicts: Vec<Verdict>,
 }

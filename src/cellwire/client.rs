@@ -30,7 +30,6 @@ pub struct Deadlines {
     pub step: Duration,
     /// Any other call.
     pub call: Duration,
-    /// Work that is presented.
     pub work: Duration,
 }
 

@@ -21,7 +21,6 @@ const PATH_BYTES_MAX: usize = 107;
 /// An address at which cells are offered.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Endpoint {
-    /// A Unix socket.
     Unix(PathBuf),
     /// A port of the loopback device.
     Tcp(SocketAddr),
@@ -64,7 +63,6 @@ impl fmt::Display for Endpoint {
 pub enum EndpointStream {
     /// Over a Unix socket.
     Unix(UnixStream),
-    /// Over TCP.
     Tcp(TcpStream),
 }
 
@@ -112,9 +110,7 @@ impl Endpoint {
 /// Takes connections.
 #[derive(Debug)]
 pub enum EndpointListener {
-    /// At a Unix socket.
     Unix(UnixListener),
-    /// At a port.
     Tcp(TcpListener),
 }
 

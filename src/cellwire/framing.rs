@@ -54,33 +54,20 @@ pub enum WireError {
     #[error("the connection was closed")]
     Closed,
     #[error("no answer within {within_ms} ms")]
-    Deadline {
-        /// The time.
-        within_ms: u64,
-    },
+    Deadline { within_ms: u64 },
     #[error("a message was torn: {came} of {due} bytes came")]
     Torn {
-        /// Bytes that came.
         came: u64,
         /// Bytes that were due.
         due: u64,
     },
     #[error("{bytes} bytes; at most {most} are allowed")]
-    TooLarge {
-        bytes: u64,
-        /// The bound.
-        most: u64,
-    },
+    TooLarge { bytes: u64, most: u64 },
     #[error("the bytes are no message: {0}")]
     Malformed(String),
     /// An answer has another number than the request.
     #[error("the answer to request {came} came; that to {due} was due")]
-    Sequence {
-        /// The number that was due.
-        due: u64,
-        /// The number that came.
-        came: u64,
-    },
+    Sequence { due: u64, came: u64 },
     /// The other side contradicts itself, or answers something else than what was asked.
     #[error("the cell contradicts itself: {0}")]
     Lying(String),

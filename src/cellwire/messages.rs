@@ -45,7 +45,6 @@ pub enum Role {
     Control,
     /// It is the cell that works; there is one at a time.
     Live,
-    /// It is a cell for trials.
     Trial,
 }
 
@@ -80,9 +79,7 @@ pub struct Hello {
 /// The bounds of a server.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct ServerLimits {
-    /// The largest message, bytes.
     pub message_bytes: u64,
-    /// The largest block, bytes.
     pub block_bytes: u64,
     /// The most forks of a session.
     pub forks: u64,
@@ -101,7 +98,6 @@ pub struct Welcome {
     pub build: String,
     /// Ticks per second.
     pub rate_hz: u32,
-    /// The watchdog as it is set.
     pub watchdog_ms: Option<u32>,
     pub bounds: ServerLimits,
 }
@@ -191,26 +187,16 @@ pub enum Call {
     AwaitWork {
         /// What a simulated cell draws the work from.
         conditions: Box<Distribution>,
-        /// Seed of the draw.
         seed: u64,
     },
     /// Of a trial cell: starts an episode.
     Reset { setup: Box<EpisodeSetup> },
     /// Of a trial cell: continues from a fork of the session.
-    GoOnFrom {
-        /// Its handle.
-        fork: u64,
-    },
+    GoOnFrom { fork: u64 },
     /// Of a trial cell: continues from exported bytes, which follow as a block.
-    Import {
-        /// The bytes.
-        image: Block,
-    },
+    Import { image: Block },
     /// Of a trial cell: goes to the state that another cell observed.
-    SetTo {
-        /// What was observed.
-        observed: Box<Observation>,
-    },
+    SetTo { observed: Box<Observation> },
     /// Of a trial cell: from now on the frames of every episode are kept.
     Film,
     /// Of a trial cell: the frames of the episode so far; answered by [`CellReply::Block`], a list of `EpisodeFrame`.
@@ -419,7 +405,6 @@ pub enum CellReply {
     Seen(Box<CellState>),
     /// A state is kept.
     Fork {
-        /// Its handle.
         fork: u64,
         /// Ticks since the work was presented.
         tick: u64,

@@ -19,25 +19,13 @@ pub enum CellRefusal {
     /// The client speaks another version; the connection is closed.
     Version { server: u32 },
     /// A value of the hello is not allowed; the connection is closed.
-    Hello {
-        field: String,
-        /// What is allowed.
-        allowed: String,
-    },
+    Hello { field: String, allowed: String },
     /// The bytes are no message; the connection is closed.
     Malformed(String),
     /// A request is missing or came twice; the connection is closed.
-    Sequence {
-        /// The number that was due.
-        due: u64,
-        /// The number that came.
-        came: u64,
-    },
+    Sequence { due: u64, came: u64 },
     /// A role that this connection does not have.
-    Role {
-        /// The role that the call needs.
-        needs: Role,
-    },
+    Role { needs: Role },
     /// The live cell is another client's; the connection is closed.
     Taken,
     /// The server keeps as many connections or forks as it can.
@@ -59,11 +47,7 @@ pub enum CellRefusal {
         problem: String,
     },
     /// The episode could not be started.
-    InvalidStart {
-        seed: u64,
-        /// What failed.
-        problem: String,
-    },
+    InvalidStart { seed: u64, problem: String },
     /// The body could not carry out a tick.
     Body(BodyError),
     /// Bytes that are no state of this cell.

@@ -29,10 +29,7 @@ pub const fn ms_of(ticks: u64) -> u64 {
 #[derive(Clone, Debug)]
 pub enum Clock {
     /// Advanced by the engine with its simulated work.
-    Virtual {
-        /// Virtual time now, ms.
-        now_ms: u64,
-    },
+    Virtual { now_ms: u64 },
     /// Follows the monotonic clock from a starting point.
     Real {
         /// Virtual time at the start, ms.

@@ -86,7 +86,6 @@ pub struct ClosedRecording {
     pub file: String,
     /// SHA-256 of the file.
     pub digest: Digest,
-    /// Size of the file, bytes.
     pub bytes: u64,
     /// Video frames of the live cell in the file.
     pub frames: u64,

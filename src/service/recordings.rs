@@ -16,7 +16,6 @@ use std::borrow::Cow;
 pub enum RecordListError {
     #[error(transparent)]
     Store(#[from] StoreError),
-    /// A record has another form.
     #[error(transparent)]
     Form(#[from] RecordError),
 }

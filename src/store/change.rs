@@ -231,7 +231,6 @@ pub enum Change {
     /// A piece of evidence on a version at its present row version.
     PutEvidence {
         version: CapabilityId,
-        /// Its subject.
         kind: EvidenceKind,
         /// The evidence, JSON text.
         json: String,
@@ -302,7 +301,6 @@ pub enum Change {
     },
     /// One batch of telemetry, as earlier versions sealed it.
     SealTelemetry {
-        /// The version it is about.
         version: CapabilityId,
         batch: u64,
         /// Its digest, as the telemetry file returned it.
@@ -337,14 +335,12 @@ pub enum Change {
 pub struct QuarantinedFile {
     /// Its name in the store's folder.
     pub file: String,
-    /// Why it was quarantined.
     pub problem: String,
 }
 
 /// A stored batch, for [`Change::SealTelemetryBlock`].
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct BatchReceipt {
-    /// The version it is about.
     pub version: CapabilityId,
     pub batch: u64,
     /// Digest of all its fields.
@@ -409,9 +405,7 @@ impl Change {
 pub struct ApprovalRequest {
     /// Its id, a name.
     pub id: String,
-    /// The version to approve.
     pub version: CapabilityId,
-    /// At which row version.
     pub row_version: u64,
     pub evidence_digest: Digest,
     pub policy_digest: Digest,

@@ -18,9 +18,7 @@ pub const PAGE_ROWS_MAX: usize = 10_000;
 #[derive(Clone, Debug, Default)]
 pub struct VersionFilter {
     pub group: VersionGroup,
-    /// Of one family only.
     pub family: Option<String>,
-    /// In one state only.
     pub state: Option<State>,
     /// Whose name contains this text.
     pub text: Option<String>,
@@ -35,9 +33,7 @@ pub struct VersionFilter {
 pub struct EvidenceEntry {
     /// The record that brought it.
     pub seq: u64,
-    /// Its subject.
     pub kind: EvidenceKind,
-    /// Row version it was made at.
     pub row_version: u64,
     /// Profile it was made under.
     pub profile: ProfileName,
@@ -146,9 +142,7 @@ pub struct AlarmEntry {
 pub struct AuditFilter {
     /// From this record on.
     pub from_seq: u64,
-    /// Before this record only.
     pub before_seq: Option<u64>,
-    /// Of this kind only.
     pub kind: Option<RecordKind>,
     /// Of none of these kinds.
     pub without: BTreeSet<RecordKind>,

@@ -211,11 +211,7 @@ pub enum StoreError {
     #[error("{what} {value:?} is not allowed: {allowed}")]
     Invalid { what: &'static str, value: String, allowed: String },
     #[error("a key is missing or cannot be used: {source}")]
-    Key {
-        /// The file of the key.
-        path: PathBuf,
-        source: KeyError,
-    },
+    Key { path: PathBuf, source: KeyError },
     /// The virtual clock went back.
     #[error(
         "the clock went back: the last record is from {last_ms} ms, this one from {found_ms} ms; holding"

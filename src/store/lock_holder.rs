@@ -36,7 +36,6 @@ const OPEN_FILES_MAX: usize = 4096;
 pub enum LockHolder {
     /// No process.
     Nobody,
-    /// The process of this id.
     Process(i32),
     /// Some process may hold it; the kernel does not name it, or not in time.
     Untold,

@@ -20,7 +20,6 @@ pub struct OpenReport {
     pub interrupted: Vec<InterruptedWork>,
     /// News of the telemetry, for this engine to put on record.
     pub telemetry: StartupTelemetry,
-    /// The history of the profiles, by the chain.
     pub profiles: ProfileHistory,
 }
 

@@ -22,12 +22,7 @@ pub enum VerifyError {
     #[error("the telemetry file is not as this program makes it: {0}")]
     TelemetryFile(String),
     #[error("telemetry batch {batch}, sealed by audit record {seq}, is bad: {problem}")]
-    Telemetry {
-        batch: u64,
-        /// The record that sealed it.
-        seq: u64,
-        problem: String,
-    },
+    Telemetry { batch: u64, seq: u64, problem: String },
 }
 
 impl VerifyError {

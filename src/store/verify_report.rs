@@ -7,7 +7,6 @@ use serde::Serialize;
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct VerifyReport {
     pub store_id: String,
-    /// Records in the chain.
     pub records: u64,
     /// Hash of the last one.
     pub head: Digest,
@@ -49,9 +48,7 @@ pub struct VerifyReport {
 pub struct MissingBatches {
     pub first: u64,
     pub last: u64,
-    /// The record that sealed the first one.
     pub first_sealed_by: u64,
-    /// The record that sealed the last one.
     pub last_sealed_by: u64,
 }
 

@@ -17,7 +17,6 @@ const WELCOME_WITHIN: Duration = Duration::from_secs(10);
 pub enum CellCallError {
     /// The cell refuses it; the connection stays.
     Refused(CellRefusal),
-    /// The connection is lost.
     Lost(WireError),
 }
 

@@ -62,7 +62,6 @@ struct Connection<'a, S> {
     line: Line<S>,
     cell: ConnectionCell,
     watchdog: Watchdog,
-    /// A stop of the watchdog that stands.
     stopped: Option<WatchdogStop>,
     /// The last reported state of the guard; absent since a start.
     guard: Option<GuardVerdict>,

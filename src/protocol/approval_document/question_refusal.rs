@@ -17,11 +17,7 @@ pub enum QuestionRefusal {
         max: usize,
     },
     /// The answer is void.
-    AnswerVoid {
-        version: CapabilityId,
-        /// Why.
-        cause: AnswerVoidCause,
-    },
+    AnswerVoid { version: CapabilityId, cause: AnswerVoidCause },
 }
 
 /// Why a signed answer is void.
@@ -35,7 +31,6 @@ pub enum AnswerVoidCause {
     ValidTooLong,
     /// Another version of the renderer made the lines.
     OtherRenderer,
-    /// The answer is for a store with another key.
     OtherStoreKey,
     /// The signed facts are not the present ones.
     OtherFacts,

@@ -24,13 +24,7 @@ pub enum ExceededValue {
         most_m_s: f32,
     },
     /// A measure of harm, past the limit of the profile.
-    Harm {
-        /// The measure.
-        kind: HarmKind,
-        /// The measured value.
-        value: f64,
-        limit: f64,
-    },
+    Harm { kind: HarmKind, value: f64, limit: f64 },
 }
 
 /// A limit that a run exceeded.
@@ -91,10 +85,7 @@ pub enum OutcomePart {
         more: u32,
     },
     /// The duration.
-    Took {
-        /// The duration, s.
-        secs: f64,
-    },
+    Took { secs: f64 },
     /// The version passed a drill, or it failed it.
     Drill { kind: DrillKind, passed: bool },
     /// The drill could not be set up.

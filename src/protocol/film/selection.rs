@@ -15,9 +15,7 @@ use super::FilmSubject;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct CodeFaultCount {
     pub fault: CodeFault,
-    /// Tasks with this fault.
     pub failed: u64,
-    /// Tasks in all.
     pub tasks: u32,
 }
 
@@ -41,9 +39,7 @@ pub enum SelectionReason {
     BrokenOff(BreakCause),
     /// The candidate does more harm by one measure.
     Harm {
-        /// The measure.
         kind: HarmKind,
-        /// The candidate's value.
         candidate: f64,
         /// The active version's value.
         active: f64,
@@ -92,7 +88,6 @@ pub enum SelectionFailure {
     OutOfRange {
         /// The kind of work.
         of: FilmSubject,
-        /// The requested number.
         number: u32,
         /// How many are on record one by one.
         count: u32,
@@ -105,16 +100,9 @@ pub enum FilmRefusal {
     /// The version is not in the registry.
     UnknownVersion { version: CapabilityId },
     /// Nothing could be selected.
-    NotSelected {
-        version: CapabilityId,
-        /// Why.
-        failure: SelectionFailure,
-    },
+    NotSelected { version: CapabilityId, failure: SelectionFailure },
     /// The version that it was compared with is not in the registry.
-    ComparedVersionMissing {
-        /// The version that was evaluated.
-        version: CapabilityId,
-    },
+    ComparedVersionMissing { version: CapabilityId },
     /// The cell keeps no frames.
     CellCannotFilm,
 }

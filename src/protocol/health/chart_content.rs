@@ -86,14 +86,12 @@ pub enum MarkContent {
     },
     /// An alarm was raised.
     AlarmRaised {
-        /// Its name.
         alarm: String,
         /// Its latest text; absent if the record does not repeat it.
         text: Option<NoticeOrText>,
     },
     /// A person closed an alarm.
     AlarmClosed {
-        /// Its name.
         alarm: String,
         /// The person; absent if the record names none.
         by: Option<String>,

@@ -29,7 +29,6 @@ pub struct VerdictSide {
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct HealthVerdict {
     pub family: Family,
-    /// The moment, in words.
     pub moment: String,
     /// Whether only a sample of the tasks was read.
     pub sampled: bool,

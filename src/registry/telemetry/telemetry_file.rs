@@ -57,7 +57,6 @@ pub(crate) struct TelemetryFile {
     limits: TelemetryLimits,
     /// Number of the next batch: from the chain and the rows, not from a stored counter.
     next: u64,
-    /// Bytes of all batches.
     batch_bytes: u64,
     /// Of the cached results, once requested.
     cells: Option<CacheUsage>,

@@ -35,7 +35,6 @@ use std::borrow::Cow;
 /// The parts of a copy beside the database, its checkpoints and the public keys.
 #[derive(Clone, Copy, Default)]
 pub struct BackupParts<'a> {
-    /// Secret keys.
     pub keys: bool,
     /// Recordings of scenes: those that this function names for the copied store.
     pub recordings: Option<&'a ListRecordings<'a>>,

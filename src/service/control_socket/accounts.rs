@@ -41,7 +41,6 @@ pub(super) enum AllowedAccounts {
 pub(super) struct ClientAccount {
     pub(super) uid: u32,
     pub(super) role: AccountRole,
-    /// Whether it is the engine's own.
     pub(super) is_owner: bool,
 }
 

@@ -73,7 +73,6 @@ pub(super) struct ConnectionLimits {
     braking: Arc<Semaphore>,
     stops: Arc<Semaphore>,
     idle: Arc<Mutex<IdleConnections>>,
-    /// The connections of each account.
     accounts: AccountCounts,
     /// Those that receive events.
     receivers: AccountCounts,

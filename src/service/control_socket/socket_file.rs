@@ -24,7 +24,6 @@ pub fn socket_path(layout: &Layout) -> PathBuf {
 /// The accounts that may connect to a socket, by its file's permissions.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum SocketAccess {
-    /// The owner alone.
     Owner,
     /// Members of this group as well.
     Group(u32),

@@ -31,7 +31,6 @@ pub(super) struct Publisher {
     missed: u64,
     changed: bool,
     published: Option<Instant>,
-    /// The attached consoles.
     consoles: Arc<ConsoleRegistry>,
 }
 
