@@ -93,7 +93,7 @@ pub(crate) fn check_end(
     checkpoints: &[StoredCheckpoint],
     (store_id, key): (&str, Option<&VerifyingKey>),
 ) -> Result<Option<Checkpoint>, SigningFault> {
-    let last = fold.end().seq;
+    let last = fold.end.seq;
     let Some(end) = valid(connection, store_id, key)? else {
         // Earlier versions signed checkpoints alone, the last of them at the end.
         let earlier = checkpoints.last().filter(|stored| stored.checkpoint.link.is_none());

@@ -73,7 +73,7 @@ pub(crate) fn differing(fold: &Fold, connection: &Connection) -> rusqlite::Resul
             }
         })?;
     }
-    if seen == fold.rows().len() {
+    if seen == fold.rows.len() {
         return Ok(found);
     }
     let mut there = std::collections::BTreeSet::new();
@@ -82,7 +82,7 @@ pub(crate) fn differing(fold: &Fold, connection: &Connection) -> rusqlite::Resul
             there.insert((table, key));
         })?;
     }
-    for (name, vouched) in fold.rows() {
+    for (name, vouched) in &fold.rows {
         if !there.contains(name) {
             found.insert(name.clone(), format!("it is missing; record {} made it", vouched.seq));
         }
@@ -99,7 +99,7 @@ fn chained(fold: &Fold, connection: &Connection) -> rusqlite::Result<Option<Chai
 fn order(fold: &Fold, connection: &Connection) -> rusqlite::Result<Option<ChainFault>> {
     let mut select = connection.prepare("SELECT id, name FROM version ORDER BY id")?;
     let mut rows = select.query([])?;
-    for (expected, name) in (1i64..).zip(fold.order()) {
+    for (expected, name) in (1i64..).zip(&fold.order) {
         let Some(found) = rows.next()? else { break };
         let (id, found): (i64, String) = (found.get(0)?, found.get(1)?);
         if (id, &found) != (expected, name) {
@@ -158,7 +158,7 @@ pub(crate) fn checked_receipt(
 /// Every receipt matches the chain, and together they name every record.
 fn commands(fold: &Fold, connection: &Connection) -> rusqlite::Result<Option<ChainFault>> {
     let mut select = connection.prepare("SELECT id, last_seq, receipt FROM command WHERE last_seq > ?1")?;
-    let mut rows = select.query([fold.since()])?;
+    let mut rows = select.query([fold.since.seq])?;
     // By their first record: the last one, and the command.
     let mut covered: BTreeMap<u64, (u64, String)> = BTreeMap::new();
     while let Some(found) = rows.next()? {
@@ -171,7 +171,7 @@ fn commands(fold: &Fold, connection: &Connection) -> rusqlite::Result<Option<Cha
             return Ok(Some(row("command", &id, "its receipt names records of another command")));
         }
     }
-    let mut next = fold.since() + 1;
+    let mut next = fold.since.seq + 1;
     for (first, (last, id)) in covered {
         if first != next {
             let problem =
@@ -180,7 +180,7 @@ fn commands(fold: &Fold, connection: &Connection) -> rusqlite::Result<Option<Cha
         }
         next = last + 1;
     }
-    if next != fold.end().seq + 1 {
+    if next != fold.end.seq + 1 {
         return Ok(Some(row("command", "", format!("the command that wrote record {next} is missing"))));
     }
     Ok(None)

@@ -87,51 +87,38 @@ pub(crate) struct CellStop {
     pub(crate) began: u64,
 }
 
-/// The parts of a fold that a snapshot keeps.
-pub(crate) struct FoldParts<'a> {
-    pub(crate) end: Head,
-    pub(crate) rows: &'a BTreeMap<RowName, ChainedRow>,
-    pub(crate) states: &'a BTreeMap<String, (State, u64)>,
-    pub(crate) order: &'a [String],
-    pub(crate) telemetry: &'a TelemetryAccount,
-    pub(crate) tree: &'a Frontier,
-    pub(crate) witnesses: &'a BTreeSet<String>,
-    pub(crate) cell: CellStop,
-    pub(crate) profiles: &'a ProfileHistory,
-}
-
 /// The content of the chain.
 #[derive(Clone, Debug)]
 pub(crate) struct Fold {
-    end: Head,
+    pub(crate) end: Head,
     /// Records up to here were not read: a snapshot replaces them.
-    since: Head,
-    rows: BTreeMap<RowName, ChainedRow>,
-    states: BTreeMap<String, (State, u64)>,
+    pub(crate) since: Head,
+    pub(crate) rows: BTreeMap<RowName, ChainedRow>,
+    pub(crate) states: BTreeMap<String, (State, u64)>,
     /// By the record that set it: a version and its row version from then on. Of the records that were read.
     sets: BTreeMap<u64, (String, u64)>,
     /// Versions in the order of their registration.
-    order: Vec<String>,
+    pub(crate) order: Vec<String>,
     /// Of the records that were read.
     hashes: Vec<Digest>,
     /// Of the records that were read; `None` if the caller does not need them.
-    indexes: Option<IndexSums>,
+    pub(crate) indexes: Option<IndexSums>,
     /// The kind of the last record that was read, with its meaning for the fold.
     last_kind: (String, Option<RecordKind>),
-    cell: CellStop,
+    pub(crate) cell: CellStop,
     /// The tree over all records, those before `since` included; it follows once records were read.
-    tree: Frontier,
+    pub(crate) tree: Frontier,
     /// Witness folders, which get every checkpoint.
-    witnesses: BTreeSet<String>,
-    profiles: ProfileHistory,
+    pub(crate) witnesses: BTreeSet<String>,
+    pub(crate) profiles: ProfileHistory,
     /// Sizes of the tree whose roots are wanted, and those roots.
     noted: BTreeSet<u64>,
     roots: BTreeMap<u64, Digest>,
     /// First and last of the unsigned records that a rebuild took, among the records that were read.
-    taken_unsigned: Vec<(u64, u64)>,
+    pub(crate) taken_unsigned: Vec<(u64, u64)>,
     /// Of the records that were read.
     pub(crate) batches: Vec<SealedBatch>,
-    telemetry: TelemetryAccount,
+    pub(crate) telemetry: TelemetryAccount,
 }
 
 /// Records between two progress reports.
@@ -284,11 +271,6 @@ impl Fold {
         }
     }
 
-    /// The tree over all records.
-    pub(crate) const fn tree(&self) -> &Frontier {
-        &self.tree
-    }
-
     /// The root of the tree of the first `size` records, `None` if there are fewer, or if they were not all read.
     pub(crate) fn root(&self, size: u64) -> Option<Digest> {
         if size == self.tree.size() {
@@ -315,16 +297,6 @@ impl Fold {
         }
     }
 
-    /// Witness folders, which get every checkpoint.
-    pub(crate) const fn witnesses(&self) -> &BTreeSet<String> {
-        &self.witnesses
-    }
-
-    /// First and last of the unsigned records that a rebuild took.
-    pub(crate) fn taken_unsigned(&self) -> &[(u64, u64)] {
-        &self.taken_unsigned
-    }
-
     /// The chain ends where the store says.
     pub(crate) fn check_end(&self, connection: &Connection) -> Result<(), FoldError> {
         let row = |problem: String| {
@@ -348,77 +320,6 @@ impl Fold {
         Err(row(problem))
     }
 
-    /// The end of the chain.
-    pub(crate) const fn end(&self) -> Head {
-        self.end
-    }
-
-    /// The last record that was not read.
-    pub(crate) const fn since(&self) -> u64 {
-        self.since.seq
-    }
-
-    /// The content of a snapshot.
-    pub(crate) fn parts(&self) -> FoldParts<'_> {
-        FoldParts {
-            end: self.end,
-            rows: &self.rows,
-            states: &self.states,
-            order: &self.order,
-            telemetry: &self.telemetry,
-            tree: &self.tree,
-            witnesses: &self.witnesses,
-            cell: self.cell,
-            profiles: &self.profiles,
-        }
-    }
-
-    /// A fold that continues from a snapshot.
-    pub(crate) fn from_parts(
-        end: Head,
-        rows: BTreeMap<RowName, ChainedRow>,
-        states: BTreeMap<String, (State, u64)>,
-        order: Vec<String>,
-        (telemetry, tree, witnesses, cell): (TelemetryAccount, Frontier, BTreeSet<String>, CellStop),
-        profiles: ProfileHistory,
-    ) -> Self {
-        Self {
-            end,
-            since: end,
-            rows,
-            states,
-            sets: BTreeMap::new(),
-            order,
-            hashes: Vec::new(),
-            tree,
-            witnesses,
-            profiles,
-            noted: BTreeSet::new(),
-            roots: BTreeMap::new(),
-            indexes: None,
-            last_kind: (String::new(), None),
-            cell,
-            taken_unsigned: Vec::new(),
-            batches: Vec::new(),
-            telemetry,
-        }
-    }
-
-    /// The history of the profiles.
-    pub(crate) const fn profiles(&self) -> &ProfileHistory {
-        &self.profiles
-    }
-
-    /// The records about the cell's stop.
-    pub(crate) const fn cell(&self) -> CellStop {
-        self.cell
-    }
-
-    /// The records about telemetry.
-    pub(crate) const fn telemetry(&self) -> &TelemetryAccount {
-        &self.telemetry
-    }
-
     /// The hash of a record, `None` if there is none or it was not read.
     pub(crate) fn hash(&self, seq: u64) -> Option<Digest> {
         if seq == self.since.seq && seq > 0 {
@@ -426,16 +327,6 @@ impl Fold {
         }
         let index = seq.checked_sub(self.since.seq)?.checked_sub(1)?;
         usize::try_from(index).ok().and_then(|index| self.hashes.get(index)).copied()
-    }
-
-    /// The index sums of the records that were read, if requested.
-    pub(crate) const fn indexes(&self) -> Option<&IndexSums> {
-        self.indexes.as_ref()
-    }
-
-    /// Every row, by table and key.
-    pub(crate) const fn rows(&self) -> &BTreeMap<RowName, ChainedRow> {
-        &self.rows
     }
 
     /// The last record's state of a row.
@@ -446,11 +337,6 @@ impl Fold {
     /// Versions whose state these records set, and the row version from then on.
     pub(crate) fn states_set(&self, first: u64, last: u64) -> impl Iterator<Item = (String, u64)> {
         self.sets.range(first..=last.max(first)).map(|(_, set)| set.clone())
-    }
-
-    /// Versions in the order of their registration.
-    pub(crate) fn order(&self) -> &[String] {
-        &self.order
     }
 
     /// Adds a record.

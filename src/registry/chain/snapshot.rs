@@ -15,7 +15,7 @@ use rusqlite::{Connection, OptionalExtension};
 use serde::{Deserialize, Serialize};
 use sha2::{Digest as _, Sha256};
 
-use crate::chain::fold::{CellStop, ChainedRow, Fold, FoldParts};
+use crate::chain::fold::{CellStop, ChainedRow, Fold};
 use crate::chain::row_images::ChainedTable;
 use crate::chain::telemetry_seals::TelemetryAccount;
 use holdpoint_audit::chain::Head;
@@ -62,22 +62,23 @@ struct SnapshotFile {
 /// # Errors
 /// If it cannot be written.
 pub(crate) fn write(fold: &Fold, folder: &Path) -> Result<Option<Digest>, StoreError> {
-    let FoldParts { end, rows, states, order, telemetry, tree, witnesses, cell, profiles } = fold.parts();
+    let end = fold.end;
     let file = SnapshotFile {
         seq: end.seq,
         hash: end.hash,
         at_ms: end.at_ms,
-        rows: rows
+        rows: fold
+            .rows
             .iter()
             .map(|((table, key), row)| (table.name().to_owned(), key.clone(), row.digest, row.seq))
             .collect(),
-        states: states.iter().map(|(name, (state, version))| (name.clone(), *state, *version)).collect(),
-        order: order.to_vec(),
-        telemetry: telemetry.clone(),
-        tree: tree.clone(),
-        witnesses: witnesses.clone(),
-        cell,
-        profiles: profiles.clone(),
+        states: fold.states.iter().map(|(name, (state, version))| (name.clone(), *state, *version)).collect(),
+        order: fold.order.clone(),
+        telemetry: fold.telemetry.clone(),
+        tree: fold.tree.clone(),
+        witnesses: fold.witnesses.clone(),
+        cell: fold.cell,
+        profiles: fold.profiles.clone(),
     };
     let bytes =
         serde_json::to_vec(&file).map_err(|error| StoreError::invalid("fold snapshot", end.seq, error))?;
@@ -119,19 +120,16 @@ pub(crate) fn read(
     if (end.seq, end.hash) != (seq, checkpoint.head) || there != Some(*end.hash.bytes()) {
         return None;
     }
-    let mut rows = std::collections::BTreeMap::new();
+    let mut fold = Fold::empty();
+    (fold.end, fold.since, fold.cell, fold.telemetry) = (end, end, file.cell, file.telemetry);
+    (fold.order, fold.tree) = (file.order, file.tree);
+    (fold.witnesses, fold.profiles) = (file.witnesses, file.profiles);
     for (table, key, digest, seq) in file.rows {
-        rows.insert((ChainedTable::named(&table)?, key), ChainedRow { digest, seq });
+        fold.rows.insert((ChainedTable::named(&table)?, key), ChainedRow { digest, seq });
     }
-    let states = file.states.into_iter().map(|(name, state, version)| (name, (state, version))).collect();
-    Some(Fold::from_parts(
-        end,
-        rows,
-        states,
-        file.order,
-        (file.telemetry, file.tree, file.witnesses, file.cell),
-        file.profiles,
-    ))
+    let states = file.states.into_iter();
+    fold.states = states.map(|(name, state, version)| (name, (state, version))).collect();
+    Some(fold)
 }
 
 /// A file's bytes, if they match the signature: the file is hashed piece by piece before it is loaded.

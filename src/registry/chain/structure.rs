@@ -26,7 +26,7 @@ const CHAIN_INDEXES: [(&str, &str); 2] = [("audit_subject", "subject"), ("audit_
 pub(crate) fn check_at_start(connection: &Connection, fold: &Fold) -> Result<(), String> {
     check_cell(connection, fold)?;
     // Only a check of the whole file covers free pages.
-    if fold.since() == 0 || has_free_pages(connection).map_err(unreadable)? {
+    if fold.since.seq == 0 || has_free_pages(connection).map_err(unreadable)? {
         return whole_file(connection);
     }
     for table in tables(connection).map_err(unreadable)? {
@@ -38,7 +38,7 @@ pub(crate) fn check_at_start(connection: &Connection, fold: &Fold) -> Result<(),
     for (index, column) in CHAIN_INDEXES {
         let sql = format!("SELECT count({column}) FROM audit INDEXED BY {index}");
         let entries: u64 = connection.query_row(&sql, [], |row| row.get(0)).map_err(unreadable)?;
-        if entries != fold.end().seq {
+        if entries != fold.end.seq {
             return Err(format!("wrong # of entries in index {index}"));
         }
     }
@@ -60,7 +60,7 @@ fn check_cell(connection: &Connection, fold: &Fold) -> Result<(), String> {
     let stopped = number(&by_kind("min", RecordKind::CellStopped), released)?;
     let ended = number(&by_kind("max", RecordKind::EngineEnded), 0)?;
     let began = number(&by_kind("max", RecordKind::EngineBegan), ended)?;
-    if fold.cell() == (CellStop { released, stopped, began }) {
+    if fold.cell == (CellStop { released, stopped, began }) {
         return Ok(());
     }
     Err("the index \"audit_kind\" differs from its table".to_owned())
@@ -87,10 +87,10 @@ pub(crate) fn check_file(database: &Path) -> Result<(), String> {
 /// # Errors
 /// What is wrong.
 pub(crate) fn check_indexes(connection: &Connection, fold: &Fold) -> Result<(), String> {
-    let Some(indexes) = fold.indexes() else {
+    let Some(indexes) = &fold.indexes else {
         return Err("the sums of the indexes are missing".to_owned());
     };
-    let differing = indexes.differing(connection, fold.end().seq).map_err(unreadable)?;
+    let differing = indexes.differing(connection, fold.end.seq).map_err(unreadable)?;
     differing.map_or(Ok(()), |index| Err(format!("the index {index:?} differs from its table")))
 }
 

@@ -111,9 +111,9 @@ pub(crate) fn apply(
     check_size(transaction)?;
     let digest = command_digest(transaction)?;
     let before = audit::head(connection).map_err(sqlite_error("read the audit chain"))?;
-    if before != fold.end() {
+    if before != fold.end {
         let problem =
-            format!("the audit chain ends at {}, this engine wrote up to {}", before.seq, fold.end().seq);
+            format!("the audit chain ends at {}, this engine wrote up to {}", before.seq, fold.end.seq);
         return Err(StoreError::Altered(problem));
     }
     if let Some(receipt) = earlier_receipt(connection, transaction, digest)? {
@@ -454,7 +454,7 @@ impl Applier<'_> {
                 check_json("caller", by)?;
                 self.check_witness_act((folder, *present), act.as_deref())?;
                 check_path(folder)?;
-                let known = self.fold.witnesses();
+                let known = &self.fold.witnesses;
                 if *present && known.len() >= WITNESSES_MAX && !known.contains(folder) {
                     let allowed = format!("at most {WITNESSES_MAX}");
                     return Err(StoreError::invalid("number of witnesses", known.len() + 1, allowed));
@@ -469,7 +469,7 @@ impl Applier<'_> {
 
     /// The history of the store's profiles before this transaction.
     pub(crate) const fn profile_history(&self) -> &ProfileHistory {
-        self.fold.profiles()
+        &self.fold.profiles
     }
 
     /// State and row version of an existing version.

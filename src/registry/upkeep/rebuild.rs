@@ -119,19 +119,19 @@ pub fn rebuild(
     };
     // A rebuild cannot replace an administrator's authorization of a profile.
     let reading = sqlite_error("read the words on profiles");
-    let signed = fold.end().seq.saturating_sub(unsigned);
+    let signed = fold.end.seq.saturating_sub(unsigned);
     if let Some((seq, problem)) = first_unauthorized(&damaged_store, signed).map_err(reading)? {
         let problem = format!("no signature covers the record {seq}, and {problem}");
         return Err(refused(&database, &problem, RefusalCause::UnsignedProfile));
     }
     if unsigned > 0 && unsigned_records == UnsignedRecords::Refuse {
-        return Err(would_take(&database, &damaged_store, fold.end(), unsigned));
+        return Err(would_take(&database, &damaged_store, fold.end, unsigned));
     }
     let part = database.with_extension("rebuilt");
     remove_database(&part)?;
     let mut new_store = make(&part, &STORE)?;
     row_limit::lift(&new_store).map_err(sqlite_error("write the rebuilt database"))?;
-    let damaged_path = free_name(&layout, fold.end())?;
+    let damaged_path = free_name(&layout, fold.end)?;
     let summary = RebuildSummary { by: requester, problem, damaged_file: file_name(&damaged_path), unsigned };
     let rebuilt = fill(&mut new_store, &damaged_store, &fold, (&store_id, summary), wall_ms);
     let rebuilt = rebuilt.inspect_err(|_| drop(remove_database(&part)))?;
@@ -209,7 +209,7 @@ fn signed_before(
         link.number = link.number.max(end.as_ref().map_or(0, Checkpoint::number) + 1);
     }
     let signed_to = newest.into_iter().chain(&end).map(|signed| signed.seq).max().unwrap_or(0);
-    (link, fold.end().seq.saturating_sub(signed_to))
+    (link, fold.end.seq.saturating_sub(signed_to))
 }
 
 /// An unused name for the damaged file.
@@ -260,8 +260,8 @@ fn fill(
     }
     let named = |(table, key): &RowName| (table.name().to_owned(), key.clone());
     let rebuilt = RebuildReport {
-        from_seq: fold.end().seq,
-        from_hash: fold.end().hash,
+        from_seq: fold.end.seq,
+        from_hash: fold.end.hash,
         problem: summary.problem,
         differed,
         lost: lost.iter().map(named).collect(),
@@ -269,7 +269,7 @@ fn fill(
         unsigned: summary.unsigned,
     };
     let change = RebuildRecordChange { change: "store-rebuilt".to_owned(), by: summary.by, rebuilt };
-    write_record(&tx, fold.end(), &change, &lost, wall_ms)?;
+    write_record(&tx, fold.end, &change, &lost, wall_ms)?;
     let after = Fold::read(&tx).map_err(|fault| StoreError::Invariant(format!("{fault:?}")))?;
     if let Some(fault) = compare(&after, &tx).map_err(&error)? {
         return Err(StoreError::Invariant(format!("the rebuilt store differs from its chain: {fault}")));
@@ -338,8 +338,8 @@ fn copy_commands(new_store: &Connection, damaged_store: &Connection, fold: &Fold
         keep_command(new_store, (&id, &digest, last_seq, &text))?;
         next = last_seq + 1;
     }
-    if next <= fold.end().seq {
-        keep_lost_command(new_store, fold, next, fold.end().seq)?;
+    if next <= fold.end.seq {
+        keep_lost_command(new_store, fold, next, fold.end.seq)?;
     }
     Ok(())
 }

@@ -49,7 +49,7 @@ pub(crate) fn check_existing(
     let store_id = store_id::read(&connection, &database)?;
     let known = snapshot::read(&layout.checkpoints(), &connection, &store_id, key);
     let fold = checked_chain(&connection, &database, known, watch)?;
-    if fold.end().seq > 0 {
+    if fold.end.seq > 0 {
         check_key(&store_id, key, &database)?;
     }
     let checkpoints = stored_checkpoints(layout)?;
@@ -57,7 +57,7 @@ pub(crate) fn check_existing(
     check_signed(&fold, &connection, layout, &checkpoints, (&store_id, key))?;
     check_tables(&fold, &connection, &database, &store_id)?;
     let chain_at = |seq: u64| chain_at(&fold, &connection, seq);
-    compare_witnesses(fold.witnesses().iter(), (&store_id, key), fold.end().seq, chain_at, problems)
+    compare_witnesses(fold.witnesses.iter(), (&store_id, key), fold.end.seq, chain_at, problems)
         .map_err(|(file, fault)| contradicted_by_copy(&database, &file, &fault))?;
     Ok(fold)
 }
@@ -69,7 +69,7 @@ fn chain_at(fold: &Fold, connection: &Connection, seq: u64) -> Option<ChainPoint
         row.ok().map(Digest::from_bytes)
     })?;
     // The writer sends the newest head at once; of the end the root is at hand.
-    let root = (seq == fold.end().seq).then(|| fold.tree().root());
+    let root = (seq == fold.end.seq).then(|| fold.tree.root());
     Some(ChainPoint { hash, root })
 }
 
@@ -189,7 +189,7 @@ pub(crate) fn check_tables(
 /// A fault with the different columns, as far as the chain shows them.
 fn fault_description(fold: &Fold, connection: &Connection, fault: &ChainFault) -> String {
     let columns = match fault {
-        ChainFault::Row { table, key, .. } if fold.end().seq <= RECORDS_REPLAYED_MAX => {
+        ChainFault::Row { table, key, .. } if fold.end.seq <= RECORDS_REPLAYED_MAX => {
             ChainedTable::named(table).map(|table| columns_otherwise(fold, connection, table, key))
         }
         ChainFault::Row { .. } | ChainFault::Record { .. } => None,

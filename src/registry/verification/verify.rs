@@ -175,16 +175,16 @@ pub fn verify_against(database: &Path, options: &VerifyOptions<'_>) -> Result<Ve
     }
     let mut report = VerifyReport {
         store_id,
-        records: fold.end().seq,
-        head: fold.end().hash,
-        root: fold.tree().root(),
+        records: fold.end.seq,
+        head: fold.end.hash,
+        root: fold.tree.root(),
         checkpoints,
         copies: copy_count,
         witnesses_silent,
         key_given: public_key.is_some(),
         approvals,
         persons: persons.all().count() as u64,
-        taken_unsigned: fold.taken_unsigned().to_vec(),
+        taken_unsigned: fold.taken_unsigned.clone(),
         confirmed: persons.confirmed().count() as u64,
         batches: 0,
         batches_pruned: 0,
@@ -227,7 +227,7 @@ fn check_checkpoints(
             }
             None => {
                 let problem = format!("it is missing, although the checkpoint {file:?} was made after it");
-                return Err(HistoryError::Record { seq: fold.end().seq + 1, problem });
+                return Err(HistoryError::Record { seq: fold.end.seq + 1, problem });
             }
         }
     }
@@ -245,9 +245,9 @@ fn check_copies(
     let fold = &*fold;
     let chain_at = |seq: u64| Some(ChainPoint { hash: fold.hash(seq)?, root: fold.root(seq) });
     for copy in copies {
-        let checked = check_copy(&copy.checkpoint, by, fold.end().seq, chain_at);
+        let checked = check_copy(&copy.checkpoint, by, fold.end.seq, chain_at);
         if let Err(fault) = checked
-            && !(copy.checkpoint.seq > fold.end().seq && since(copy))
+            && !(copy.checkpoint.seq > fold.end.seq && since(copy))
         {
             return Err(HistoryError::Copy { file: copy.file.clone(), fault });
         }
@@ -258,7 +258,7 @@ fn check_copies(
 /// The heads of the store's witnesses, and the unreadable witnesses.
 fn heads_of_witnesses(fold: &Fold, store_id: &str) -> (Vec<HeadCopy>, Vec<String>) {
     let (mut copies, mut silent) = (Vec::new(), Vec::new());
-    for witness in fold.witnesses() {
+    for witness in &fold.witnesses {
         let problem_line =
             |BadCheckpointFile { file, problem }: BadCheckpointFile| format!("{file}: {problem}");
         match read_witness(&folder_of(witness, store_id)) {
@@ -308,7 +308,7 @@ fn check_telemetry(
     for (nth, sealed) in (0..).zip(&fold.batches) {
         tell("telemetry batches", nth, fold.batches.len() as u64);
         let bad = |problem: String| VerifyError::Telemetry { batch: sealed.batch, seq: sealed.seq, problem };
-        let account = fold.telemetry();
+        let account = &fold.telemetry;
         let state = match &connection {
             Some(connection) => check_batch(connection, sealed.batch, sealed.digest, account)
                 .map_err(|error| bad(error.to_string()))?,

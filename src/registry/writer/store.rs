@@ -108,7 +108,7 @@ impl Store {
         let (mut connection, written) = open_writer(&layout.database(), &STORE, Durability::Full)?;
         // Tables read from here on match the comparison, while no other program writes.
         let compared = compare_tables(&mut connection, &fold)?;
-        let store_id = if fold.end().seq == 0 {
+        let store_id = if fold.end.seq == 0 {
             store_id::name_after(&connection, &key.verifying_key())?
         } else {
             store_id::read(&connection, &layout.database())?
@@ -120,13 +120,13 @@ impl Store {
         let telemetry = Arc::new(Mutex::new(telemetry));
         let result_cache =
             ResultCache::in_table(Arc::new(CachedRows(Arc::clone(&telemetry))), CacheSecret::of_store(&key)?);
-        let (public_key, profiles) = (key.verifying_key(), fold.profiles().clone());
+        let (public_key, profiles) = (key.verifying_key(), fold.profiles.clone());
         let link = sign_on(&connection, &layout, (&store_id, &fold), &key)?;
         let (jobs, incoming) = sync_channel(QUEUE_MAX);
         let checkpoint_problem = Arc::new(Mutex::new(None));
         let altered = Arc::new(Mutex::new(None));
         let mut senders = WitnessSenders::new(problems.clone());
-        senders.set(fold.witnesses().iter(), &store_id);
+        senders.set(fold.witnesses.iter(), &store_id);
         if let Ok(Some(end)) = chain_signature::read(&connection) {
             senders.send(&end);
         }
@@ -136,7 +136,7 @@ impl Store {
             store_id: store_id.clone(),
             key,
             checkpoints: layout.checkpoints(),
-            snapshot_seq: fold.since(),
+            snapshot_seq: fold.since.seq,
             fold,
             compared: Some(compared),
             opened: compared,
@@ -396,7 +396,7 @@ impl StoreWriter {
                     self.checkpoint(head);
                 }
                 if witness {
-                    self.senders.set(self.fold.witnesses().iter(), &self.store_id);
+                    self.senders.set(self.fold.witnesses.iter(), &self.store_id);
                 }
                 end = Some(head);
                 receipt
@@ -428,8 +428,8 @@ impl StoreWriter {
         let store_key = holdpoint_text::hex::hex(self.key.verifying_key().as_bytes());
         let place = ApprovalBasis { store_id: &self.store_id, store_key: &store_key };
         let answer = apply(&tx, transaction, place, &self.fold)?;
-        if answer.1.seq > self.fold.end().seq {
-            let root = audit::tree_after(&tx, self.fold.tree())?.root();
+        if answer.1.seq > self.fold.end.seq {
+            let root = audit::tree_after(&tx, &self.fold.tree)?.root();
             let (wall_ms, link) = (audit::wall_ms_of(&tx, answer.1.seq)?, self.link.clone());
             let end = Checkpoint::sign(&self.store_id, (answer.1, root), wall_ms, link, None, &self.key);
             chain_signature::write(&tx, &end)?;
@@ -445,7 +445,7 @@ impl StoreWriter {
     /// Writes a snapshot of the fold if the last one is old. Returns its digest.
     fn snapshot(&mut self, head: Head) -> Result<Option<Digest>, StoreError> {
         let due = head.seq >= self.snapshot_seq + snapshot::EVERY_RECORDS;
-        if !due || (self.fold.end().seq, self.fold.end().hash) != (head.seq, head.hash) {
+        if !due || (self.fold.end.seq, self.fold.end.hash) != (head.seq, head.hash) {
             return Ok(None);
         }
         self.snapshot_seq = head.seq;
@@ -454,7 +454,7 @@ impl StoreWriter {
 
     /// Writes a checkpoint. A failure is kept for the engine to report; the records are on disk.
     fn checkpoint(&mut self, head: Head) {
-        let tree = self.fold.tree();
+        let tree = &self.fold.tree;
         let root = if tree.size() == head.seq {
             Ok(tree.root())
         } else {
@@ -487,7 +487,7 @@ fn open_telemetry(
         .prepare("SELECT name FROM version")
         .and_then(|mut select| select.query_map([], |row| row.get(0))?.collect())
         .map_err(sqlite_error("read the versions"))?;
-    let account = fold.telemetry();
+    let account = &fold.telemetry;
     let chain = ChainEvidence { account, batches: &fold.batches, connection };
     let (contents, own) = prepare_file(layout, limits, chain)?;
     let aside = unrecorded_files(layout, connection, own.as_ref())?;
@@ -557,9 +557,9 @@ fn sign_on(
             end.write(&layout.checkpoints())?;
             return sign_on(connection, layout, (store_id, fold), key);
         }
-        found if found.as_ref().is_none_or(|end| end.root.is_none()) && fold.end().seq > 0 => {
-            let tree_head = (fold.end(), fold.tree().root());
-            let wall_ms = audit::wall_ms_of(connection, fold.end().seq)?;
+        found if found.as_ref().is_none_or(|end| end.root.is_none()) && fold.end.seq > 0 => {
+            let tree_head = (fold.end, fold.tree.root());
+            let wall_ms = audit::wall_ms_of(connection, fold.end.seq)?;
             let end = Checkpoint::sign(store_id, tree_head, wall_ms, link.clone(), None, key);
             chain_signature::write(connection, &end)?;
         }
