@@ -5,5 +5,4 @@
 pub(crate) mod cached_rows;
 pub(crate) mod telemetry_file;
 pub(crate) mod telemetry_quarantine;
-mod telemetry_reader;
 pub(crate) mod telemetry_views;

@@ -17,7 +17,6 @@ use crate::database::migrate::{Schema, migrate};
 use crate::terms::row_limit;
 use crate::terms::sqlite_error::sqlite_error;
 use holdpoint_audit::files::sync_folder;
-use holdpoint_audit::head_copies::HeadFault;
 use holdpoint_store::{RefusalCause, StoreError};
 use holdpoint_text::file::kind_of;
 
@@ -70,9 +69,7 @@ pub(crate) fn open_reader(path: &Path, schema: &Schema) -> Result<Connection, St
     if !file_id(path).is_some_and(|id| written_here().contains(&id)) {
         check_header(path, schema)?;
     }
-    let connection = open_read_only(path)?;
-    set(&connection, "query_only", "1", "1")?;
-    Ok(connection)
+    open_beside(path)
 }
 
 /// Opens a second connection for reading, beside one of [`open_reader`]. Does not open the file itself, which would
@@ -261,15 +258,17 @@ pub(crate) fn beside(path: &Path, ending: &str) -> PathBuf {
 
 /// Removes a database and its companion files, if it exists.
 pub(crate) fn remove_database(path: &Path) -> Result<(), StoreError> {
-    for leftover in COMPANIONS.map(|ending| beside(path, ending)).into_iter().chain([path.to_owned()]) {
-        match fs::remove_file(&leftover) {
-            Err(error) if error.kind() != ErrorKind::NotFound => {
-                return Err(StoreError::io("remove", &leftover)(error));
-            }
-            Ok(()) | Err(_) => {}
-        }
+    for ending in COMPANIONS {
+        remove_if_there(&beside(path, ending))?;
     }
-    Ok(())
+    remove_if_there(path)
+}
+
+fn remove_if_there(path: &Path) -> Result<(), StoreError> {
+    match fs::remove_file(path) {
+        Err(error) if error.kind() != ErrorKind::NotFound => Err(StoreError::io("remove", path)(error)),
+        Ok(()) | Err(_) => Ok(()),
+    }
 }
 
 /// Merges a database's log into the database, and removes the log.
@@ -284,13 +283,7 @@ pub(crate) fn truncate_log(path: &Path) -> Result<(), StoreError> {
     }
     connection.close().map_err(|(_, source)| error(source))?;
     for ending in ["-wal", "-shm"] {
-        let name = beside(path, ending);
-        match fs::remove_file(&name) {
-            Err(source) if source.kind() != ErrorKind::NotFound => {
-                return Err(StoreError::io("remove", &name)(source));
-            }
-            Ok(()) | Err(_) => {}
-        }
+        remove_if_there(&beside(path, ending))?;
     }
     Ok(())
 }
@@ -381,17 +374,6 @@ pub(crate) fn quick_check(connection: &Connection) -> Result<(), String> {
     }
 }
 
-/// A store that a head kept elsewhere contradicts.
-pub(crate) fn contradicted_by_copy(path: &Path, file: &str, fault: &HeadFault) -> StoreError {
-    let problem = format!("the head of a witness in {file:?} contradicts it: {fault}");
-    refused(path, &problem, RefusalCause::Witness)
-}
-
-/// A telemetry file of another form.
-pub(crate) fn not_telemetry(path: &Path, problem: &str) -> StoreError {
-    refused(path, problem, RefusalCause::Telemetry)
-}
-
 /// A file that is damaged or cut short.
 pub(crate) fn damaged(path: &Path, problem: &str) -> StoreError {
     refused(path, problem, RefusalCause::Damaged)
@@ -400,26 +382,6 @@ pub(crate) fn damaged(path: &Path, problem: &str) -> StoreError {
 /// A file whose chain is whole, but whose tables do not match it.
 pub(crate) fn not_the_chain(path: &Path, problem: &str) -> StoreError {
     refused(path, problem, RefusalCause::NotTheChain)
-}
-
-/// A file whose chain is whole, but unsigned, or without some of its checkpoints.
-pub(crate) fn unsigned(path: &Path, problem: &str) -> StoreError {
-    refused(path, problem, RefusalCause::Unsigned)
-}
-
-/// A public key that does not match the secret one beside it.
-pub(crate) fn other_public_key(path: &Path) -> StoreError {
-    refused(path, "it is not of the secret key store.key beside it", RefusalCause::KeyHalves)
-}
-
-/// A chain that a rebuild takes only with an explicit option.
-pub(crate) fn unsigned_records_refused(path: &Path, problem: &str) -> StoreError {
-    refused(path, problem, RefusalCause::TakesUnsigned)
-}
-
-/// A store with a foreign key beside it.
-pub(crate) fn foreign_key(path: &Path, problem: &str) -> StoreError {
-    refused(path, problem, RefusalCause::ForeignKey)
 }
 
 pub(crate) fn refused(path: &Path, problem: &str, cause: RefusalCause) -> StoreError {

@@ -1,6 +1,6 @@
 //! The leftovers of an interrupted engine. Listing only: the engine finishes or undoes each, and reports it.
 
-use crate::database::columns::parsed_option;
+use crate::database::columns::{parsed, parsed_option};
 use rusqlite::Connection;
 
 use holdpoint_governance::ids::CapabilityId;
@@ -15,10 +15,7 @@ pub(crate) fn interrupted(connection: &Connection) -> rusqlite::Result<Vec<Inter
     let mut rows = select.query([])?;
     let mut found = Vec::new();
     while let Some(row) = rows.next()? {
-        let name: String = row.get(0)?;
-        let version: CapabilityId = name.parse().map_err(|error| {
-            rusqlite::Error::FromSqlConversionFailure(0, rusqlite::types::Type::Text, Box::new(error))
-        })?;
+        let version: CapabilityId = parsed(row, 0)?;
         if row.get(3)? {
             found.push(InterruptedWork::RollbackPending { version: version.clone() });
         }

@@ -148,8 +148,7 @@ impl Applier<'_> {
     fn was_active(&self, version: &CapabilityId) -> Result<bool, StoreError> {
         let sql = "SELECT 1 FROM activation WHERE family = ?1 AND active = ?2 LIMIT 1";
         let name = version.to_string();
-        let found = self.find("look up activations", sql, [version.family.as_str(), &name], |_| Ok(()))?;
-        Ok(found.is_some())
+        self.exists("look up activations", sql, [version.family.as_str(), &name])
     }
 
     /// A current gate record for this version at its row version, and enough consumed approvals.
@@ -163,7 +162,7 @@ impl Applier<'_> {
         let name = version.to_string();
         let (_, row_version) = self.version(version)?;
         let (_, _, context_seq) = self.context()?;
-        let found = self.find(
+        let found = self.exists(
             "look up the gate record",
             "SELECT 1 FROM evidence WHERE version = ?1 AND kind = 'gate' AND digest = ?2 AND row_version = ?3
                AND seq > ?4 AND seq > ?5",
@@ -174,9 +173,8 @@ impl Applier<'_> {
                 void_seq,
                 context_seq
             ],
-            |_| Ok(()),
         )?;
-        if found.is_none() {
+        if !found {
             return Err(StoreError::Invariant(format!(
                 "{name} has no current gate record {}: nothing becomes active without one",
                 evidence.short()

@@ -23,7 +23,7 @@ use holdpoint_governance::ids::{CapabilityId, Digest, canonical_json, is_name};
 use holdpoint_governance::lifecycle::State;
 use holdpoint_governance::notice::{Notice, NoticeOrText};
 use holdpoint_governance::profile::ProfileName;
-use holdpoint_governance::record::{AuditRecord, RecordKind};
+use holdpoint_governance::record::RecordKind;
 use holdpoint_store::{
     AUDIT_MAX, AuditBody, BODY_BYTES_MAX, CHANGES_MAX, Change, EvidenceKind, NOTICE_BYTES_MAX, Receipt,
     StoreError, TEXT_BYTES_MAX, Transaction,
@@ -47,13 +47,6 @@ pub(crate) struct ApprovalBasis<'a> {
     pub(crate) store_key: &'a str,
 }
 
-impl ApprovalBasis<'_> {
-    /// For transactions without an approval.
-    pub(crate) const fn none() -> Self {
-        Self { store_id: "", store_key: "" }
-    }
-}
-
 /// A transaction being applied.
 pub(crate) struct Applier<'a> {
     pub(crate) connection: &'a Connection,
@@ -64,7 +57,6 @@ pub(crate) struct Applier<'a> {
     pub(crate) at_ms: u64,
     wall_ms: i64,
     pub(crate) place: ApprovalBasis<'a>,
-    first_seq: u64,
     pub(crate) head: Head,
     pub(crate) row_versions: Vec<(CapabilityId, u64)>,
     /// Row version of each version whose state was set, as it was before this transaction.
@@ -122,20 +114,8 @@ pub(crate) fn apply(
     if transaction.at_ms < before.at_ms {
         return Err(StoreError::ClockBack { last_ms: before.at_ms, found_ms: transaction.at_ms });
     }
-    let mut applier = Applier {
-        connection,
-        fold,
-        written: BTreeMap::new(),
-        at_ms: transaction.at_ms,
-        wall_ms: wall_ms_after(connection, before.seq, transaction)?,
-        place,
-        first_seq: before.seq + 1,
-        head: before,
-        row_versions: Vec::new(),
-        row_versions_before: BTreeMap::new(),
-        approved: BTreeMap::new(),
-        families: BTreeSet::new(),
-    };
+    let wall_ms = wall_ms_after(connection, before.seq, transaction)?;
+    let mut applier = Applier::new(connection, fold, place, (transaction.at_ms, wall_ms), before);
     crate::fp!("begin");
     for change in &transaction.changes {
         let rows = rows_of(change, applier.next_seq());
@@ -155,10 +135,10 @@ pub(crate) fn apply(
             return Err(StoreError::Invariant(violation.to_string()));
         }
     }
-    let written = applier.head.seq >= applier.first_seq;
+    let written = applier.head.seq > before.seq;
     let receipt = Receipt {
         command_id: transaction.command_id.clone(),
-        first_seq: if written { applier.first_seq } else { 0 },
+        first_seq: if written { before.seq + 1 } else { 0 },
         last_seq: if written { applier.head.seq } else { 0 },
         head: applier.head.hash,
         row_versions: applier.row_versions,
@@ -281,22 +261,22 @@ pub(crate) fn check_name(what: &'static str, name: &str) -> Result<(), StoreErro
 }
 
 impl<'a> Applier<'a> {
-    /// Applies the change of an existing record.
-    pub(crate) fn replaying(
+    /// For the changes whose records follow this end of the chain.
+    pub(crate) fn new(
         connection: &'a Connection,
         fold: &'a Fold,
         place: ApprovalBasis<'a>,
-        record: &AuditRecord,
+        (at_ms, wall_ms): (u64, i64),
+        head: Head,
     ) -> Self {
         Self {
             connection,
             fold,
             written: BTreeMap::new(),
-            at_ms: record.at_ms,
-            wall_ms: record.wall_ms,
+            at_ms,
+            wall_ms,
             place,
-            first_seq: record.seq,
-            head: Head { seq: record.seq.saturating_sub(1), hash: record.prev, at_ms: record.at_ms },
+            head,
             row_versions: Vec::new(),
             row_versions_before: BTreeMap::new(),
             approved: BTreeMap::new(),
@@ -344,6 +324,15 @@ impl Applier<'_> {
             .prepare_cached(sql)
             .and_then(|mut select| select.query_row(parameters, read).optional())
             .map_err(sqlite_error(what))
+    }
+
+    pub(crate) fn exists(
+        &self,
+        what: &'static str,
+        sql: &str,
+        parameters: impl rusqlite::Params,
+    ) -> Result<bool, StoreError> {
+        Ok(self.find(what, sql, parameters, |_| Ok(()))?.is_some())
     }
 
     /// Checks that the replaced rows are those of the chain: a row that another program changed is never taken over.
@@ -555,7 +544,7 @@ impl Applier<'_> {
         let count: Option<u64> =
             self.find("count alarms", "SELECT count(*) FROM alarm", [], |row| row.get(0))?;
         if count.unwrap_or(0) >= ALARMS_MAX
-            && self.find("find an alarm", "SELECT 1 FROM alarm WHERE id = ?1", [alarm], |_| Ok(()))?.is_none()
+            && !self.exists("find an alarm", "SELECT 1 FROM alarm WHERE id = ?1", [alarm])?
         {
             return Err(StoreError::invalid(
                 "number of alarms",

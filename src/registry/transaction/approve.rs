@@ -66,10 +66,7 @@ impl Applier<'_> {
         check_int("expiry", approval.not_after_ms)?;
         check_int("row version", approval.row_version)?;
         self.version(&approval.version)?;
-        if self
-            .find("find an approval", "SELECT 1 FROM approval WHERE nonce = ?1", [&nonce], |_| Ok(()))?
-            .is_some()
-        {
+        if self.exists("find an approval", "SELECT 1 FROM approval WHERE nonce = ?1", [&nonce])? {
             return Err(refuse(ApprovalFault::Repeated));
         }
         let text =

@@ -15,6 +15,7 @@ use crate::terms::sqlite_error::sqlite_error;
 use crate::transaction::apply::{Applier, ApprovalBasis};
 use crate::transaction::rebuild_losses::{lost_mark, rows_lost, text_of};
 use holdpoint_approvals::SignedApproval;
+use holdpoint_audit::chain::Head;
 use holdpoint_audit::recorded_approval::RecordedApproval;
 use holdpoint_governance::ids::{CapabilityId, Digest, canonical_json};
 use holdpoint_governance::record::{AuditRecord, RecordKind};
@@ -51,7 +52,9 @@ pub(crate) fn replay(
         return lost.iter().map(|(table, key)| mark(new_store, table, key)).collect();
     }
     let body: AppliedBody = serde_json::from_str(&record.body).map_err(unreadable)?;
-    let mut applier = Applier::replaying(new_store, fold, ApprovalBasis::none(), record);
+    let head = Head { seq: record.seq.saturating_sub(1), hash: record.prev, at_ms: record.at_ms };
+    let place = ApprovalBasis { store_id: "", store_key: "" };
+    let mut applier = Applier::new(new_store, fold, place, (record.at_ms, record.wall_ms), head);
     if kind == RecordKind::ApprovalPut {
         let recorded: RecordedApproval = serde_json::from_value(body.change).map_err(unreadable)?;
         return put_approval(&applier, damaged_store, &record.subject, &recorded);

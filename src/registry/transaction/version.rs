@@ -51,10 +51,7 @@ impl Applier<'_> {
                 "no more than that in one store",
             ));
         }
-        if self
-            .find("find a version", "SELECT 1 FROM version WHERE name = ?1", [&name], |_| Ok(()))?
-            .is_some()
-        {
+        if self.exists("find a version", "SELECT 1 FROM version WHERE name = ?1", [&name])? {
             return Err(StoreError::Exists { what: "version", name });
         }
         self.execute(

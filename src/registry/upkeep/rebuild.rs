@@ -25,7 +25,6 @@ use crate::chain::structure;
 use crate::database::migrate::STORE;
 use crate::database::open::{
     damaged, make, not_the_chain, open_reader, refused, remove_database, truncate_log,
-    unsigned_records_refused,
 };
 use crate::terms::row_limit;
 use crate::terms::sqlite_error::sqlite_error;
@@ -176,7 +175,7 @@ fn would_take(database: &Path, damaged_store: &Connection, end: Head, unsigned: 
     let more = if unsigned > named.len() as u64 { ", ..." } else { "" };
     let problem =
         format!("no signature covers the records {first} to {} ({}{more})", end.seq, named.join(", "));
-    unsigned_records_refused(database, &problem)
+    refused(database, &problem, RefusalCause::TakesUnsigned)
 }
 
 fn has_id(connection: &Connection, store_id: &str) -> bool {

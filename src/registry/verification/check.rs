@@ -15,9 +15,7 @@ use crate::chain::row_images::ChainedTable;
 use crate::chain::snapshot;
 use crate::chain::structure;
 use crate::database::migrate::STORE;
-use crate::database::open::{
-    contradicted_by_copy, damaged, foreign_key, not_the_chain, open_reader, quick_check, refused, unsigned,
-};
+use crate::database::open::{damaged, not_the_chain, open_reader, quick_check, refused};
 use crate::database::schema_shape::first_difference;
 use crate::database::store_id;
 use crate::terms::row_limit::{error_message, first_too_long, is_reached};
@@ -57,8 +55,12 @@ pub(crate) fn check_existing(
     check_signed(&fold, &connection, layout, &checkpoints, (&store_id, key))?;
     check_tables(&fold, &connection, &database, &store_id)?;
     let chain_at = |seq: u64| chain_at(&fold, &connection, seq);
-    compare_witnesses(fold.witnesses.iter(), (&store_id, key), fold.end.seq, chain_at, problems)
-        .map_err(|(file, fault)| contradicted_by_copy(&database, &file, &fault))?;
+    compare_witnesses(fold.witnesses.iter(), (&store_id, key), fold.end.seq, chain_at, problems).map_err(
+        |(file, fault)| {
+            let problem = format!("the head of a witness in {file:?} contradicts it: {fault}");
+            refused(&database, &problem, RefusalCause::Witness)
+        },
+    )?;
     Ok(fold)
 }
 
@@ -241,11 +243,12 @@ fn refused_unsigned(database: &Path, found: SigningFault) -> StoreError {
         SigningFault::Chain { seq, problem } => {
             damaged(database, &ChainFault::Record { seq, problem }.to_string())
         }
-        SigningFault::Signature(problem) => unsigned(database, &problem),
+        SigningFault::Signature(problem) => refused(database, &problem, RefusalCause::Unsigned),
     }
 }
 
 /// The key is the store's own, as far as its id shows.
 pub(crate) fn check_key(store_id: &str, key: &VerifyingKey, database: &Path) -> Result<(), StoreError> {
-    holdpoint_audit::store_id::check_key(store_id, key).map_err(|problem| foreign_key(database, &problem))
+    holdpoint_audit::store_id::check_key(store_id, key)
+        .map_err(|problem| refused(database, &problem, RefusalCause::ForeignKey))
 }

@@ -3,7 +3,7 @@
 use crate::writer::store::Store;
 use holdpoint_approvals::SignedProfileAct;
 use holdpoint_governance::profile::ProfileName;
-use holdpoint_store::{Change, StoreError, Transaction, command_id};
+use holdpoint_store::{Change, StoreError};
 
 /// Puts an administrator's authorization of a change of profile on record. It is valid while no other record follows
 /// it.
@@ -16,14 +16,5 @@ pub fn allow_profile(
     (by, act): (String, SignedProfileAct),
     wall_ms: i64,
 ) -> Result<(), StoreError> {
-    let head = store.views()?.head()?;
-    store
-        .commit(Transaction {
-            command_id: command_id("profile")?,
-            at_ms: head.at_ms,
-            wall_ms,
-            changes: vec![Change::AllowProfile { profile, by, act: Box::new(act) }],
-            audit: Vec::new(),
-        })
-        .map(drop)
+    store.commit_alone("profile", Change::AllowProfile { profile, by, act: Box::new(act) }, wall_ms)
 }

@@ -40,7 +40,7 @@ use holdpoint_governance::ids::{CapabilityId, Digest};
 use holdpoint_governance::wall_time::WallTime;
 use holdpoint_store::{
     Batch, BatchReceipt, CacheSecret, Change, EngineLock, Layout, OpenReport, Receipt, ResultCache,
-    StartupTelemetry, StoreError, Transaction,
+    StartupTelemetry, StoreError, Transaction, command_id,
 };
 
 /// Pending transactions of the writer; a further caller blocks.
@@ -187,6 +187,14 @@ impl Store {
             drop(self.telemetry.lock().map_err(|_| StoreError::Unknown)?.settle(settled));
         }
         Ok(receipt)
+    }
+
+    /// Commits one change beside those of an engine, at the virtual time of the newest record.
+    pub(crate) fn commit_alone(&self, what: &str, change: Change, wall_ms: i64) -> Result<(), StoreError> {
+        let (command_id, at_ms) = (command_id(what)?, self.views()?.head()?.at_ms);
+        let transaction =
+            Transaction { command_id, at_ms, wall_ms, changes: vec![change], audit: Vec::new() };
+        self.commit(transaction).map(drop)
     }
 
     /// As [`Self::commit`], after sealing all pending telemetry, so that a record rests on sealed data only. If

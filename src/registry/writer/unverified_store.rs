@@ -5,14 +5,14 @@ use std::path::Path;
 
 use ed25519_dalek::SigningKey;
 
-use crate::database::open::{damaged, other_public_key};
+use crate::database::open::{damaged, refused};
 use crate::reading::views::Views;
 use crate::telemetry::telemetry_file::TelemetryLimits;
 use crate::writer::store::Store;
 use holdpoint_approvals::keyfile;
 use holdpoint_audit::checkpoint;
 use holdpoint_audit::files::sync_folder;
-use holdpoint_store::{EngineLock, Layout, StoreError};
+use holdpoint_store::{EngineLock, Layout, RefusalCause, StoreError};
 
 /// The most replaced keys that one store keeps.
 const QUARANTINED_KEYS_MAX: u32 = 99;
@@ -136,7 +136,8 @@ fn store_key(layout: &Layout, created: bool) -> Result<SigningKey, StoreError> {
     let (beside, _) =
         keyfile::read_public(&public).map_err(|source| StoreError::Key { path: public.clone(), source })?;
     if beside != key.verifying_key() {
-        return Err(other_public_key(&public));
+        let problem = "it is not of the secret key store.key beside it";
+        return Err(refused(&public, problem, RefusalCause::KeyHalves));
     }
     Ok(key)
 }

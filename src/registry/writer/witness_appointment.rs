@@ -8,7 +8,7 @@ use crate::reading::witness_views::witnesses;
 use crate::writer::store::Store;
 use holdpoint_approvals::SignedWitnessAct;
 use holdpoint_audit::witness::{check_path, prepare};
-use holdpoint_store::{Change, StoreError, Transaction, command_id};
+use holdpoint_store::{Change, StoreError};
 
 /// The requesting system user, JSON text, and the authorizing administrator.
 pub type WitnessRequester = (String, Option<Box<SignedWitnessAct>>);
@@ -56,18 +56,9 @@ fn set(
     store: &Store,
     folder: &str,
     present: bool,
-    by: WitnessRequester,
+    (by, act): WitnessRequester,
     wall_ms: i64,
 ) -> Result<(), StoreError> {
-    let head = store.views()?.head()?;
-    let (by, act) = by;
-    store
-        .commit(Transaction {
-            command_id: command_id("witness")?,
-            at_ms: head.at_ms,
-            wall_ms,
-            changes: vec![Change::SetWitness { folder: folder.to_owned(), present, by, act }],
-            audit: Vec::new(),
-        })
-        .map(drop)
+    let change = Change::SetWitness { folder: folder.to_owned(), present, by, act };
+    store.commit_alone("witness", change, wall_ms)
 }

@@ -10,7 +10,7 @@ use std::time::{Duration, Instant};
 use ed25519_dalek::VerifyingKey;
 use holdpoint_approvals::{Identity, keyfile};
 use holdpoint_registry::{Store, TelemetryViews, Views, verify};
-use holdpoint_store::{AuditFilter, Batch, CacheLookup, StoredBatch, VerifyReport};
+use holdpoint_store::{AuditFilter, Batch, CacheLookup, StoredBatch, TelemetryReader as _, VerifyReport};
 use holdpoint_text::{Hint, WIDTH_MAX, sanitize};
 use tempfile::TempDir;
 
@@ -173,7 +173,7 @@ fn batches(store: &Path) -> Result<Vec<StoredBatch>, String> {
     let read = || {
         let views = TelemetryViews::open(&store.join("telemetry.db"))?;
         let mut found = Vec::new();
-        views.each_batch(u64::MAX, |batch| found.push(batch))?;
+        views.each_batch(u64::MAX, &mut |batch| found.push(batch))?;
         Ok(found)
     };
     read().map_err(|error: holdpoint_store::StoreError| error.to_string())
