@@ -5,14 +5,12 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::admin_authorization::AdminAuthorization;
+use super::admin_authorization::{AdminAct, AdminActFields, SignedAdminAct};
 use super::identity::Identity;
-use super::person::{PersonDirectory, PersonError};
 use super::signed_approval::ApprovalError;
 use holdpoint_governance::ids::Digest;
 use holdpoint_governance::profile::ProfileName;
 use holdpoint_governance::profile_downgrade::DowngradedField;
-use holdpoint_text::hex::hex;
 
 /// Separates these bytes from all other signed bytes.
 const DOMAIN: &str = "holdpoint/profile-act/v2";
@@ -52,8 +50,9 @@ pub struct ProfileAct {
     pub rules: Option<RulesChange>,
 }
 
-impl ProfileAct {
-    /// The digest that is signed: every field with its length, behind a domain tag.
+impl AdminAct for ProfileAct {
+    type Subject<'a> = ProfileName;
+
     fn digest(&self) -> Digest {
         let Self { profile, by, reason, store_id, after, guarded, rules } = self;
         let mut parts: Vec<&[u8]> = vec![
@@ -74,16 +73,19 @@ impl ProfileAct {
         }
         Digest::of_parts(DOMAIN, &parts)
     }
+
+    fn is_about(&self, profile: ProfileName) -> bool {
+        self.profile == profile
+    }
+
+    fn fields(&self) -> AdminActFields<'_> {
+        let Self { profile, by, reason, store_id, after, guarded, .. } = self;
+        AdminActFields { about: profile.name(), by, reason, store_id, after: *after, guarded: *guarded }
+    }
 }
 
-/// The authorization with its signature and the claimed key.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct SignedProfileAct {
-    act: ProfileAct,
-    public_key: String,
-    signature: String,
-}
+/// The authorization of a profile with its signature and the claimed key.
+pub type SignedProfileAct = SignedAdminAct<ProfileAct>;
 
 impl SignedProfileAct {
     /// Signed by an administrator, for a store and the end of its chain.
@@ -105,63 +107,6 @@ impl SignedProfileAct {
             guarded: who.is_guarded(),
             rules: Some(rules),
         };
-        let signature = who.signature(&act.digest())?;
-        Ok(Self { act, public_key: hex(who.info().public_key.as_bytes()), signature })
-    }
-
-    /// The signed content. Trust it only after [`SignedProfileAct::check`].
-    #[must_use]
-    pub const fn act(&self) -> &ProfileAct {
-        &self.act
-    }
-
-    fn authorization(&self, profile: ProfileName, after: Digest) -> AdminAuthorization<'_> {
-        let act = &self.act;
-        AdminAuthorization {
-            about: act.profile.name(),
-            by: &act.by,
-            reason: &act.reason,
-            store_id: &act.store_id,
-            guarded: act.guarded,
-            public_key: &self.public_key,
-            signature: &self.signature,
-            digest: act.digest(),
-            follows: (act.profile, act.after) == (profile, after),
-        }
-    }
-
-    /// Whether it permits the act: valid, with a readable reason.
-    ///
-    /// # Errors
-    /// [`PersonError`], the first thing that is wrong.
-    pub fn check(
-        &self,
-        persons: &PersonDirectory,
-        profile: ProfileName,
-        after: Digest,
-    ) -> Result<(), PersonError> {
-        self.authorization(profile, after).check(persons)
-    }
-
-    /// Whether a recorded authorization is valid: an enrolled administrator signed it, for this profile and this end of
-    /// the chain.
-    ///
-    /// # Errors
-    /// [`PersonError`], the first thing that is wrong.
-    pub fn judge(
-        &self,
-        persons: &PersonDirectory,
-        profile: ProfileName,
-        after: Digest,
-    ) -> Result<(), PersonError> {
-        self.authorization(profile, after).judge(persons)
-    }
-
-    /// Whether, by the record, only the administrator could have signed it.
-    ///
-    /// # Errors
-    /// [`PersonError::Unguarded`] or [`PersonError::SignerUnconfirmed`].
-    pub fn check_guarded(&self, persons: &PersonDirectory) -> Result<(), PersonError> {
-        self.authorization(self.act.profile, self.act.after).check_guarded(persons)
+        Self::signed(who, act)
     }
 }

@@ -4,12 +4,10 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::admin_authorization::AdminAuthorization;
+use super::admin_authorization::{AdminAct, AdminActFields, SignedAdminAct};
 use super::identity::Identity;
-use super::person::{PersonDirectory, PersonError};
 use super::signed_approval::ApprovalError;
 use holdpoint_governance::ids::Digest;
-use holdpoint_text::hex::hex;
 
 /// Separates these bytes from all other signed bytes.
 const DOMAIN: &str = "holdpoint/witness-act/v1";
@@ -33,8 +31,9 @@ pub struct WitnessAct {
     pub guarded: bool,
 }
 
-impl WitnessAct {
-    /// The digest that is signed: every field with its length, behind a domain tag.
+impl AdminAct for WitnessAct {
+    type Subject<'a> = (&'a str, bool);
+
     fn digest(&self) -> Digest {
         let Self { folder, present, by, reason, store_id, after, guarded } = self;
         let parts: [&[u8]; 7] = [
@@ -48,16 +47,19 @@ impl WitnessAct {
         ];
         Digest::of_parts(DOMAIN, &parts)
     }
+
+    fn is_about(&self, subject: (&str, bool)) -> bool {
+        (self.folder.as_str(), self.present) == subject
+    }
+
+    fn fields(&self) -> AdminActFields<'_> {
+        let Self { folder, by, reason, store_id, after, guarded, .. } = self;
+        AdminActFields { about: folder, by, reason, store_id, after: *after, guarded: *guarded }
+    }
 }
 
-/// The authorization with its signature and the claimed key.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct SignedWitnessAct {
-    act: WitnessAct,
-    public_key: String,
-    signature: String,
-}
+/// The authorization of a witness with its signature and the claimed key.
+pub type SignedWitnessAct = SignedAdminAct<WitnessAct>;
 
 impl SignedWitnessAct {
     /// Signed by an administrator, for a store and the end of its chain.
@@ -79,63 +81,6 @@ impl SignedWitnessAct {
             after,
             guarded: who.is_guarded(),
         };
-        let signature = who.signature(&act.digest())?;
-        Ok(Self { act, public_key: hex(who.info().public_key.as_bytes()), signature })
-    }
-
-    /// The signed content. Trust it only after [`SignedWitnessAct::check`].
-    #[must_use]
-    pub const fn act(&self) -> &WitnessAct {
-        &self.act
-    }
-
-    fn authorization(&self, (folder, present): (&str, bool), after: Digest) -> AdminAuthorization<'_> {
-        let act = &self.act;
-        AdminAuthorization {
-            about: &act.folder,
-            by: &act.by,
-            reason: &act.reason,
-            store_id: &act.store_id,
-            guarded: act.guarded,
-            public_key: &self.public_key,
-            signature: &self.signature,
-            digest: act.digest(),
-            follows: (act.folder.as_str(), act.present, act.after) == (folder, present, after),
-        }
-    }
-
-    /// Whether it permits the act: valid, with a readable reason.
-    ///
-    /// # Errors
-    /// [`PersonError`], the first thing that is wrong.
-    pub fn check(
-        &self,
-        persons: &PersonDirectory,
-        of: (&str, bool),
-        after: Digest,
-    ) -> Result<(), PersonError> {
-        self.authorization(of, after).check(persons)
-    }
-
-    /// Whether a recorded authorization is valid: an enrolled administrator signed it, for this witness and this end of
-    /// the chain.
-    ///
-    /// # Errors
-    /// [`PersonError`], the first thing that is wrong.
-    pub fn judge(
-        &self,
-        persons: &PersonDirectory,
-        of: (&str, bool),
-        after: Digest,
-    ) -> Result<(), PersonError> {
-        self.authorization(of, after).judge(persons)
-    }
-
-    /// Whether, by the record, only the administrator could have signed it.
-    ///
-    /// # Errors
-    /// [`PersonError::Unguarded`] or [`PersonError::SignerUnconfirmed`].
-    pub fn check_guarded(&self, persons: &PersonDirectory) -> Result<(), PersonError> {
-        self.authorization((&self.act.folder, self.act.present), self.act.after).check_guarded(persons)
+        Self::signed(who, act)
     }
 }

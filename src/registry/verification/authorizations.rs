@@ -60,7 +60,7 @@ pub(crate) fn check_authorizations(
         let after = Digest::from_bytes(prev);
         let checked = match &change {
             Change::SetWitness { act: Some(act), folder, present, .. } => {
-                act.judge(&then, (folder, *present), after)
+                act.judge(&then, (folder.as_str(), *present), after)
             }
             Change::AllowProfile { act, profile, .. } => {
                 let last = history.last().map(|last| last.class);
