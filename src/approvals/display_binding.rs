@@ -29,8 +29,6 @@ pub struct DisplayBinding {
     pub request: Nonce,
 }
 
-/// The digest of the displayed lines.
-#[must_use]
 pub fn lines_digest(lines: &[String]) -> Digest {
     let parts: Vec<&[u8]> = lines.iter().map(String::as_bytes).collect();
     Digest::of_parts(LINES_DOMAIN, &parts)

@@ -163,8 +163,6 @@ impl LockedIdentity {
         &self.info
     }
 
-    /// The protection of the secret.
-    #[must_use]
     pub const fn protection(&self) -> Protection {
         match &self.key {
             StoredSecret::File(key) => key.protection(),

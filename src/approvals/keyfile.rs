@@ -64,8 +64,6 @@ pub enum StoredKey {
 }
 
 impl StoredKey {
-    /// Its protection.
-    #[must_use]
     pub const fn protection(&self) -> Protection {
         match self {
             Self::Plain(_) => Protection::None,

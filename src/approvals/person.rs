@@ -116,7 +116,6 @@ pub struct SignedPersonAct {
 }
 
 impl SignedPersonAct {
-    /// Signs an act.
     fn by(who: &Identity, act: PersonAct) -> Result<Self, ApprovalError> {
         let public_key = hex(who.info().public_key.as_bytes());
         let signature = who.signature(&act.digest())?;
@@ -309,8 +308,6 @@ impl PersonDirectory {
         Self { store_id: store_id.to_owned(), follows, by_name: BTreeMap::new() }
     }
 
-    /// Their store.
-    #[must_use]
     pub fn store_id(&self) -> &str {
         &self.store_id
     }
@@ -358,7 +355,6 @@ impl PersonDirectory {
         self.all().filter(|person| person.state == PersonState::Enrolled)
     }
 
-    /// The administrators.
     pub fn administrators(&self) -> impl Iterator<Item = &Person> {
         self.enrolled().filter(|person| person.role == Role::Admin)
     }
@@ -518,7 +514,6 @@ impl PersonDirectory {
         if self.by_name.len() >= PERSONS_MAX { Err(PersonError::TooMany) } else { Ok(()) }
     }
 
-    /// The enrolled person that an act names.
     fn enrolled_of(&self, act: &PersonAct, key: &VerifyingKey) -> Result<&Person, PersonError> {
         let enrolled = |person: &&Person| {
             person.state == PersonState::Enrolled && (person.public_key, person.role) == (*key, act.role)

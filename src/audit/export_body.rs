@@ -81,10 +81,6 @@ struct ExportedBody<C> {
     rows: Vec<(String, String, Digest)>,
 }
 
-/// Reads the body of a record of this kind.
-///
-/// # Errors
-/// What is wrong with it.
 pub(crate) fn read(kind: Option<&RecordKind>, text: &str) -> Result<RecordStatement, String> {
     match kind {
         Some(RecordKind::ApprovalPut) => {

@@ -33,7 +33,6 @@ impl FileError {
         move |source| Self::Io { what, path, source }
     }
 
-    /// A value that is not allowed.
     pub(crate) fn invalid(what: &'static str, value: impl ToString, allowed: impl ToString) -> Self {
         Self::Invalid { what, value: value.to_string(), allowed: allowed.to_string() }
     }

@@ -108,8 +108,6 @@ pub struct ProfileHistory {
 }
 
 impl ProfileHistory {
-    /// The profile in force.
-    #[must_use]
     pub const fn last(&self) -> Option<ActiveProfile> {
         self.last
     }
@@ -201,7 +199,6 @@ impl ProfileHistory {
         ))
     }
 
-    /// Describes the change to a class.
     fn change_description(&self, class: ProfileName) -> String {
         match self.last {
             Some(last) if last.class != class => {

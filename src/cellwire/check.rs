@@ -128,7 +128,6 @@ fn ask(peer: &mut Peer, call: Call) -> Result<CellReply, CellCallError> {
     peer.ask(None, Vec::new(), call, None, WITHIN)
 }
 
-/// A call that is answered by the state.
 fn seen(peer: &mut Peer, call: Call) -> Result<CellState, String> {
     let name = call.name();
     match ask(peer, call) {

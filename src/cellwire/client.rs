@@ -149,7 +149,6 @@ impl WireFactory {
         Ok(Self { shared: Arc::new(shared) })
     }
 
-    /// A cell of a role, with its ports.
     fn cell(&self, role: Role) -> Result<WireCell, CellError> {
         WireCell::new(Arc::clone(&self.shared), role)
     }

@@ -67,10 +67,6 @@ pub enum EndpointStream {
 }
 
 impl Endpoint {
-    /// Connects.
-    ///
-    /// # Errors
-    /// If no process listens.
     pub fn connect(&self, within: Duration) -> io::Result<EndpointStream> {
         match self {
             Self::Unix(path) => UnixStream::connect(path).map(EndpointStream::Unix),

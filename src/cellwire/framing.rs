@@ -110,7 +110,6 @@ pub fn encode<T: Serialize>(message: &T) -> Result<Vec<u8>, WireError> {
     Ok(bytes)
 }
 
-/// Adds a message to bytes.
 fn append<T: Serialize>(bytes: &mut Vec<u8>, message: &T) -> Result<(), WireError> {
     rmp_serde::encode::write_named(bytes, message).map_err(|error| WireError::Malformed(error.to_string()))
 }

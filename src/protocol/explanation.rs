@@ -132,8 +132,6 @@ impl Ruling {
         }
     }
 
-    /// The rule of this stage.
-    #[must_use]
     pub const fn rule(&self) -> Rule {
         match self {
             Self::Registration(_) => Rule::Lifecycle,

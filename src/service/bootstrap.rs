@@ -174,8 +174,6 @@ impl<'a> EngineBootstrap<'a> {
         self.socket.scenes()
     }
 
-    /// The attached consoles.
-    #[must_use]
     pub fn consoles(&self) -> Arc<ConsoleRegistry> {
         self.socket.consoles()
     }

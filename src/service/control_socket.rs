@@ -369,8 +369,6 @@ impl ControlSocket {
         Arc::clone(&self.scenes)
     }
 
-    /// The attached consoles.
-    #[must_use]
     pub fn consoles(&self) -> Arc<ConsoleRegistry> {
         Arc::clone(&self.consoles)
     }

@@ -232,8 +232,6 @@ impl EngineHandle {
         client.map(|client| Self::attach(layout.clone(), client, sitting)).transpose()
     }
 
-    /// The store's files.
-    #[must_use]
     pub const fn layout(&self) -> &Layout {
         &self.layout
     }
@@ -348,8 +346,6 @@ impl EngineHandle {
         RemoteEngine::new(self.layout.clone())
     }
 
-    /// The folder of the store's identities.
-    #[must_use]
     pub fn identities(&self) -> PathBuf {
         self.layout.identities()
     }
@@ -360,8 +356,6 @@ impl EngineHandle {
         self.layout.recordings()
     }
 
-    /// The folder of the store's logs.
-    #[must_use]
     pub fn logs(&self) -> PathBuf {
         self.layout.logs()
     }

@@ -63,8 +63,6 @@ impl Pump {
         Ok(())
     }
 
-    /// The engine.
-    #[must_use]
     pub const fn engine(&self) -> &Engine {
         &self.engine
     }

@@ -346,8 +346,6 @@ impl StoreError {
         move |source| Self::Io { what, path, source }
     }
 
-    /// A value that is not allowed.
-    #[must_use]
     pub fn invalid(what: &'static str, value: impl ToString, allowed: impl ToString) -> Self {
         Self::Invalid { what, value: value.to_string(), allowed: allowed.to_string() }
     }

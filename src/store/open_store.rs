@@ -31,7 +31,6 @@ pub trait OpenStore: Debug + Send + Sync {
     /// The state of the store when it was opened.
     fn opening(&self) -> &OpenReport;
 
-    /// The store's cached results.
     fn result_cache(&self) -> &ResultCache;
 
     /// Read access for other threads.
@@ -53,10 +52,6 @@ pub trait OpenStore: Debug + Send + Sync {
         self.reader().telemetry()
     }
 
-    /// All persons of the store.
-    ///
-    /// # Errors
-    /// If the store cannot be read.
     fn persons(&self) -> Result<PersonDirectory, StoreError> {
         self.views()?.persons()
     }

@@ -218,8 +218,6 @@ impl ResultCache {
         Self::new(CacheMedium::Folder(folder), secret)
     }
 
-    /// In a table of a store's database.
-    #[must_use]
     pub fn in_table(rows: Arc<dyn ResultRows>, secret: CacheSecret) -> Self {
         Self::new(CacheMedium::Table(rows), secret)
     }
@@ -228,8 +226,6 @@ impl ResultCache {
         Self { medium, secret, own: Arc::default(), invalidated: Arc::default() }
     }
 
-    /// Their location.
-    #[must_use]
     pub const fn place(&self) -> CacheLocation {
         match &self.medium {
             CacheMedium::Table(_) => CacheLocation::Store,

@@ -68,7 +68,6 @@ impl Peer {
         }
     }
 
-    /// Whether the connection is lost.
     #[must_use]
     pub const fn is_lost(&self) -> bool {
         self.lost.is_some()
@@ -130,10 +129,6 @@ impl Peer {
         }
     }
 
-    /// Asks for bytes.
-    ///
-    /// # Errors
-    /// As [`Peer::ask`].
     pub fn ask_block(&mut self, call: Call, within: Duration) -> Result<Vec<u8>, CellCallError> {
         let reply = self.ask(None, Vec::new(), call, None, within)?;
         self.follow(&reply, within)

@@ -261,7 +261,6 @@ pub(crate) fn check_approval(
     Ok(())
 }
 
-/// Whether a text is the mark of a lost one.
 pub(crate) fn is_lost(text: &str) -> bool {
     text.starts_with(LOST)
 }

@@ -339,7 +339,6 @@ impl Fold {
         self.sets.range(first..=last.max(first)).map(|(_, set)| set.clone())
     }
 
-    /// Adds a record.
     pub(crate) fn push(&mut self, record: &RecordRef<'_>) -> Result<(), ChainFault> {
         let seq = self.end.seq + 1;
         let end = self.end.with_record(record).map_err(|problem| ChainFault::Record { seq, problem })?;

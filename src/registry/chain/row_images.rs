@@ -178,7 +178,6 @@ struct LaterColumn {
     since: usize,
 }
 
-/// A value with its type.
 fn bytes(value: ValueRef<'_>) -> Vec<u8> {
     match value {
         ValueRef::Null => vec![b'n'],

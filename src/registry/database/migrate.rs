@@ -41,7 +41,6 @@ impl Schema {
     }
 }
 
-/// The schema a database has.
 pub(crate) fn version(connection: &Connection) -> rusqlite::Result<usize> {
     connection.query_row("PRAGMA user_version", [], |row| row.get(0))
 }

@@ -110,7 +110,6 @@ impl ChainMeasure {
         }
     }
 
-    /// The preparation of the store.
     fn prepare(self, folder: &Path) {
         match self {
             Self::StartWhole => remove_snapshots(folder),

@@ -74,10 +74,6 @@ impl ActiveVersions {
         one(&self.connection, &sql, [family], read_active)
     }
 
-    /// All active versions, by family.
-    ///
-    /// # Errors
-    /// If the store cannot be read.
     pub fn all(&self) -> Result<Vec<ActiveVersion>, StoreError> {
         many(&self.connection, &format!("SELECT {ACTIVE_COLUMNS} ORDER BY f.name"), [], read_active)
     }

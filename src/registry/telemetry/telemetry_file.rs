@@ -39,13 +39,11 @@ impl Default for TelemetryLimits {
     }
 }
 
-/// The digest of a batch.
 fn digest_of(batch: &Batch) -> Digest {
     let numbers = [batch.from_ms, batch.to_ms, batch.rows];
     batch_digest(&batch.version.to_string(), &batch.stream, numbers, &batch.body)
 }
 
-/// The digest of a batch's fields.
 fn batch_digest(version: &str, stream: &str, [from_ms, to_ms, rows]: [u64; 3], body: &[u8]) -> Digest {
     let (from_ms, to_ms, rows) = (from_ms.to_le_bytes(), to_ms.to_le_bytes(), rows.to_le_bytes());
     let parts = [version.as_bytes(), stream.as_bytes(), &from_ms, &to_ms, &rows, body];
@@ -107,7 +105,6 @@ impl TelemetryFile {
         })
     }
 
-    /// Stores a batch.
     pub(crate) fn append(&mut self, batch: &Batch) -> Result<BatchReceipt, StoreError> {
         check_body("telemetry batch", &batch.body, batch.rows > 0)?;
         if !is_name(&batch.stream) {
@@ -414,7 +411,6 @@ fn check_body(what: &'static str, body: &[u8], has_rows: bool) -> Result<(), Sto
     Ok(())
 }
 
-/// Removes a cell. Returns its bytes.
 fn remove_cell(tx: &Transaction<'_>, key: &str) -> rusqlite::Result<u64> {
     let bytes: Option<u64> = tx
         .prepare_cached("DELETE FROM cell WHERE key = ?1 RETURNING length(body)")?

@@ -167,7 +167,6 @@ fn of_file(error: rusqlite::Error) -> Result<String, StoreError> {
     }
 }
 
-/// The file's contents, or its problem.
 fn read_contents(
     connection: &Connection,
     limits: TelemetryLimits,

@@ -33,7 +33,6 @@ impl Applier<'_> {
         self.write_person_act(signed)
     }
 
-    /// Stores an allowed act.
     pub(crate) fn write_person_act(&self, signed: &SignedPersonAct) -> Result<ChangeEffect, StoreError> {
         let act = signed.act();
         let text = canonical_json(signed).map_err(|error| StoreError::invalid("act", &act.name, error))?;

@@ -202,7 +202,6 @@ fn fault_description(fold: &Fold, connection: &Connection, fault: &ChainFault) -
     }
 }
 
-/// The checkpoints beside a store.
 pub(crate) fn stored_checkpoints(layout: &Layout) -> Result<Vec<StoredCheckpoint>, StoreError> {
     let folder = layout.checkpoints();
     read_all(&folder).map_err(|bad| refused(&folder.join(bad.file), &bad.problem, RefusalCause::Checkpoint))

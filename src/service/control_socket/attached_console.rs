@@ -57,7 +57,6 @@ pub(super) struct LiveDocuments {
 }
 
 impl LiveDocuments {
-    /// Sets the views.
     pub(super) fn set(&self, views: LiveViews) {
         drop(self.views.set(views));
     }

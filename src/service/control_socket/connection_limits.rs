@@ -169,7 +169,6 @@ pub(super) struct ReceiverPlace {
 }
 
 impl ConnectionLimits {
-    /// Counts a connection of an account.
     pub(super) fn begin_connection(&self, uid: u32) -> AccountConnection {
         AccountConnection::begin(&self.accounts, uid)
     }

@@ -65,8 +65,6 @@ impl ConsoleRegistry {
         ConsoleRegistration { consoles: Arc::clone(self), number }
     }
 
-    /// The attached consoles, in the order of attaching.
-    #[must_use]
     pub fn views(&self) -> Vec<AttachedConsoleView> {
         self.book().taken.values().cloned().collect()
     }
@@ -119,7 +117,6 @@ impl ConsoleRegistry {
         book.alone_max.is_some_and(|alone_max| alone >= alone_max).then_some(alone)
     }
 
-    /// Adds the registry to a snapshot.
     pub fn show_in(&self, snapshot: &mut Snapshot) {
         let book = self.book();
         snapshot.seats = book.taken.values().cloned().collect();
@@ -141,8 +138,6 @@ impl ConsoleRegistry {
 }
 
 impl ConsoleRegistration {
-    /// Its number.
-    #[must_use]
     pub const fn number(&self) -> u64 {
         self.number
     }

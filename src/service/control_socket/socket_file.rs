@@ -15,8 +15,6 @@ use holdpoint_text::users::{described_group, described_user, user_name};
 /// The longest path of a unix socket, bytes: 108 with the terminating zero (unix(7)).
 pub(super) const PATH_BYTES_MAX: usize = 107;
 
-/// The socket path of a store.
-#[must_use]
 pub fn socket_path(layout: &Layout) -> PathBuf {
     layout.folder().join("engine.sock")
 }
@@ -171,7 +169,6 @@ fn listen(path: &Path, openness: SocketAccess) -> Result<BoundSocket, ControlSoc
     Ok(BoundSocket { listener, place })
 }
 
-/// Whether this process is a member of a group.
 fn is_member_of(group: u32) -> bool {
     let others = rustix::process::getgroups().unwrap_or_default();
     others.into_iter().chain([rustix::process::getegid()]).any(|own| own.as_raw() == group)

@@ -54,12 +54,10 @@ impl Publisher {
         }
     }
 
-    /// Sets the registry of consoles.
     pub(super) fn set_consoles(&mut self, seats: Arc<ConsoleRegistry>) {
         self.consoles = seats;
     }
 
-    /// The registry of consoles.
     pub(super) fn seats(&self) -> Arc<ConsoleRegistry> {
         Arc::clone(&self.consoles)
     }

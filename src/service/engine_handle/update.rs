@@ -52,8 +52,6 @@ impl EngineEndError {
         }
     }
 
-    /// An end with the engine's own reason.
-    #[must_use]
     pub fn reported(text: impl Into<String>) -> Self {
         Self { from_engine: true, ..Self::of(text) }
     }

@@ -26,7 +26,6 @@ fn long(folder: &Path) {
     }
 }
 
-/// The store's one snapshot.
 fn snapshot(folder: &Path) -> PathBuf {
     let all: Vec<_> =
         fs::read_dir(folder.join("checkpoints")).unwrap().map(|entry| entry.unwrap().path()).collect();

@@ -44,7 +44,6 @@ pub fn text(reason: &str) -> NoticeOrText {
     NoticeOrText::Text(reason.to_owned())
 }
 
-/// The digest of a text.
 pub fn digest(text: &str) -> Digest {
     Digest::of_parts("test", &[text.as_bytes()])
 }
