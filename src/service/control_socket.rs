@@ -22,9 +22,9 @@ mod stop_call;
 
 use std::borrow::Cow;
 use std::path::{Path, PathBuf};
-use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, sync_channel};
-use std::sync::{Arc, Mutex, OnceLock, PoisonError};
+use std::sync::{Arc, OnceLock, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
@@ -230,28 +230,18 @@ pub struct ControlSocket {
     looking: Receiver<SocketMessage>,
     /// Whether the next turn takes a cheap request.
     looks_next: bool,
-    /// Whether a wake is queued.
-    woken: Arc<AtomicBool>,
     waiting: Option<SocketMessage>,
     later: Vec<(String, oneshot::Sender<Reply>)>,
     /// Requests that wait for the engine to come up.
     early: Vec<EarlyRequest>,
-    events: broadcast::Sender<Arc<str>>,
-    endings: Arc<AtomicUsize>,
-    stop: CancellationToken,
     thread: Option<JoinHandle<()>>,
     socket: PathBuf,
-    consoles: Arc<ConsoleRegistry>,
-    shown: Arc<attached_console::LiveDocuments>,
-    /// The newest events, for consoles that attach later.
-    past: Arc<Mutex<attached_console::EventBacklog>>,
-    scenes: SceneServerSlot,
-    /// Serves a second socket.
+    /// What both sides share.
     server: server::ControlSocketServer,
     /// The socket for consoles of other accounts: its folder, its name, and its thread.
     console_socket: Option<(socket_file::ConsoleSocketFolder, PathBuf, JoinHandle<()>)>,
-    /// How often another program took the socket's name, and how many of these the engine knows of.
-    names_taken: (Arc<AtomicU64>, u64),
+    /// How often another program took the socket's name, as far as the engine knows.
+    names_known: u64,
     /// Detects a stop requested by a mark in the store's folder. Ends before the socket's name is free.
     marks: Option<StopMarkWatch>,
 }
@@ -280,57 +270,41 @@ impl ControlSocket {
         let (sender, incoming) = sync_channel(REQUESTS_MAX);
         let (brakes, braking) = sync_channel(REQUESTS_MAX);
         let (looks, looking) = sync_channel(REQUESTS_MAX);
-        let woken = Arc::<AtomicBool>::default();
         let (events, _) = broadcast::channel(EVENTS_KEPT);
-        let endings = Arc::new(AtomicUsize::new(0));
-        let stop = CancellationToken::new();
-        let (consoles, shown) =
-            (Arc::<ConsoleRegistry>::default(), Arc::<attached_console::LiveDocuments>::default());
-        let past = Arc::<Mutex<attached_console::EventBacklog>>::default();
-        let scenes = SceneServerSlot::default();
-        let names_taken = Arc::<AtomicU64>::default();
-        let serve = server::ControlSocketServer {
+        let server = server::ControlSocketServer {
             requests: sender,
             braking: brakes,
             looking: looks,
-            woken: Arc::clone(&woken),
-            events: events.clone(),
-            endings: Arc::clone(&endings),
+            woken: Arc::default(),
+            events,
+            endings: Arc::default(),
             cancel,
             switch,
-            stop: stop.clone(),
+            stop: CancellationToken::new(),
             classes: ConnectionLimits::default(),
-            consoles: Arc::clone(&consoles),
-            shown: Arc::clone(&shown),
-            past: Arc::clone(&past),
-            scenes: Arc::clone(&scenes),
-            names_taken: Arc::clone(&names_taken),
+            consoles: Arc::default(),
+            shown: Arc::default(),
+            past: Arc::default(),
+            scenes: SceneServerSlot::default(),
+            names_taken: Arc::default(),
             accounts: AllowedAccounts::Owner { uid: rustix::process::geteuid().as_raw() },
             marks: layout.stop_marks(),
         };
-        let server = serve.clone();
-        let thread = serve.start(listener, signals).map_err(ControlSocketError::io("serve", &socket))?;
+        let thread =
+            server.clone().start(listener, signals).map_err(ControlSocketError::io("serve", &socket))?;
         Ok(Self {
             incoming,
             braking,
             looking,
             looks_next: true,
-            woken,
             waiting: None,
             later: Vec::new(),
             early: Vec::new(),
-            events,
-            endings,
-            stop,
             thread: Some(thread),
             socket,
-            consoles,
-            shown,
-            past,
-            scenes,
             server,
             console_socket: None,
-            names_taken: (names_taken, 0),
+            names_known: 0,
             marks: Some(marks),
         })
     }
@@ -360,17 +334,17 @@ impl ControlSocket {
 
     /// From now on shows the engine to every console that attaches.
     pub fn show(&self, views: LiveViews) {
-        self.shown.set(views);
+        self.server.shown.set(views);
     }
 
     /// The slot for the function that serves the live scene.
     #[must_use]
     pub fn scenes(&self) -> SceneServerSlot {
-        Arc::clone(&self.scenes)
+        Arc::clone(&self.server.scenes)
     }
 
     pub fn consoles(&self) -> Arc<ConsoleRegistry> {
-        Arc::clone(&self.consoles)
+        Arc::clone(&self.server.consoles)
     }
 
     /// Before the engine is up: passes `answer` every waiting request, its caller and its waiting time. A request without
@@ -381,7 +355,7 @@ impl ControlSocket {
     ) {
         while let Some(next) = self.next_brake().or_else(|| self.next_other()) {
             if let SocketMessage::Request(request, caller, answer) = next {
-                note_ending(&self.consoles, &request, &caller);
+                note_ending(&self.server.consoles, &request, &caller);
                 self.early.push(EarlyRequest { request, caller, answer, since: Instant::now() });
             }
         }
@@ -389,7 +363,7 @@ impl ControlSocket {
             match answer(&early.request, &early.caller, early.since.elapsed()) {
                 Some(mut reply) => {
                     if let Reply::Snapshot { snapshot } = &mut reply {
-                        self.consoles.show_in(snapshot);
+                        self.server.consoles.show_in(snapshot);
                     }
                     drop(early.answer.send(reply));
                 }
@@ -439,7 +413,7 @@ impl ControlSocket {
         let other = |socket: &mut Self| {
             let next = socket.waiting.take().or_else(|| socket.incoming.try_recv().ok());
             if let Some(SocketMessage::Wake) = next {
-                socket.woken.store(false, Ordering::Release);
+                socket.server.woken.store(false, Ordering::Release);
             }
             next
         };
@@ -455,12 +429,12 @@ impl ControlSocket {
         answer: oneshot::Sender<Reply>,
     ) {
         let id = request.id.clone();
-        note_ending(&self.consoles, &request, &caller);
+        note_ending(&self.server.consoles, &request, &caller);
         // The client may be gone; the engine carries out the request all the same.
         match engine.offer_for(request, caller) {
             Some(mut reply) => {
                 if let Reply::Snapshot { snapshot } = &mut reply {
-                    self.consoles.show_in(snapshot);
+                    self.server.consoles.show_in(snapshot);
                 }
                 drop(answer.send(reply));
             }
@@ -483,17 +457,17 @@ impl ControlSocket {
             return;
         }
         // Held only while a new console copies the backlog.
-        let mut past = self.past.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut past = self.server.past.lock().unwrap_or_else(PoisonError::into_inner);
         for event in events {
             past.note(event);
         }
-        if self.events.receiver_count() == 0 {
+        if self.server.events.receiver_count() == 0 {
             return;
         }
         for event in events {
             if let Ok(line) = wire::line(&wire::ServerMessage::Event { event: Box::new(event.clone()) }) {
                 // Having no subscriber is no error.
-                drop(self.events.send(line.into()));
+                drop(self.server.events.send(line.into()));
             }
         }
     }
@@ -513,15 +487,14 @@ impl ControlSocket {
 
     /// How often another program has taken the socket's name, if it did so since the last call.
     pub(crate) fn name_taken_anew(&mut self) -> Option<u64> {
-        let (count, known) = &mut self.names_taken;
-        let now = count.load(Ordering::Acquire);
-        (std::mem::replace(known, now) != now).then_some(now)
+        let now = self.server.names_taken.load(Ordering::Acquire);
+        (std::mem::replace(&mut self.names_known, now) != now).then_some(now)
     }
 
     /// How many signals asked the process to end.
     #[must_use]
     pub fn end_signals(&self) -> usize {
-        self.endings.load(Ordering::Acquire)
+        self.server.endings.load(Ordering::Acquire)
     }
 
     #[must_use]
@@ -547,7 +520,7 @@ fn note_ending(consoles: &ConsoleRegistry, request: &Request, caller: &Caller) {
 impl Drop for ControlSocket {
     fn drop(&mut self) {
         drop(self.marks.take());
-        self.stop.cancel();
+        self.server.stop.cancel();
         // Their connections answer the waiting requests: the engine ends.
         self.waiting = None;
         self.early.clear();

@@ -169,7 +169,6 @@ impl Client {
         self.lines.send(&ClientMessage::Ask { request })?;
         match self.lines.next(patience)? {
             Some(ServerMessage::Reply { reply }) => Ok(*reply),
-            Some(ServerMessage::Closed { text }) => Err(self.lines.closed(text)),
             Some(_) => Err(self.lines.protocol("that is no reply".to_owned())),
             None => Err(self.lines.silent()),
         }
@@ -184,7 +183,6 @@ impl Client {
     pub(super) fn reply(&mut self) -> Result<Reply, ControlSocketError> {
         match self.lines.expect(REPLY_SECS)? {
             ServerMessage::Reply { reply } => Ok(*reply),
-            ServerMessage::Closed { text } => Err(self.lines.closed(text)),
             _ => Err(self.lines.protocol("that is no reply".to_owned())),
         }
     }
@@ -197,7 +195,6 @@ impl Client {
         self.lines.send(&ClientMessage::Keep {})?;
         match self.lines.expect(HELLO_SECS)? {
             ServerMessage::Kept => Ok(()),
-            ServerMessage::Closed { text } => Err(self.lines.closed(text)),
             _ => Err(self.lines.protocol("that is no answer to it".to_owned())),
         }
     }
@@ -210,7 +207,6 @@ impl Client {
         self.lines.send(&ClientMessage::Scene { address })?;
         match self.lines.expect(HELLO_SECS)? {
             ServerMessage::Scene { served } => Ok(served),
-            ServerMessage::Closed { text } => Err(self.lines.closed(text)),
             _ => Err(self.lines.protocol("that is no answer to it".to_owned())),
         }
     }
@@ -225,7 +221,6 @@ impl Client {
             ServerMessage::Attached { seat } => {
                 Ok(ConsoleConnection { lines: self.lines, origin: self.origin, console: seat })
             }
-            ServerMessage::Closed { text } => Err(self.lines.closed(text)),
             _ => Err(self.lines.protocol("the answer to `attach` is of another kind".to_owned())),
         }
     }
@@ -238,7 +233,6 @@ impl Client {
         self.lines.send(&ClientMessage::Subscribe {})?;
         match self.lines.expect(HELLO_SECS)? {
             ServerMessage::Subscribed => Ok(Subscription { lines: self.lines }),
-            ServerMessage::Closed { text } => Err(self.lines.closed(text)),
             _ => Err(self.lines.protocol("that is no subscription".to_owned())),
         }
     }
@@ -254,7 +248,6 @@ impl Subscription {
             None => Ok(None),
             Some(ServerMessage::Event { event }) => Ok(Some(Notification::Event(event))),
             Some(ServerMessage::Lagged { missed }) => Ok(Some(Notification::Missed(missed))),
-            Some(ServerMessage::Closed { text }) => Err(self.lines.closed(text)),
             Some(_) => Err(self.lines.protocol("that is no event".to_owned())),
         }
     }
@@ -290,14 +283,14 @@ impl ConsoleConnection {
             Some(ServerMessage::Picture { picture }) => Some(ConsoleMessage::Picture(picture)),
             Some(ServerMessage::Past { events, earlier }) => Some(ConsoleMessage::Past { events, earlier }),
             Some(ServerMessage::Ended { by }) => Some(ConsoleMessage::Ended { by }),
-            Some(ServerMessage::Closed { text }) => return Err(self.lines.closed(text)),
             Some(
                 ServerMessage::Hello { .. }
                 | ServerMessage::Reply { .. }
                 | ServerMessage::Subscribed
                 | ServerMessage::Attached { .. }
                 | ServerMessage::Kept
-                | ServerMessage::Scene { .. },
+                | ServerMessage::Scene { .. }
+                | ServerMessage::Closed { .. },
             ) => {
                 return Err(self.lines.protocol("an attached console receives no such message".to_owned()));
             }
@@ -374,7 +367,6 @@ impl LineReader {
             ServerMessage::Hello { protocol, version, .. } => {
                 Err(lines.protocol(format!("version {version} speaks protocol {protocol}, not {PROTOCOL}")))
             }
-            ServerMessage::Closed { text } => Err(lines.closed(text)),
             _ => Err(lines.protocol("its first line is no hello".to_owned())),
         }
     }
@@ -400,6 +392,7 @@ impl LineReader {
         }
     }
 
+    /// The next message; the last one of a connection that the engine closes is an error.
     fn next(&mut self, at_most: Duration) -> Result<Option<ServerMessage>, ControlSocketError> {
         let until = Instant::now() + at_most;
         loop {
@@ -413,9 +406,12 @@ impl LineReader {
             let room = (ANSWER_BYTES_MAX + 1 - self.line.len().min(ANSWER_BYTES_MAX)) as u64;
             match self.reader.by_ref().take(room).read_until(b'\n', &mut self.line) {
                 Ok(_) if self.line.last() == Some(&b'\n') => {
-                    let parsed = serde_json::from_slice(&self.line);
+                    let parsed: serde_json::Result<ServerMessage> = serde_json::from_slice(&self.line);
                     self.line.clear();
-                    return parsed.map(Some).map_err(|error| self.protocol(error.to_string()));
+                    return match parsed {
+                        Ok(ServerMessage::Closed { text }) => Err(ControlSocketError::Closed { path, text }),
+                        parsed => parsed.map(Some).map_err(|error| self.protocol(error.to_string())),
+                    };
                 }
                 Ok(_) if self.line.len() > ANSWER_BYTES_MAX => {
                     return Err(self.protocol("a line is too long".to_owned()));
@@ -438,10 +434,6 @@ impl LineReader {
             process: self.process,
             stopped: is_stopped(self.process),
         }
-    }
-
-    fn closed(&self, text: String) -> ControlSocketError {
-        ControlSocketError::Closed { path: self.path.clone(), text }
     }
 
     fn protocol(&self, problem: String) -> ControlSocketError {

@@ -40,18 +40,8 @@ impl Publisher {
         snapshot: watch::Sender<Option<Arc<Snapshot>>>,
         outstanding: Arc<AtomicUsize>,
     ) -> Self {
-        let answers = VecDeque::new();
-        let seats = Arc::default();
-        Self {
-            updates,
-            snapshot,
-            outstanding,
-            answers,
-            missed: 0,
-            changed: true,
-            published: None,
-            consoles: seats,
-        }
+        let (answers, consoles) = (VecDeque::new(), Arc::default());
+        Self { updates, snapshot, outstanding, answers, missed: 0, changed: true, published: None, consoles }
     }
 
     pub(super) fn set_consoles(&mut self, seats: Arc<ConsoleRegistry>) {
@@ -129,22 +119,22 @@ impl Publisher {
         let due = self.published.is_none_or(|published| published.elapsed() >= SNAPSHOT_EVERY);
         let old = self.published.is_some_and(|published| published.elapsed() >= SNAPSHOT_AT_LEAST);
         if old || (self.changed && due) {
-            let mut snapshot = engine.snapshot();
-            self.consoles.show_in(&mut snapshot);
-            self.snapshot.send_replace(Some(Arc::new(snapshot)));
+            self.send_snapshot(engine.snapshot());
             self.changed = false;
-            self.published = Some(Instant::now());
         }
     }
 
     /// Shows the state before the engine is up.
     pub(super) fn show(&mut self, taken: impl FnOnce() -> Snapshot) {
         if self.published.is_none_or(|published| published.elapsed() >= SNAPSHOT_EVERY) {
-            let mut snapshot = taken();
-            self.consoles.show_in(&mut snapshot);
-            self.snapshot.send_replace(Some(Arc::new(snapshot)));
-            self.published = Some(Instant::now());
+            self.send_snapshot(taken());
         }
+    }
+
+    fn send_snapshot(&mut self, mut snapshot: Snapshot) {
+        self.consoles.show_in(&mut snapshot);
+        self.snapshot.send_replace(Some(Arc::new(snapshot)));
+        self.published = Some(Instant::now());
     }
 
     /// Withdraws the state shown so far.
