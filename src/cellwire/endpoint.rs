@@ -141,49 +141,41 @@ impl EndpointListener {
     }
 }
 
+/// Does the same with a stream of either kind.
+macro_rules! either {
+    ($of:expr, $stream:ident => $result:expr) => {
+        match $of {
+            EndpointStream::Unix($stream) => $result,
+            EndpointStream::Tcp($stream) => $result,
+        }
+    };
+}
+
 impl io::Read for EndpointStream {
     fn read(&mut self, bytes: &mut [u8]) -> io::Result<usize> {
-        match self {
-            Self::Unix(stream) => stream.read(bytes),
-            Self::Tcp(stream) => stream.read(bytes),
-        }
+        either!(self, stream => stream.read(bytes))
     }
 }
 
 impl io::Write for EndpointStream {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
-        match self {
-            Self::Unix(stream) => stream.write(bytes),
-            Self::Tcp(stream) => stream.write(bytes),
-        }
+        either!(self, stream => stream.write(bytes))
     }
     fn flush(&mut self) -> io::Result<()> {
-        match self {
-            Self::Unix(stream) => stream.flush(),
-            Self::Tcp(stream) => stream.flush(),
-        }
+        either!(self, stream => stream.flush())
     }
 }
 
 impl WireStream for EndpointStream {
     fn limit_read(&self, within: Option<Duration>) -> io::Result<()> {
-        match self {
-            Self::Unix(stream) => stream.set_read_timeout(within),
-            Self::Tcp(stream) => stream.set_read_timeout(within),
-        }
+        either!(self, stream => stream.set_read_timeout(within))
     }
     fn limit_write(&self, within: Option<Duration>) -> io::Result<()> {
-        match self {
-            Self::Unix(stream) => stream.set_write_timeout(within),
-            Self::Tcp(stream) => stream.set_write_timeout(within),
-        }
+        either!(self, stream => stream.set_write_timeout(within))
     }
     fn close(&self) {
         // A connection that is closed already is what is wanted.
-        let _ = match self {
-            Self::Unix(stream) => stream.shutdown(Shutdown::Both),
-            Self::Tcp(stream) => stream.shutdown(Shutdown::Both),
-        };
+        let _ = either!(self, stream => stream.shutdown(Shutdown::Both));
     }
 }
 

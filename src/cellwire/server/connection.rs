@@ -223,14 +223,6 @@ impl<S: WireStream> Connection<'_, S> {
                 let bytes = encode(&frames).map_err(|error| CellRefusal::Snapshot(error.to_string()))?;
                 return Ok(announced(bytes));
             }
-            call => self.change(call)?,
-        }
-        Ok((CellReply::Seen(Box::new(self.seen()?)), Vec::new()))
-    }
-
-    /// A call that changes the cell, or only looks at it.
-    fn change(&mut self, call: Call) -> Result<(), CellRefusal> {
-        match call {
             Call::Observe { guard } => {
                 // The cell learns of it when the state is read.
                 self.robot()?;
@@ -293,16 +285,8 @@ impl<S: WireStream> Connection<'_, S> {
                 self.started();
             }
             Call::Film => self.trial()?.film(),
-            // Answered before.
-            Call::Describe
-            | Call::Drift { .. }
-            | Call::Scenery
-            | Call::Observed
-            | Call::Fork
-            | Call::Export
-            | Call::TakeFilm => {}
         }
-        Ok(())
+        Ok((CellReply::Seen(Box::new(self.seen()?)), Vec::new()))
     }
 
     fn inject(&mut self, fault: InjectedFault) -> Result<(), CellRefusal> {
