@@ -3,8 +3,7 @@
 //! Owns the one writing connection, the tables with the audit chain and their verifier, the views, and the telemetry file.
 //! Implements the traits of the crate `store`, which has the changes, entries and errors, and the store's folder. The forms
 //! of the chain and their proofs are the crate `audit`'s. Must not decide anything: it applies whole transactions of plain
-//! changes, refuses those that would break an invariant, and stores bodies (manifests, evidence, decisions) as given. The
-//! dispatcher gets the [`ActiveVersions`] and nothing else.
+//! changes, refuses those that would break an invariant, and stores bodies (manifests, evidence, decisions) as given.
 //!
 //! A room uses only rooms above it: terms, database, chain, telemetry, transaction, verification, reading, writer, upkeep.
 
@@ -24,7 +23,7 @@ pub use chain::invariants::{Invariant, Violation, check_invariants};
 pub use reading::export_store::{ExportScope, export_store};
 pub use reading::prove::{ProveError, prove_consistency, prove_record, stored_head};
 pub use reading::sqlite_reader::SqliteReader;
-pub use reading::views::{ActiveVersion, ActiveVersions, Views};
+pub use reading::views::Views;
 pub use reading::witness_views::witnesses;
 pub use telemetry::telemetry_file::TelemetryLimits;
 pub use telemetry::telemetry_views::TelemetryViews;

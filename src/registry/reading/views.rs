@@ -1,7 +1,6 @@
-//! Read access: active versions, candidates and history, one version in full, requests, alarms, the chain.
+//! Read access: candidates and history, one version in full, requests, alarms, the chain.
 //!
-//! Reading only. [`ActiveVersions`] can name active versions and nothing else, so that a dispatcher that holds one
-//! cannot reach a candidate.
+//! Reading only.
 
 use std::io::Write;
 use std::path::Path;
@@ -34,61 +33,6 @@ use holdpoint_store::{
 
 /// The most closing records of one version that are read: one for each way an upgrade can end.
 const CLOSINGS_MAX: usize = 100;
-
-/// An active version and its rollback target.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct ActiveVersion {
-    pub id: CapabilityId,
-    /// Digest of what runs.
-    pub bundle_digest: Digest,
-    /// Canonical manifest, JSON text.
-    pub manifest: String,
-    /// Whether it is not yet confirmed.
-    pub provisional: bool,
-    /// Whether it is restricted to a tighter envelope.
-    pub restricted: bool,
-    /// The pinned rollback target.
-    pub pinned: Option<CapabilityId>,
-}
-
-/// The view the dispatcher gets: active versions only.
-#[derive(Debug)]
-pub struct ActiveVersions {
-    connection: Connection,
-}
-
-const ACTIVE_COLUMNS: &str = "v.name, v.bundle_digest, v.manifest, v.provisional, v.restricted, f.pinned
-    FROM family f JOIN version v ON v.name = f.active WHERE v.state = 'active' AND f.safe_stopped = 0";
-
-impl ActiveVersions {
-    pub(crate) fn open(database: &Path) -> Result<Self, StoreError> {
-        Ok(Self { connection: open_reader(database, &STORE)? })
-    }
-
-    /// The active version of a family; `None` if there is none or the family is safe-stopped.
-    ///
-    /// # Errors
-    /// If the store cannot be read.
-    pub fn active(&self, family: &str) -> Result<Option<ActiveVersion>, StoreError> {
-        let sql = format!("SELECT {ACTIVE_COLUMNS} AND f.name = ?1");
-        one(&self.connection, &sql, [family], read_active)
-    }
-
-    pub fn all(&self) -> Result<Vec<ActiveVersion>, StoreError> {
-        many(&self.connection, &format!("SELECT {ACTIVE_COLUMNS} ORDER BY f.name"), [], read_active)
-    }
-}
-
-fn read_active(row: &Row<'_>) -> rusqlite::Result<ActiveVersion> {
-    Ok(ActiveVersion {
-        id: parsed(row, 0)?,
-        bundle_digest: parsed(row, 1)?,
-        manifest: row.get(2)?,
-        provisional: row.get(3)?,
-        restricted: row.get(4)?,
-        pinned: parsed_option(row, 5)?,
-    })
-}
 
 /// Everything that can be read; [`RecordViews`](holdpoint_store::RecordViews) describes what each call returns.
 #[derive(Debug)]

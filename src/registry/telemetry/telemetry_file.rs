@@ -13,7 +13,6 @@ use rusqlite::config::DbConfig;
 use rusqlite::{Connection, OptionalExtension, Row, Transaction, TransactionBehavior, params};
 
 use crate::chain::telemetry_seals::{BatchState, SealProgress, TelemetryAccount, absent};
-use crate::database::columns::parsed;
 use crate::database::migrate::TELEMETRY;
 use crate::database::open::{Durability, WriterGuard, open_writer};
 use crate::telemetry::telemetry_quarantine::TelemetryContents;
@@ -287,30 +286,6 @@ impl TelemetryFile {
             .and_then(|mut select| select.query_row([number], read).optional())
             .map(Option::flatten)
             .map_err(sqlite_error("read telemetry"))
-    }
-
-    /// A batch's rows, checked against their digest; `None` if it was removed.
-    pub(crate) fn read(&self, batch: u64) -> Result<Option<Batch>, StoreError> {
-        let sql = "SELECT version, stream, from_ms, to_ms, rows, body, digest FROM batch WHERE id = ?1";
-        let read = |row: &Row<'_>| -> rusqlite::Result<(Batch, String)> {
-            let (version, stream, body) = (parsed(row, 0)?, row.get(1)?, row.get(5)?);
-            let (from_ms, to_ms, rows) = (row.get(2)?, row.get(3)?, row.get(4)?);
-            Ok((Batch { version, stream, from_ms, to_ms, rows, body }, row.get(6)?))
-        };
-        let found = self
-            .connection
-            .prepare_cached(sql)
-            .and_then(|mut select| select.query_row([batch], read).optional())
-            .map_err(sqlite_error("read telemetry"))?;
-        match found {
-            Some((found, digest)) if digest_of(&found).to_string() != digest => Err(StoreError::invalid(
-                "telemetry batch",
-                batch,
-                "unchanged; its content does not match its digest",
-            )),
-            Some((found, _)) => Ok(Some(found)),
-            None => Ok(None),
-        }
     }
 
     /// A cached cell's row: its MAC and its body, not yet authenticated.

@@ -2,7 +2,6 @@
 //! callers one at a time, in order, each whole or not at all.
 
 use std::collections::BTreeSet;
-use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -12,7 +11,7 @@ use ed25519_dalek::{SigningKey, VerifyingKey};
 use rusqlite::config::DbConfig;
 use rusqlite::{Connection, TransactionBehavior};
 
-use crate::chain::audit::{self, ExportError};
+use crate::chain::audit;
 use crate::chain::chain_signature;
 use crate::chain::compare::compare;
 use crate::chain::fold::{Fold, ReadProgress};
@@ -20,12 +19,12 @@ use crate::chain::snapshot;
 use crate::chain::telemetry_seals::SealProgress;
 use crate::database::migrate::STORE;
 use crate::database::open::{
-    Durability, FileId, WriterGuard, damaged, file_id, open_reader, open_writer, written_by_others,
+    Durability, FileId, WriterGuard, damaged, file_id, open_writer, written_by_others,
 };
 use crate::database::schema_shape::first_difference;
 use crate::database::store_id;
 use crate::reading::interrupted_work::interrupted;
-use crate::reading::views::{ActiveVersions, Views};
+use crate::reading::views::Views;
 use crate::telemetry::cached_rows::CachedRows;
 use crate::telemetry::telemetry_file::{TelemetryFile, TelemetryLimits};
 use crate::telemetry::telemetry_quarantine::{ChainEvidence, prepare_file, unrecorded_files};
@@ -259,24 +258,6 @@ impl Store {
         Views::open(&self.layout.database())
     }
 
-    /// The active versions alone: the view that the dispatcher gets.
-    ///
-    /// # Errors
-    /// If the database cannot be opened.
-    pub fn active_view(&self) -> Result<ActiveVersions, StoreError> {
-        ActiveVersions::open(&self.layout.database())
-    }
-
-    /// Writes the audit chain from `from_seq` on as JSON lines; see [`Views::export`].
-    ///
-    /// # Errors
-    /// [`ExportError`].
-    pub fn export(&self, from_seq: u64, out: &mut dyn Write) -> Result<u64, ExportError> {
-        let connection = open_reader(&self.layout.database(), &STORE)
-            .map_err(|error| ExportError::Write(std::io::Error::other(error)))?;
-        audit::export(&connection, from_seq, out)
-    }
-
     pub fn append_telemetry(&self, batch: &Batch) -> Result<BatchReceipt, StoreError> {
         self.telemetry.lock().map_err(|_| StoreError::Unknown)?.append(batch)
     }
@@ -295,14 +276,6 @@ impl Store {
 
     pub fn telemetry_waits(&self) -> Option<u64> {
         self.telemetry.lock().unwrap_or_else(PoisonError::into_inner).waiting()
-    }
-
-    /// A batch's rows, checked against their digest; `None` if it was removed for age.
-    ///
-    /// # Errors
-    /// If it cannot be read or was changed.
-    pub fn telemetry_batch(&self, batch: u64) -> Result<Option<Batch>, StoreError> {
-        self.telemetry.lock().map_err(|_| StoreError::Unknown)?.read(batch)
     }
 
     pub const fn result_cache(&self) -> &ResultCache {

@@ -18,19 +18,17 @@ use crate::support::*;
 fn candidate_is_activated_and_rolled_back() {
     let folder = quick_folder();
     let store = open(folder.path());
-    let view = store.active_view().unwrap();
+    let views = store.views().unwrap();
+    let status = || views.families().unwrap().remove(0);
     bootstrap(&store, "grasp");
     shadowed(&store, "grasp@1.1.0");
-    assert_eq!(view.active("grasp").unwrap().unwrap().id, id("grasp@1.0.0"));
+    assert_eq!(status().active, Some(id("grasp@1.0.0")));
     commit(&store, "activate", activation("grasp@1.1.0", ("grasp@1.0.0", 2), 0)).unwrap();
-    let active = view.active("grasp").unwrap().unwrap();
-    assert_eq!((active.id, active.pinned), (id("grasp@1.1.0"), Some(id("grasp@1.0.0"))));
-    assert!(active.provisional);
+    assert_eq!((status().active, status().pinned), (Some(id("grasp@1.1.0")), Some(id("grasp@1.0.0"))));
+    assert!(views.version(&id("grasp@1.1.0")).unwrap().unwrap().summary.flags.provisional);
     commit(&store, "rollback", rollback(("grasp@1.1.0", 5), ("grasp@1.0.0", 3))).unwrap();
-    assert_eq!(view.all().unwrap().len(), 1);
-    assert_eq!(view.active("grasp").unwrap().unwrap().id, id("grasp@1.0.0"));
+    assert_eq!(status().active, Some(id("grasp@1.0.0")));
 
-    let views = store.views().unwrap();
     let detail = views.version(&id("grasp@1.1.0")).unwrap().unwrap();
     assert_eq!(detail.summary.state, S::RolledBack);
     assert_eq!(detail.summary.flags, VersionFlags::default());
@@ -306,8 +304,8 @@ fn safe_stopped_family_is_reactivated() {
         ],
     )
     .unwrap();
-    let view = store.active_view().unwrap();
-    assert_eq!(view.all().unwrap(), []);
+    let active = || store.views().unwrap().families().unwrap().remove(0).active;
+    assert_eq!(active(), None);
     commit(&store, "requalify", vec![set_state("grasp@1.0.0", 3, S::Demoted, S::Shadowed)]).unwrap();
     commit(
         &store,
@@ -319,7 +317,7 @@ fn safe_stopped_family_is_reactivated() {
         ],
     )
     .unwrap();
-    assert_eq!(view.active("grasp").unwrap().unwrap().id, id("grasp@1.0.0"));
+    assert_eq!(active(), Some(id("grasp@1.0.0")));
     verify(&store.layout().database(), None).unwrap();
 }
 
@@ -425,7 +423,7 @@ fn exported_lines_are_the_chain() {
     let store = open(folder.path());
     bootstrap(&store, "grasp");
     let mut out = Vec::new();
-    let count = store.export(0, &mut out).unwrap();
+    let count = store.views().unwrap().export(0, &mut out).unwrap();
     let text = String::from_utf8(out).unwrap();
     assert_eq!(text.lines().count() as u64, count);
     let mut prev = "0".repeat(64);
@@ -443,7 +441,7 @@ fn exported_lines_are_the_chain() {
             Ok(())
         }
     }
-    assert_eq!(store.export(0, &mut Gone).unwrap(), 0);
+    assert_eq!(store.views().unwrap().export(0, &mut Gone).unwrap(), 0);
 }
 
 #[test]

@@ -17,10 +17,10 @@ use holdpoint_governance::notice::NoticeOrText;
 use holdpoint_governance::profile::ProfileName;
 use holdpoint_governance::profile_downgrade::{DowngradedField, ProfileSettings};
 use holdpoint_governance::wall_time::WallTime;
-use holdpoint_registry::{Store, allow_profile};
+use holdpoint_registry::{Store, TelemetryViews, allow_profile};
 use holdpoint_store::{
-    ActiveCause, ApprovalRequest, AuditBody, Change, EvidenceKind, NewVersion, Receipt, RefusalCause,
-    RequestState, StoreError, Transaction,
+    ActiveCause, ApprovalRequest, AuditBody, Batch, Change, EvidenceKind, NewVersion, Receipt, RefusalCause,
+    RequestState, StoreError, TelemetryReader as _, Transaction,
 };
 
 /// The digest of a robot.
@@ -182,6 +182,20 @@ pub fn shadowing(name: &str) -> Vec<Change> {
     }
     changes.push(evidence(name, EvidenceKind::Gate, &format!("gate {name}")));
     changes
+}
+
+/// A batch of telemetry; `None` if there is none of this number.
+pub fn stored_batch(store: &Store, number: u64) -> Option<Batch> {
+    let telemetry = TelemetryViews::open(&store.layout().telemetry()).unwrap();
+    let mut found = None;
+    telemetry
+        .each_batch(number, &mut |stored| {
+            if stored.number == number {
+                found = stored.batch;
+            }
+        })
+        .unwrap();
+    found
 }
 
 /// A candidate at `shadowed`.

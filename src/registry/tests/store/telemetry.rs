@@ -34,7 +34,7 @@ fn sealed_batches_are_verified() {
     assert_eq!(seals.len(), 1, "one record seals both");
     commit(&store, "seal", seals).unwrap();
     assert_eq!(store.seal_telemetry().unwrap().len(), 0, "nothing waits any more");
-    assert_eq!(store.telemetry_batch(receipt.batch).unwrap(), Some(batch(1, 100)));
+    assert_eq!(stored_batch(&store, receipt.batch), Some(batch(1, 100)));
     let (database, telemetry) = (store.layout().database(), store.layout().telemetry());
     assert_eq!(verify(&database, None).unwrap().batches, 2);
     drop(store);
@@ -138,8 +138,7 @@ fn oldest_telemetry_is_removed_first() {
     assert!(store.append_telemetry(&batch(4, 200)).is_ok(), "up to twice the limit between two seals");
     let error = store.append_telemetry(&batch(5, 1)).unwrap_err();
     assert!(matches!(error, StoreError::Invalid { what: "telemetry of", .. }), "{error}");
-    let there =
-        || -> Vec<bool> { batches.iter().map(|n| store.telemetry_batch(*n).unwrap().is_some()).collect() };
+    let there = || -> Vec<bool> { batches.iter().map(|n| stored_batch(&store, *n).is_some()).collect() };
     assert_eq!(there(), [true; 4], "nothing goes before it is on record");
     commit(&store, "seal", store.seal_telemetry().unwrap()).unwrap();
     assert_eq!(there(), [false; 4]);

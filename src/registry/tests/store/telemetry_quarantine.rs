@@ -282,5 +282,5 @@ fn forged_bytes_remove_no_sealed_batch() {
     let store = Store::open_with(folder.path(), limits).unwrap();
     let found = &store.opening().telemetry;
     assert_eq!((found.aside.len(), found.missing, found.unsealed), (1, 0, 0));
-    assert_eq!(store.telemetry_batch(1).unwrap(), Some(batch(0)));
+    assert_eq!(stored_batch(&store, 1), Some(batch(0)));
 }
