@@ -19,7 +19,6 @@ use super::keyfile::public_of;
 pub const SOCKET_VARIABLE: &str = "SSH_AUTH_SOCK";
 /// The longest message, bytes; the limit of OpenSSH's agent.
 const MESSAGE_BYTES_MAX: usize = 256 * 1024;
-/// The most keys considered.
 const KEYS_MAX: u32 = 1000;
 /// How long an agent may take to list its keys.
 const LIST_PATIENCE: Duration = Duration::from_secs(5);
@@ -35,7 +34,6 @@ const SIGN_REQUEST: u8 = 13;
 const SIGN_RESPONSE: u8 = 14;
 const ED25519: &[u8] = b"ssh-ed25519";
 
-/// An error of an agent.
 #[derive(Debug, thiserror::Error)]
 pub enum AgentError {
     #[error("{SOCKET_VARIABLE} names no ssh-agent")]
@@ -103,7 +101,6 @@ impl Hint for AgentError {
     }
 }
 
-/// An ed25519 key of an agent.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct AgentKey {
     pub public_key: VerifyingKey,
@@ -111,7 +108,6 @@ pub struct AgentKey {
     pub comment: String,
 }
 
-/// The address of an agent.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct SshAgent {
     path: PathBuf,

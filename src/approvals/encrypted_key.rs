@@ -70,7 +70,6 @@ impl KdfCost {
     }
 }
 
-/// An error in an encrypted key or in its passphrase.
 #[derive(Debug, PartialEq, Eq, thiserror::Error)]
 pub enum EncryptedKeyError {
     #[error("{field} is {value:?}; allowed: {allowed}")]

@@ -106,7 +106,6 @@ pub struct IdentityInfo {
     pub public_key: VerifyingKey,
 }
 
-/// The identities of a store.
 #[derive(Debug, Default)]
 pub struct IdentityFolder {
     /// The valid identities, by name.
@@ -148,7 +147,6 @@ pub struct LockedIdentity {
     key: StoredSecret,
 }
 
-/// A stored secret.
 #[derive(Debug)]
 enum StoredSecret {
     /// In its file.

@@ -10,7 +10,6 @@ use holdpoint_text::{ErrorDetails, ErrorReason, Hint};
 use rustix::fs::{Mode, OFlags};
 use zeroize::Zeroizing;
 
-/// The longest passphrase, bytes.
 pub const PASSPHRASE_BYTES_MAX: usize = 1024;
 /// The shortest for a new key, characters.
 pub const PASSPHRASE_CHARS_MIN: usize = 8;

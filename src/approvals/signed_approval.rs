@@ -21,7 +21,6 @@ use holdpoint_text::{ErrorDetails, ErrorReason, Hint};
 const DOMAIN: &str = "holdpoint/approval/v1";
 /// For a decision on a displayed request.
 const DOMAIN_SHOWN: &str = "holdpoint/approval/v2";
-/// The longest reason, bytes.
 pub(super) const REASON_BYTES_MAX: usize = 4096;
 /// The allowed form of an act's reason.
 pub(super) const REASON_ALLOWED: &str = "1 to 4096 bytes that can be read";

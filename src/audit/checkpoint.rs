@@ -26,7 +26,6 @@ const DOMAIN_LINKED: &str = "holdpoint/checkpoint/v3";
 const DOMAIN_TREE: &str = "holdpoint/checkpoint/v4";
 /// Domain tag of a checkpoint that holds the wall time of its record as well.
 const DOMAIN_TIMED: &str = "holdpoint/checkpoint/v5";
-/// Domain tag of a checkpoint's own digest.
 const DOMAIN_DIGEST: &str = "holdpoint/checkpoint-digest/v1";
 /// The predecessor digest of a store's first checkpoint.
 const NONE_BEFORE: Digest = Digest::from_bytes([0; 32]);
@@ -34,7 +33,6 @@ const NONE_BEFORE: Digest = Digest::from_bytes([0; 32]);
 pub const EVERY_RECORDS: u64 = 256;
 /// Checkpoints kept; older ones are removed. If there are fewer, the first of all is among them.
 const KEPT_MAX: usize = 1000;
-/// The largest checkpoint file, bytes.
 pub const FILE_BYTES_MAX: u64 = 4096;
 
 /// The place of a checkpoint among the checkpoints of its store.
@@ -276,7 +274,6 @@ pub struct StoredCheckpoint {
     pub checkpoint: Checkpoint,
 }
 
-/// A problem with a checkpoint's file.
 #[derive(Clone, Debug)]
 pub struct BadCheckpointFile {
     pub file: String,

@@ -16,11 +16,8 @@ use holdpoint_governance::record::AuditRecord;
 
 /// The longest record line, bytes: its body has at most 4 MiB, and each byte may become an escape of six.
 pub const LINE_BYTES_MAX: u64 = 32 << 20;
-/// The longest other line, bytes.
 pub const SHORT_LINE_BYTES_MAX: u64 = 64 << 10;
-/// The start of a file.
 pub const START_OF_FILE: &[u8; 10] = b"{\"export\":";
-/// The start of a record line.
 const START_OF_RECORD: &[u8] = b"{\"record\":{";
 
 /// One line.
@@ -41,7 +38,6 @@ pub enum ExportLine {
 
 /// The name of the form in the first line.
 pub(crate) const FORMAT: &str = "holdpoint-store-export";
-/// The version of the form.
 pub(crate) const VERSION: u32 = 1;
 
 /// The first line.

@@ -48,7 +48,6 @@ pub(crate) struct ExportedChain {
     shown: DisplayRecords,
 }
 
-/// The record of an approval.
 struct StoredApprovalFacts {
     /// The approver's key; none before a person was enrolled.
     key: Option<String>,

@@ -6,7 +6,6 @@ use super::files::FileError;
 use super::head_copies::HeadFault;
 use holdpoint_text::{ErrorDetails, ErrorReason, Hint};
 
-/// The first problem of a history.
 #[derive(Debug, thiserror::Error)]
 pub enum HistoryError {
     #[error(transparent)]

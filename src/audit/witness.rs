@@ -20,7 +20,6 @@ use super::files::{FileError, sync_folder, write_atomically};
 use super::head_copies::{ChainPoint, HEADS_MAX, HeadFault, check_copy};
 use holdpoint_governance::ids::is_name;
 
-/// The most witnesses of one store.
 pub const WITNESSES_MAX: usize = 8;
 /// The most pending heads of one witness. A head stands for all before it, so that skipping one loses nothing.
 const QUEUE_MAX: usize = 64;
@@ -32,7 +31,6 @@ const END_WAIT: Duration = Duration::from_secs(3);
 const READ_WAIT: Duration = Duration::from_secs(10);
 /// Files of a witness that a start reads until one is a head signed by the store.
 const LOOKED_AT_MAX: usize = HEADS_MAX;
-/// The longest path, bytes.
 const PATH_BYTES_MAX: usize = 1024;
 
 /// Witnesses that cannot be written or read at present, each with the reason.
@@ -283,7 +281,6 @@ fn described(error: &FileError, folder: &Path) -> String {
     format!("{error}; the folder of this store is not there: what it is mounted from may be gone")
 }
 
-/// A start's finding at a witness.
 #[derive(Clone, Debug, PartialEq, Eq)]
 enum WitnessFinding {
     /// The newest head there is of this chain.

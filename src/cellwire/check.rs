@@ -28,7 +28,6 @@ const TAKEN_WITHIN: Duration = Duration::from_secs(3);
 /// Ticks of a run that is compared with another.
 const RUN_TICKS: usize = 40;
 
-/// Ticks that are timed.
 const TIMED_TICKS: usize = 1000;
 
 /// The speed of the arm in a check, rad/s.

@@ -58,7 +58,6 @@ impl fmt::Display for Endpoint {
     }
 }
 
-/// A connection to an endpoint.
 #[derive(Debug)]
 pub enum EndpointStream {
     /// Over a Unix socket.

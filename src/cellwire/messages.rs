@@ -76,7 +76,6 @@ pub struct Hello {
     pub client: String,
 }
 
-/// The bounds of a server.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct ServerLimits {
     pub message_bytes: u64,
@@ -388,7 +387,6 @@ fn are_objects(objects: &ObjectVec) -> bool {
     })
 }
 
-/// An answer.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Answer {
     /// The number of the request.

@@ -9,7 +9,6 @@ use holdpoint_body::RATE_HZ;
 
 use super::snapshot::Snapshot;
 
-/// Ticks of the cell in a second.
 pub const TICKS_PER_SECOND: u64 = RATE_HZ as u64;
 
 /// Virtual time in ticks of the cell.

@@ -26,7 +26,6 @@ pub const PLACES: [&str; 7] = [
     "after-commit-before-ack",
 ];
 
-/// Whether this build has failpoints.
 pub const ENABLED: bool = cfg!(feature = "failpoints");
 
 /// Visits one place.

@@ -45,7 +45,6 @@ pub const LOOK_PATIENCE: Duration = Duration::from_millis(250);
 /// How long a request that changes something waits for the engine before it is refused.
 pub const CHANGE_PATIENCE: Duration = Duration::from_secs(2);
 
-/// The most alarms shown.
 const ALARMS_MAX: usize = 256;
 
 /// The longest time between two polls of the socket.

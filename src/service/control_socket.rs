@@ -205,7 +205,6 @@ pub enum SignalHandling {
     Default,
 }
 
-/// A message from the socket's thread.
 enum SocketMessage {
     /// A request, its process, and the channel for the answer.
     Request(Box<Request>, Caller, oneshot::Sender<Reply>),

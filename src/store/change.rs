@@ -34,7 +34,6 @@ pub const BLOCK_BATCHES_MAX: usize = 64;
 pub const GAPS_MAX: usize = 64;
 /// The most quarantined telemetry files in one record.
 pub const QUARANTINED_MAX: usize = 64;
-/// The most changes in one transaction.
 pub const CHANGES_MAX: usize = 256;
 /// The most records a caller may add to one transaction.
 pub const AUDIT_MAX: usize = 256;
@@ -400,7 +399,6 @@ impl Change {
     }
 }
 
-/// A request for approval, as stored.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct ApprovalRequest {
     /// Its id, a name.

@@ -28,7 +28,6 @@ pub struct VersionFilter {
     pub limit: usize,
 }
 
-/// One piece of evidence.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct EvidenceEntry {
     /// The record that brought it.
@@ -62,7 +61,6 @@ pub struct ActivationEntry {
     pub at_ms: u64,
 }
 
-/// A stored approval.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ApprovalEntry {
     pub signed: SignedApproval,
@@ -109,7 +107,6 @@ pub struct VersionDetail {
     pub audit_links: Vec<u64>,
 }
 
-/// The state of a family.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FamilyStatus {
     pub name: String,
@@ -124,7 +121,6 @@ pub struct FamilyStatus {
     pub state_json: Option<String>,
 }
 
-/// The state of an alarm.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct AlarmEntry {
     pub alarm: String,
@@ -153,15 +149,6 @@ pub struct AuditFilter {
     pub newest_first: bool,
 }
 
-impl AuditFilter {
-    /// The newest record of a kind.
-    #[must_use]
-    pub fn newest(kind: RecordKind) -> Self {
-        Self { kind: Some(kind), limit: 1, newest_first: true, ..Self::default() }
-    }
-}
-
-/// The history of a version's state.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct VersionHistory {
     /// The state it was in before.

@@ -18,7 +18,6 @@ const LOCKS_BYTES_MAX: u64 = 4 << 20;
 /// How long the list is read to answer one question. Every account of the machine can make the list long and slow.
 const LOOK_WITHIN: Duration = Duration::from_millis(300);
 
-/// The buffer of one read, bytes.
 const READ_BYTES: usize = 64 << 10;
 
 /// How often the list is read for a lock that is held. The kernel returns it in parts, and may omit a line if another
@@ -31,7 +30,6 @@ const FDINFO_BYTES_MAX: u64 = 64 << 10;
 /// The most open files of a process that are looked at for a lock.
 const OPEN_FILES_MAX: usize = 4096;
 
-/// The holder of a lock.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum LockHolder {
     /// No process.

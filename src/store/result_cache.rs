@@ -39,7 +39,6 @@ const STORE_DOMAIN: &[u8] = b"holdpoint.kept-in-store.v1";
 /// Key separation of other secrets.
 const DERIVED_DOMAIN: &[u8] = b"holdpoint.kept-more.v1";
 
-/// Bytes of a MAC.
 const MAC_BYTES: usize = 32;
 
 /// The most own results that a process remembers; further ones are checked like foreign ones.

@@ -16,7 +16,6 @@ use crate::error::StoreError;
 use crate::layout::Layout;
 use holdpoint_audit::files::{sync_folder, write_atomically};
 
-/// The longest text of a stop, bytes.
 const STOP_BYTES_MAX: u64 = 64 * 1024;
 
 /// The mark's file name in each place.

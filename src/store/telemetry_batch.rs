@@ -2,7 +2,6 @@
 
 use holdpoint_governance::ids::{CapabilityId, Digest};
 
-/// The largest batch or cached result, bytes.
 pub const BATCH_BYTES_MAX: usize = 4 << 20;
 
 /// Rows of telemetry of one stream, encoded by the caller (postcard or JSON).
@@ -22,7 +21,6 @@ pub struct Batch {
     pub body: Vec<u8>,
 }
 
-/// The inputs of an episode's result.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct EpisodeKey {
     /// Digest of the version.

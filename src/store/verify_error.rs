@@ -6,7 +6,6 @@ use crate::error::StoreError;
 use holdpoint_audit::history_error::HistoryError;
 use holdpoint_text::{ErrorDetails, ErrorReason, Hint};
 
-/// The first problem.
 #[derive(Debug, thiserror::Error)]
 pub enum VerifyError {
     #[error(transparent)]

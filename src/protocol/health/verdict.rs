@@ -40,7 +40,6 @@ pub struct HealthVerdict {
     pub interval: Option<Interval>,
 }
 
-/// The direction.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Trend {
     /// The interval lies above zero.

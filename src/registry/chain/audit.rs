@@ -139,7 +139,6 @@ pub(crate) fn for_each<E: From<rusqlite::Error>>(
     Ok(())
 }
 
-/// A failure while exporting.
 #[derive(Debug, thiserror::Error)]
 pub enum ExportError {
     #[error("the audit chain cannot be read: {}", error_message(.0))]

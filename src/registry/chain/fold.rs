@@ -25,7 +25,6 @@ use holdpoint_governance::record::{RecordKind, RecordRef};
 /// The key of the one row that says where the chain ends.
 pub(crate) const HEAD_ROW: i64 = 1;
 
-/// The first problem.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) enum ChainFault {
     /// A record of the chain.

@@ -10,7 +10,6 @@ use holdpoint_governance::lifecycle::State;
 use holdpoint_governance::record::ActivationCause;
 use holdpoint_store::EvidenceKind;
 
-/// The invariants of the store.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Invariant {
     /// I1: a bootstrapped family has exactly one active version, or is safe-stopped and has none.

@@ -39,7 +39,6 @@ const PIECE_BYTES: usize = 1 << 16;
 /// The ending of a snapshot's name.
 const ENDING: &str = "fold";
 
-/// A snapshot in its file's form.
 #[derive(Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct SnapshotFile {

@@ -15,7 +15,6 @@ use holdpoint_governance::record::{RecordKind, RecordRef};
 
 /// The table of the chain: nearly all of a store's file.
 const CHAIN: &str = "audit";
-/// Its indexes, and their columns.
 const CHAIN_INDEXES: [(&str, &str); 2] = [("audit_subject", "subject"), ("audit_kind", "kind")];
 
 /// The structure of the part that a start reads and writes. If the fold continues from a snapshot, earlier records are

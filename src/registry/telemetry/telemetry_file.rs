@@ -64,7 +64,6 @@ pub(crate) struct TelemetryFile {
     _written: WriterGuard,
 }
 
-/// Usage of the cached results, from their rows.
 #[derive(Clone, Copy, Debug)]
 struct CacheUsage {
     /// Bytes of all of them.

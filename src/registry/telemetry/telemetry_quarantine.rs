@@ -31,7 +31,6 @@ const SPARE_BYTES: u64 = 64 << 20;
 const COMPARED: usize = 64;
 /// Batches of one transaction when a new file takes over.
 const TAKEN_AT_ONCE: usize = 64;
-/// The most names tried.
 const NAMES_MAX: u32 = 1_000_000;
 /// The longest description of a file's problem, characters.
 const PROBLEM_CHARS_MAX: usize = 300;

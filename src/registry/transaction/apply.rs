@@ -36,7 +36,6 @@ const ALARMS_MAX: u64 = 10_000;
 const TEXT_IN_RECORD_BYTES_MAX: usize = 16 << 10;
 /// Fields of a change that hold texts.
 const TEXTS: [&str; 6] = ["json", "manifest", "submission", "permissions", "environments", "signature"];
-/// The longest command id, bytes.
 const COMMAND_ID_BYTES_MAX: usize = 128;
 
 /// The data, beside the database, that an approval is checked against.

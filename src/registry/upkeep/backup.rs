@@ -205,7 +205,6 @@ fn make(
     Ok(BackupReport { verified, files, bytes, keys: parts.keys && !alone, recordings: copied, left_out })
 }
 
-/// The result for recordings.
 #[derive(Default)]
 struct RecordingCopies {
     copied: u64,

@@ -33,7 +33,6 @@ use holdpoint_audit::witness::folder_of;
 use holdpoint_governance::ids::Digest;
 use holdpoint_store::{MissingBatches, VerifyError, VerifyReport};
 
-/// The location of a database.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum DatabaseLocation {
     /// In its store: keys, checkpoints and telemetry must be beside it, and its witnesses are read.

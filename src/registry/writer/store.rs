@@ -45,7 +45,6 @@ use holdpoint_store::{
 /// Pending transactions of the writer; a further caller blocks.
 const QUEUE_MAX: usize = 64;
 
-/// A job of the writer.
 enum WriterJob {
     Commit {
         transaction: Transaction,

@@ -130,7 +130,6 @@ impl<T> Document<T> {
     }
 }
 
-/// The next message to a console.
 enum NextMessage {
     Line(Arc<str>),
     Nothing,

@@ -41,7 +41,6 @@ pub struct Subscription {
     lines: LineReader,
 }
 
-/// The connection of an attached console.
 #[derive(Debug)]
 pub struct ConsoleConnection {
     lines: LineReader,
@@ -49,7 +48,6 @@ pub struct ConsoleConnection {
     console: u64,
 }
 
-/// A message to an attached console.
 #[derive(Clone, Debug, PartialEq)]
 pub enum ConsoleMessage {
     Event(Box<Event>),

@@ -29,7 +29,6 @@ pub const BRAKING_MAX: usize = 8;
 /// The most stops that wait to be recorded; the arm is at standstill for all of them.
 pub const STOPS_MAX: usize = 16;
 
-/// The most idle connections.
 pub const IDLE_MAX: usize = 64;
 
 /// The most connections of an account other than the engine's own.

@@ -9,7 +9,6 @@ use holdpoint_protocol::command::Caller;
 use holdpoint_protocol::console_presence::{AttachedConsoleView, ConsoleAccount, ConsolePresence};
 use holdpoint_protocol::snapshot::Snapshot;
 
-/// The attached consoles.
 #[derive(Debug, Default)]
 pub struct ConsoleRegistry(Mutex<ConsoleTable>);
 

@@ -25,7 +25,6 @@ const ANSWER_WITHIN: Duration = Duration::from_millis(1500);
 /// Interval between checks of the mark.
 const LOOK_EVERY: Duration = Duration::from_millis(5);
 
-/// The hint for a stop that is not confirmed.
 pub const NOT_CONFIRMED_HINT: &str =
     "press the emergency stop of the cell; `holdpoint status` shows what the store says";
 
@@ -43,7 +42,6 @@ pub struct StopCall {
     reason: String,
 }
 
-/// The outcome of a stop call.
 #[derive(Debug)]
 pub enum StopOutcome {
     /// The engine answered over the socket.
@@ -177,7 +175,6 @@ fn next(answers: &Receiver<SocketAnswer>) -> Option<SocketAnswer> {
     }
 }
 
-/// The attempt to create the mark of a stop.
 #[derive(Default)]
 struct StopMarkAttempt {
     own: Option<OwnStopMark>,
