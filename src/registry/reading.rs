@@ -8,7 +8,7 @@ pub(crate) mod interrupted_work;
 pub(crate) mod profile_views;
 pub(crate) mod prove;
 pub(crate) mod record_times;
-mod record_views;
+pub(crate) mod record_views;
 pub(crate) mod sqlite_reader;
 pub(crate) mod views;
 pub(crate) mod witness_views;

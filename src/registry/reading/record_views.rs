@@ -16,96 +16,40 @@ use holdpoint_store::{
     RecordTime, RecordViews, StoreError, VersionDetail, VersionFilter, VersionHistory,
 };
 
+/// Each call is the method of the same name.
+macro_rules! forward {
+    ($($name:ident($($argument:ident: $type:ty),*) -> $result:ty;)*) => {
+        $(fn $name(&self, $($argument: $type),*) -> $result {
+            Self::$name(self, $($argument),*)
+        })*
+    };
+}
+
+pub(crate) use forward;
+
 impl RecordViews for Views {
-    fn folder(&self) -> Option<PathBuf> {
-        Self::folder(self)
-    }
-
-    fn versions(&self, filter: &VersionFilter) -> Result<(Vec<VersionSummary>, usize), StoreError> {
-        Self::versions(self, filter)
-    }
-
-    fn open_reviews(&self) -> Result<Vec<(CapabilityId, WallTime)>, StoreError> {
-        Self::open_reviews(self)
-    }
-
-    fn version(&self, id: &CapabilityId) -> Result<Option<VersionDetail>, StoreError> {
-        Self::version(self, id)
-    }
-
-    fn evidence(
-        &self,
-        id: &CapabilityId,
-        kind: Option<EvidenceKind>,
-    ) -> Result<Vec<EvidenceEntry>, StoreError> {
-        Self::evidence(self, id, kind)
-    }
-
-    fn approvals(&self, id: &CapabilityId) -> Result<Vec<ApprovalEntry>, StoreError> {
-        Self::approvals(self, id)
-    }
-
-    fn persons(&self) -> Result<PersonDirectory, StoreError> {
-        Self::persons(self)
-    }
-
-    fn open_requests(&self) -> Result<Vec<ApprovalRequest>, StoreError> {
-        Self::open_requests(self)
-    }
-
-    fn requested_ms(&self, request: &str) -> Result<Option<u64>, StoreError> {
-        Self::requested_ms(self, request)
-    }
-
-    fn family_in_order(&self, family: &Family) -> Result<Vec<CapabilityId>, StoreError> {
-        Self::family_in_order(self, family)
-    }
-
-    fn families(&self) -> Result<Vec<FamilyStatus>, StoreError> {
-        Self::families(self)
-    }
-
-    fn pointer_robots(&self) -> Result<Vec<(String, String)>, StoreError> {
-        Self::pointer_robots(self)
-    }
-
-    fn context(&self) -> Result<Option<(ProfileName, Digest, String)>, StoreError> {
-        Self::context(self)
-    }
-
-    fn profiles(&self) -> Result<ProfileHistory, StoreError> {
-        Self::profiles(self)
-    }
-
-    fn alarms(&self) -> Result<Vec<AlarmEntry>, StoreError> {
-        Self::alarms(self)
-    }
-
-    fn version_history(&self, id: &CapabilityId) -> Result<VersionHistory, StoreError> {
-        Self::version_history(self, id)
-    }
-
-    fn recorded_changes(&self, id: &CapabilityId) -> Result<RecordedChanges, StoreError> {
-        Self::recorded_changes(self, id)
-    }
-
-    fn audit(&self, filter: &AuditFilter) -> Result<Vec<AuditRecord>, StoreError> {
-        Self::audit(self, filter)
-    }
-
-    fn each_record(&self, to_seq: u64, visit: &mut dyn FnMut(AuditRecord)) -> Result<(), StoreError> {
-        Self::each_record(self, to_seq, visit)
-    }
-
-    fn head(&self) -> Result<Head, StoreError> {
-        Self::head(self)
-    }
-
-    fn stamp(&self, seq: u64) -> Result<Option<RecordTime>, StoreError> {
-        Self::stamp(self, seq)
-    }
-
-    fn numbers_of(&self, kind: RecordKind, from_seq: u64, before_seq: u64) -> Result<Vec<u64>, StoreError> {
-        Self::numbers_of(self, kind, from_seq, before_seq)
+    forward! {
+        folder() -> Option<PathBuf>;
+        versions(filter: &VersionFilter) -> Result<(Vec<VersionSummary>, usize), StoreError>;
+        open_reviews() -> Result<Vec<(CapabilityId, WallTime)>, StoreError>;
+        version(id: &CapabilityId) -> Result<Option<VersionDetail>, StoreError>;
+        evidence(id: &CapabilityId, kind: Option<EvidenceKind>) -> Result<Vec<EvidenceEntry>, StoreError>;
+        approvals(id: &CapabilityId) -> Result<Vec<ApprovalEntry>, StoreError>;
+        persons() -> Result<PersonDirectory, StoreError>;
+        open_requests() -> Result<Vec<ApprovalRequest>, StoreError>;
+        requested_ms(request: &str) -> Result<Option<u64>, StoreError>;
+        family_in_order(family: &Family) -> Result<Vec<CapabilityId>, StoreError>;
+        families() -> Result<Vec<FamilyStatus>, StoreError>;
+        pointer_robots() -> Result<Vec<(String, String)>, StoreError>;
+        context() -> Result<Option<(ProfileName, Digest, String)>, StoreError>;
+        profiles() -> Result<ProfileHistory, StoreError>;
+        alarms() -> Result<Vec<AlarmEntry>, StoreError>;
+        version_history(id: &CapabilityId) -> Result<VersionHistory, StoreError>;
+        recorded_changes(id: &CapabilityId) -> Result<RecordedChanges, StoreError>;
+        audit(filter: &AuditFilter) -> Result<Vec<AuditRecord>, StoreError>;
+        each_record(to_seq: u64, visit: &mut dyn FnMut(AuditRecord)) -> Result<(), StoreError>;
+        head() -> Result<Head, StoreError>;
+        stamp(seq: u64) -> Result<Option<RecordTime>, StoreError>;
+        numbers_of(kind: RecordKind, from_seq: u64, before_seq: u64) -> Result<Vec<u64>, StoreError>;
     }
 }
