@@ -209,10 +209,7 @@ fn put(path: &Path, bytes: &[u8], mode: u32) -> Result<(), KeyError> {
     let mut part = path.as_os_str().to_owned();
     part.push(".part");
     let part = PathBuf::from(part);
-    match fs::remove_file(&part) {
-        Err(error) if error.kind() != ErrorKind::NotFound => return Err(io("create", &part)(error)),
-        Ok(()) | Err(_) => {}
-    }
+    remove_leftover("create", &part)?;
     let mut file =
         OpenOptions::new().write(true).create_new(true).mode(mode).open(&part).map_err(io("create", path))?;
     let written = file.write_all(bytes).and_then(|()| file.sync_all()).map_err(io("write", path));
@@ -220,6 +217,14 @@ fn put(path: &Path, bytes: &[u8], mode: u32) -> Result<(), KeyError> {
     let placed = written.and_then(|()| fs::hard_link(&part, path).map_err(io("create", path)));
     drop(fs::remove_file(&part));
     placed.and_then(|()| force_folder(path))
+}
+
+/// Removes what an earlier crash left under a temporary name.
+fn remove_leftover(what: &'static str, path: &Path) -> Result<(), KeyError> {
+    match fs::remove_file(path) {
+        Err(error) if error.kind() != ErrorKind::NotFound => Err(io(what, path)(error)),
+        Ok(()) | Err(_) => Ok(()),
+    }
 }
 
 /// Removes a key file durably.
@@ -244,12 +249,7 @@ pub(super) fn replace_secret(
     encoding: KeyEncoding<'_>,
 ) -> Result<(), KeyError> {
     let aside = path.with_extension("key.new");
-    match fs::remove_file(&aside) {
-        Err(error) if error.kind() != std::io::ErrorKind::NotFound => {
-            return Err(io("replace", &aside)(error));
-        }
-        Ok(()) | Err(_) => {}
-    }
+    remove_leftover("replace", &aside)?;
     write_encoded(&aside, key, encoding)?;
     fs::rename(&aside, path).map_err(io("replace", path))?;
     force_folder(path)
