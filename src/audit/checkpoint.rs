@@ -280,6 +280,12 @@ pub struct BadCheckpointFile {
     pub problem: String,
 }
 
+impl BadCheckpointFile {
+    pub(crate) fn at(path: &Path, problem: impl ToString) -> Self {
+        Self { file: path.display().to_string(), problem: problem.to_string() }
+    }
+}
+
 /// Reads all checkpoints, oldest first; a missing folder has none.
 ///
 /// # Errors
@@ -288,10 +294,7 @@ pub fn read_all(folder: &Path) -> Result<Vec<StoredCheckpoint>, BadCheckpointFil
     if !folder.is_dir() {
         return Ok(Vec::new());
     }
-    let listed = names(folder).map_err(|error| BadCheckpointFile {
-        file: folder.display().to_string(),
-        problem: error.to_string(),
-    })?;
+    let listed = names(folder).map_err(|error| BadCheckpointFile::at(folder, error))?;
     let read = |file: String| match Checkpoint::read(&folder.join(&file)) {
         Ok(checkpoint) if name(checkpoint.seq) == file => Ok(StoredCheckpoint { file, checkpoint }),
         Ok(checkpoint) => {

@@ -7,7 +7,7 @@
 
 use std::fs;
 use std::io::{BufReader, Read};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use ed25519_dalek::VerifyingKey;
 
@@ -79,8 +79,8 @@ pub fn read_copies(
     store_id: &str,
     read_signed_end: ReadSignedEnd<'_>,
 ) -> Result<Vec<HeadCopy>, BadCheckpointFile> {
-    let bad = |problem: String| BadCheckpointFile { file: path.display().to_string(), problem };
-    let found = fs::metadata(path).map_err(|error| bad(error.to_string()))?;
+    let bad = |problem: &str| BadCheckpointFile::at(path, problem);
+    let found = fs::metadata(path).map_err(|error| BadCheckpointFile::at(path, error))?;
     let copies = if found.is_dir() {
         let mut copies = Vec::new();
         for folder in [path.join("checkpoints"), path.to_owned(), path.join(store_id)] {
@@ -96,22 +96,23 @@ pub fn read_copies(
     } else if found.is_file() {
         read_file(path, read_signed_end)?
     } else {
-        return Err(bad("it is neither a file nor a folder".to_owned()));
+        return Err(bad("it is neither a file nor a folder"));
     };
     if copies.is_empty() {
-        return Err(bad("it holds no signed head".to_owned()));
+        return Err(bad("it holds no signed head"));
     }
     Ok(copies)
 }
 
 /// The heads in the files of a folder, the newest up to the limit.
 fn read_folder(folder: &Path) -> Result<Vec<HeadCopy>, BadCheckpointFile> {
-    let listed = names(folder).map_err(|error| BadCheckpointFile {
-        file: folder.display().to_string(),
-        problem: error.to_string(),
-    })?;
-    let newest = listed.get(listed.len().saturating_sub(HEADS_MAX)..).unwrap_or_default();
-    newest.iter().map(|name| read_one(&folder.join(name))).collect()
+    newest_files(folder)?.iter().map(|file| read_one(file)).collect()
+}
+
+fn newest_files(folder: &Path) -> Result<Vec<PathBuf>, BadCheckpointFile> {
+    let listed = names(folder).map_err(|error| BadCheckpointFile::at(folder, error))?;
+    let newest = listed.iter().skip(listed.len().saturating_sub(HEADS_MAX));
+    Ok(newest.map(|name| folder.join(name)).collect())
 }
 
 /// The heads in the files of a witness, the newest up to the limit, and its files that are not heads.
@@ -119,21 +120,16 @@ fn read_folder(folder: &Path) -> Result<Vec<HeadCopy>, BadCheckpointFile> {
 /// # Errors
 /// If the folder cannot be listed.
 pub fn read_witness(folder: &Path) -> Result<(Vec<HeadCopy>, Vec<BadCheckpointFile>), BadCheckpointFile> {
-    let listed = names(folder).map_err(|error| BadCheckpointFile {
-        file: folder.display().to_string(),
-        problem: error.to_string(),
-    })?;
-    let newest = listed.get(listed.len().saturating_sub(HEADS_MAX)..).unwrap_or_default();
     let (mut heads, mut strays) = (Vec::new(), Vec::new());
-    for name in newest {
-        match read_one(&folder.join(name)) {
+    for file in newest_files(folder)? {
+        match read_one(&file) {
             Ok(head) => heads.push(head),
             Err(stray) => strays.push(stray),
         }
     }
     if heads.is_empty() {
-        let problem = "it holds no signed head, although it got one when it was added".to_owned();
-        strays.push(BadCheckpointFile { file: folder.display().to_string(), problem });
+        let problem = "it holds no signed head, although it got one when it was added";
+        strays.push(BadCheckpointFile::at(folder, problem));
     }
     Ok((heads, strays))
 }
@@ -158,9 +154,8 @@ fn read_database(
 }
 
 fn read_file(path: &Path, read_signed_end: ReadSignedEnd<'_>) -> Result<Vec<HeadCopy>, BadCheckpointFile> {
-    let bad = |problem: String| BadCheckpointFile { file: path.display().to_string(), problem };
     let mut start = [0; 16];
-    let mut start_of = file::open(path).map_err(|error| bad(error.to_string()))?;
+    let mut start_of = file::open(path).map_err(|error| BadCheckpointFile::at(path, error))?;
     if start_of.read_exact(&mut start).is_ok() && &start == b"SQLite format 3\0" {
         return read_database(path, read_signed_end).map(|copy| copy.into_iter().collect());
     }
@@ -199,10 +194,7 @@ fn read_lines(path: &Path) -> Result<Vec<HeadCopy>, BadCheckpointFile> {
             Ok(ExportLine::Export(_) | ExportLine::Record(_) | ExportLine::Approval(_)) => {}
             Err(_) if number == 1 => {
                 let problem = "it is no checkpoint, proof, database or exported store";
-                return Err(BadCheckpointFile {
-                    file: path.display().to_string(),
-                    problem: problem.to_owned(),
-                });
+                return Err(BadCheckpointFile::at(path, problem));
             }
             Err(problem) => return Err(bad(number, problem)),
         }
