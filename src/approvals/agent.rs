@@ -116,11 +116,17 @@ pub struct SshAgent {
 }
 
 impl SshAgent {
+    /// The agent that the environment names.
+    ///
+    /// # Errors
+    /// [`AgentError::NotNamed`].
     pub fn named() -> Result<Self, AgentError> {
         let path = std::env::var_os(SOCKET_VARIABLE).filter(|path| !path.is_empty());
         path.map(|path| Self::at(Path::new(&path))).ok_or(AgentError::NotNamed)
     }
 
+    /// The agent at this path.
+    #[must_use]
     pub fn at(path: &Path) -> Self {
         Self { path: path.to_owned(), list_patience: LIST_PATIENCE, sign_patience: SIGN_PATIENCE }
     }

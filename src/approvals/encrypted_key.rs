@@ -112,6 +112,10 @@ impl std::fmt::Debug for EncryptedKey {
 }
 
 impl EncryptedKey {
+    /// Encrypts a secret.
+    ///
+    /// # Errors
+    /// [`EncryptedKeyError`].
     pub fn seal(key: &SigningKey, passphrase: &Passphrase, cost: KdfCost) -> Result<Self, EncryptedKeyError> {
         let mut made = Self { cost: cost.check()?, salt: [0; 16], nonce: [0; 24], sealed: [0; 48] };
         getrandom::fill(&mut made.salt).map_err(EncryptedKeyError::Random)?;

@@ -161,6 +161,8 @@ impl LockedIdentity {
         &self.info
     }
 
+    /// The protection of the secret.
+    #[must_use]
     pub const fn protection(&self) -> Protection {
         match &self.key {
             StoredSecret::File(key) => key.protection(),

@@ -64,6 +64,8 @@ pub enum StoredKey {
 }
 
 impl StoredKey {
+    /// Its protection.
+    #[must_use]
     pub const fn protection(&self) -> Protection {
         match self {
             Self::Plain(_) => Protection::None,

@@ -308,6 +308,8 @@ impl PersonDirectory {
         Self { store_id: store_id.to_owned(), follows, by_name: BTreeMap::new() }
     }
 
+    /// Their store.
+    #[must_use]
     pub fn store_id(&self) -> &str {
         &self.store_id
     }

@@ -5,10 +5,18 @@ use std::io::{self, Write};
 use serde::Serialize;
 use serde_json::ser::Formatter;
 
+/// Writes a value.
+///
+/// # Errors
+/// If it has no JSON form, or cannot be written.
 pub fn write_ascii_json(out: impl Write, value: &impl Serialize) -> serde_json::Result<()> {
     value.serialize(&mut serde_json::Serializer::with_formatter(out, AsciiFormatter))
 }
 
+/// A value's text.
+///
+/// # Errors
+/// If it has no JSON form.
 pub fn ascii_json(value: &impl Serialize) -> serde_json::Result<String> {
     let mut text = Vec::new();
     write_ascii_json(&mut text, value)?;

@@ -359,6 +359,8 @@ pub fn check_newest(end: &Checkpoint, checkpoints: &[StoredCheckpoint]) -> Resul
     end.link.as_ref().map_or(Ok(()), |link| check_earlier(link, checkpoints))
 }
 
+/// The file name of a record's checkpoint.
+#[must_use]
 pub fn name(seq: u64) -> String {
     format!("{seq:012}.json")
 }

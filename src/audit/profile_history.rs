@@ -108,6 +108,8 @@ pub struct ProfileHistory {
 }
 
 impl ProfileHistory {
+    /// The profile in force.
+    #[must_use]
     pub const fn last(&self) -> Option<ActiveProfile> {
         self.last
     }

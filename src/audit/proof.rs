@@ -265,6 +265,8 @@ impl Proof {
         ascii_json(self)
     }
 
+    /// The signed heads in it.
+    #[must_use]
     pub fn heads(&self) -> Vec<&Checkpoint> {
         match self {
             Self::Inclusion { head, .. } => vec![head],

@@ -90,6 +90,8 @@ impl WitnessProblems {
     }
 }
 
+/// A witness's folder for the heads of one store.
+#[must_use]
 pub fn folder_of(witness: &str, store_id: &str) -> PathBuf {
     Path::new(witness).join(store_id)
 }

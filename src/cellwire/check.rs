@@ -28,6 +28,7 @@ const TAKEN_WITHIN: Duration = Duration::from_secs(3);
 /// Ticks of a run that is compared with another.
 const RUN_TICKS: usize = 40;
 
+/// Ticks that are timed.
 const TIMED_TICKS: usize = 1000;
 
 /// The speed of the arm in a check, rad/s.
@@ -36,6 +37,7 @@ const SPEED_RAD_S: f64 = 0.5;
 /// Whether a cell keeps a promise.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Verdict {
+    /// The promise.
     pub promise: CellPromise,
     /// What is wrong; absent where it is kept.
     pub problem: Option<String>,
@@ -44,10 +46,13 @@ pub struct Verdict {
 /// How long one exchange of a tick took, with what the cell computed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ExchangeTimes {
+    /// Ticks.
     pub ticks: usize,
+    /// The median, us.
     pub p50_us: u64,
     /// One of a hundred took longer, us.
     pub p99_us: u64,
+    /// The longest, us.
     pub max_us: u64,
     /// Ticks that took longer than a tick lasts.
     pub overruns: usize,
@@ -60,6 +65,7 @@ type Found = Result<(), String>;
 struct Check {
     connect: Connect,
     described: Result<FactoryDescription, String>,
+    /// Whether a promise is looked at.
     is_wanted: Box<dyn Fn(CellPromise) -> bool>,
     verdicts: Vec<Verdict>,
 }
@@ -127,6 +133,7 @@ fn ask(peer: &mut Peer, call: Call) -> Result<CellReply, CellCallError> {
     peer.ask(None, Vec::new(), call, None, WITHIN)
 }
 
+/// A call that is answered by the state.
 fn seen(peer: &mut Peer, call: Call) -> Result<CellState, String> {
     let name = call.name();
     match ask(peer, call) {

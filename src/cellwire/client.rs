@@ -30,6 +30,7 @@ pub struct Deadlines {
     pub step: Duration,
     /// Any other call.
     pub call: Duration,
+    /// Work that is presented.
     pub work: Duration,
 }
 
@@ -149,6 +150,7 @@ impl WireFactory {
         Ok(Self { shared: Arc::new(shared) })
     }
 
+    /// A cell of a role, with its ports.
     fn cell(&self, role: Role) -> Result<WireCell, CellError> {
         WireCell::new(Arc::clone(&self.shared), role)
     }

@@ -21,6 +21,7 @@ const PATH_BYTES_MAX: usize = 107;
 /// An address at which cells are offered.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Endpoint {
+    /// A Unix socket.
     Unix(PathBuf),
     /// A port of the loopback device.
     Tcp(SocketAddr),
@@ -58,14 +59,20 @@ impl fmt::Display for Endpoint {
     }
 }
 
+/// A connection to an endpoint.
 #[derive(Debug)]
 pub enum EndpointStream {
     /// Over a Unix socket.
     Unix(UnixStream),
+    /// Over TCP.
     Tcp(TcpStream),
 }
 
 impl Endpoint {
+    /// Connects.
+    ///
+    /// # Errors
+    /// If no process listens.
     pub fn connect(&self, within: Duration) -> io::Result<EndpointStream> {
         match self {
             Self::Unix(path) => UnixStream::connect(path).map(EndpointStream::Unix),
@@ -105,7 +112,9 @@ impl Endpoint {
 /// Takes connections.
 #[derive(Debug)]
 pub enum EndpointListener {
+    /// At a Unix socket.
     Unix(UnixListener),
+    /// At a port.
     Tcp(TcpListener),
 }
 
@@ -140,41 +149,49 @@ impl EndpointListener {
     }
 }
 
-/// Does the same with a stream of either kind.
-macro_rules! either {
-    ($of:expr, $stream:ident => $result:expr) => {
-        match $of {
-            EndpointStream::Unix($stream) => $result,
-            EndpointStream::Tcp($stream) => $result,
-        }
-    };
-}
-
 impl io::Read for EndpointStream {
     fn read(&mut self, bytes: &mut [u8]) -> io::Result<usize> {
-        either!(self, stream => stream.read(bytes))
+        match self {
+            Self::Unix(stream) => stream.read(bytes),
+            Self::Tcp(stream) => stream.read(bytes),
+        }
     }
 }
 
 impl io::Write for EndpointStream {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
-        either!(self, stream => stream.write(bytes))
+        match self {
+            Self::Unix(stream) => stream.write(bytes),
+            Self::Tcp(stream) => stream.write(bytes),
+        }
     }
     fn flush(&mut self) -> io::Result<()> {
-        either!(self, stream => stream.flush())
+        match self {
+            Self::Unix(stream) => stream.flush(),
+            Self::Tcp(stream) => stream.flush(),
+        }
     }
 }
 
 impl WireStream for EndpointStream {
     fn limit_read(&self, within: Option<Duration>) -> io::Result<()> {
-        either!(self, stream => stream.set_read_timeout(within))
+        match self {
+            Self::Unix(stream) => stream.set_read_timeout(within),
+            Self::Tcp(stream) => stream.set_read_timeout(within),
+        }
     }
     fn limit_write(&self, within: Option<Duration>) -> io::Result<()> {
-        either!(self, stream => stream.set_write_timeout(within))
+        match self {
+            Self::Unix(stream) => stream.set_write_timeout(within),
+            Self::Tcp(stream) => stream.set_write_timeout(within),
+        }
     }
     fn close(&self) {
         // A connection that is closed already is what is wanted.
-        let _ = either!(self, stream => stream.shutdown(Shutdown::Both));
+        let _ = match self {
+            Self::Unix(stream) => stream.shutdown(Shutdown::Both),
+            Self::Tcp(stream) => stream.shutdown(Shutdown::Both),
+        };
     }
 }
 

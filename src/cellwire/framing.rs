@@ -53,21 +53,39 @@ pub enum WireError {
     /// The other side closed it, or is gone.
     #[error("the connection was closed")]
     Closed,
+    /// Nothing came in time.
     #[error("no answer within {within_ms} ms")]
-    Deadline { within_ms: u64 },
+    Deadline {
+        /// The time.
+        within_ms: u64,
+    },
+    /// A frame began, and did not end in time.
     #[error("a message was torn: {came} of {due} bytes came")]
     Torn {
+        /// Bytes that came.
         came: u64,
         /// Bytes that were due.
         due: u64,
     },
+    /// A frame or a block is larger than allowed.
     #[error("{bytes} bytes; at most {most} are allowed")]
-    TooLarge { bytes: u64, most: u64 },
+    TooLarge {
+        /// Its bytes.
+        bytes: u64,
+        /// The bound.
+        most: u64,
+    },
+    /// The bytes are no such message.
     #[error("the bytes are no message: {0}")]
     Malformed(String),
     /// An answer has another number than the request.
     #[error("the answer to request {came} came; that to {due} was due")]
-    Sequence { due: u64, came: u64 },
+    Sequence {
+        /// The number that was due.
+        due: u64,
+        /// The number that came.
+        came: u64,
+    },
     /// The other side contradicts itself, or answers something else than what was asked.
     #[error("the cell contradicts itself: {0}")]
     Lying(String),
@@ -110,6 +128,7 @@ pub fn encode<T: Serialize>(message: &T) -> Result<Vec<u8>, WireError> {
     Ok(bytes)
 }
 
+/// Adds a message to bytes.
 fn append<T: Serialize>(bytes: &mut Vec<u8>, message: &T) -> Result<(), WireError> {
     rmp_serde::encode::write_named(bytes, message).map_err(|error| WireError::Malformed(error.to_string()))
 }

@@ -45,6 +45,7 @@ pub enum Role {
     Control,
     /// It is the cell that works; there is one at a time.
     Live,
+    /// It is a cell for trials.
     Trial,
 }
 
@@ -76,9 +77,12 @@ pub struct Hello {
     pub client: String,
 }
 
+/// The bounds of a server.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct ServerLimits {
+    /// The largest message, bytes.
     pub message_bytes: u64,
+    /// The largest block, bytes.
     pub block_bytes: u64,
     /// The most forks of a session.
     pub forks: u64,
@@ -97,7 +101,9 @@ pub struct Welcome {
     pub build: String,
     /// Ticks per second.
     pub rate_hz: u32,
+    /// The watchdog as it is set.
     pub watchdog_ms: Option<u32>,
+    /// The bounds of the server.
     pub bounds: ServerLimits,
 }
 
@@ -146,6 +152,7 @@ pub enum Call {
     Describe,
     /// A distribution after a drift; answered by [`CellReply::Distribution`].
     Drift {
+        /// The distribution.
         of: Box<Distribution>,
         /// What changes, and how much.
         drift: Drift,
@@ -156,7 +163,10 @@ pub enum Call {
         guard: GuardVerdict,
     },
     /// One tick: sends a command, lets a tick pass, and tells what is then seen.
-    Step { command: Command },
+    Step {
+        /// The command.
+        command: Command,
+    },
     /// From outside the skill: stop, or take commands again.
     Interrupt {
         /// Which of the two.
@@ -186,16 +196,29 @@ pub enum Call {
     AwaitWork {
         /// What a simulated cell draws the work from.
         conditions: Box<Distribution>,
+        /// Seed of the draw.
         seed: u64,
     },
     /// Of a trial cell: starts an episode.
-    Reset { setup: Box<EpisodeSetup> },
+    Reset {
+        /// The episode.
+        setup: Box<EpisodeSetup>,
+    },
     /// Of a trial cell: continues from a fork of the session.
-    GoOnFrom { fork: u64 },
+    GoOnFrom {
+        /// Its handle.
+        fork: u64,
+    },
     /// Of a trial cell: continues from exported bytes, which follow as a block.
-    Import { image: Block },
+    Import {
+        /// The bytes.
+        image: Block,
+    },
     /// Of a trial cell: goes to the state that another cell observed.
-    SetTo { observed: Box<Observation> },
+    SetTo {
+        /// What was observed.
+        observed: Box<Observation>,
+    },
     /// Of a trial cell: from now on the frames of every episode are kept.
     Film,
     /// Of a trial cell: the frames of the episode so far; answered by [`CellReply::Block`], a list of `EpisodeFrame`.
@@ -263,6 +286,7 @@ pub struct Truth {
     pub forces: ContactForces,
     /// Where the object is, world frame, m.
     pub object: Isometry3<f64>,
+    /// Its speed, m/s.
     pub object_speed_m_s: f64,
 }
 
@@ -387,6 +411,7 @@ fn are_objects(objects: &ObjectVec) -> bool {
     })
 }
 
+/// An answer.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Answer {
     /// The number of the request.
@@ -403,6 +428,7 @@ pub enum CellReply {
     Seen(Box<CellState>),
     /// A state is kept.
     Fork {
+        /// Its handle.
         fork: u64,
         /// Ticks since the work was presented.
         tick: u64,

@@ -17,15 +17,31 @@ const REFUSAL_WIDTH_MAX: usize = 200;
 #[serde(rename_all = "snake_case")]
 pub enum CellRefusal {
     /// The client speaks another version; the connection is closed.
-    Version { server: u32 },
+    Version {
+        /// That of the server.
+        server: u32,
+    },
     /// A value of the hello is not allowed; the connection is closed.
-    Hello { field: String, allowed: String },
+    Hello {
+        /// The field.
+        field: String,
+        /// What is allowed.
+        allowed: String,
+    },
     /// The bytes are no message; the connection is closed.
     Malformed(String),
     /// A request is missing or came twice; the connection is closed.
-    Sequence { due: u64, came: u64 },
+    Sequence {
+        /// The number that was due.
+        due: u64,
+        /// The number that came.
+        came: u64,
+    },
     /// A role that this connection does not have.
-    Role { needs: Role },
+    Role {
+        /// The role that the call needs.
+        needs: Role,
+    },
     /// The live cell is another client's; the connection is closed.
     Taken,
     /// The server keeps as many connections or forks as it can.
@@ -41,13 +57,20 @@ pub enum CellRefusal {
     Stopped(WatchdogStop),
     /// The description or the episode is wrong.
     File {
+        /// The file.
         file: String,
         /// The element or key inside it.
         element: String,
+        /// What is wrong.
         problem: String,
     },
     /// The episode could not be started.
-    InvalidStart { seed: u64, problem: String },
+    InvalidStart {
+        /// Its seed.
+        seed: u64,
+        /// What failed.
+        problem: String,
+    },
     /// The body could not carry out a tick.
     Body(BodyError),
     /// Bytes that are no state of this cell.

@@ -30,6 +30,7 @@ fn server(quirk: Quirk) -> Arc<CellServer> {
     Arc::new(CellServer::new(Arc::new(FakeFactory::new(quirk)), ServerOptions::default()).unwrap())
 }
 
+/// A server, and what it tells.
 fn telling(quirk: Quirk) -> (Arc<CellServer>, Receiver<String>) {
     let (sender, notes) = channel();
     let sender = Mutex::new(sender);

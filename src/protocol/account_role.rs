@@ -25,6 +25,7 @@ pub enum AccountRole {
 }
 
 impl AccountRole {
+    /// All roles.
     pub const ALL: [Self; 3] = [Self::Observer, Self::Operator, Self::Administrator];
 
     /// The name, as on the command line and on the socket.

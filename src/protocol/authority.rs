@@ -6,6 +6,7 @@ use holdpoint_governance::ids::{CapabilityId, Digest};
 /// The effect of a command on authority.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum AuthorityEffect {
+    /// It only reads.
     Reads,
     /// It takes authority away or withholds it: any client may send it at any time, unsigned.
     TakesAway,

@@ -9,6 +9,7 @@ use holdpoint_body::RATE_HZ;
 
 use super::snapshot::Snapshot;
 
+/// Ticks of the cell in a second.
 pub const TICKS_PER_SECOND: u64 = RATE_HZ as u64;
 
 /// Virtual time in ticks of the cell.
@@ -28,7 +29,10 @@ pub const fn ms_of(ticks: u64) -> u64 {
 #[derive(Clone, Debug)]
 pub enum Clock {
     /// Advanced by the engine with its simulated work.
-    Virtual { now_ms: u64 },
+    Virtual {
+        /// Virtual time now, ms.
+        now_ms: u64,
+    },
     /// Follows the monotonic clock from a starting point.
     Real {
         /// Virtual time at the start, ms.

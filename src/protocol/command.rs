@@ -293,6 +293,8 @@ pub struct Request {
 }
 
 impl Request {
+    /// An unsigned request.
+    #[must_use]
     pub const fn unsigned(id: String, command: Command) -> Self {
         Self { id, command, seal: None }
     }

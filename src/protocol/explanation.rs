@@ -132,6 +132,8 @@ impl Ruling {
         }
     }
 
+    /// The rule of this stage.
+    #[must_use]
     pub const fn rule(&self) -> Rule {
         match self {
             Self::Registration(_) => Rule::Lifecycle,

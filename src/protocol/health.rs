@@ -20,6 +20,7 @@ pub use self::alarm_history::{AlarmEpisode, AlarmStep, duration_label};
 pub use self::chart_content::{HealthPanel, MarkContent, MarkedAct};
 pub use self::verdict::{HealthVerdict, SIDE_TASKS_MIN, Trend, VerdictSide};
 
+/// The most buckets of one answer.
 pub const BUCKETS_MAX: u16 = 480;
 
 /// The narrowest bucket, ms: a minute.

@@ -81,11 +81,13 @@ pub enum SinkReport {
 pub struct ClosedRecording {
     /// The candidate whose upgrade is recorded.
     pub version: CapabilityId,
+    /// The recorded end of the upgrade.
     pub outcome: Lenient<UpgradeEnd>,
     /// The file's name in the store's folder of recordings.
     pub file: String,
     /// SHA-256 of the file.
     pub digest: Digest,
+    /// Size of the file, bytes.
     pub bytes: u64,
     /// Video frames of the live cell in the file.
     pub frames: u64,

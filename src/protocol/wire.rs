@@ -21,6 +21,7 @@ pub const CALL_BYTES_MAX: usize = 4 * 1024 * 1024;
 /// The longest line an engine sends, bytes.
 pub const ANSWER_BYTES_MAX: usize = 16 * 1024 * 1024;
 
+/// The longest id of a command, bytes.
 pub const ID_BYTES_MAX: usize = 128;
 
 /// A message from a client, one JSON document per line.

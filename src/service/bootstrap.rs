@@ -173,6 +173,8 @@ impl<'a> EngineBootstrap<'a> {
         self.socket.scenes()
     }
 
+    /// The attached consoles.
+    #[must_use]
     pub fn consoles(&self) -> Arc<ConsoleRegistry> {
         self.socket.consoles()
     }

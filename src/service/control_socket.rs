@@ -342,6 +342,8 @@ impl ControlSocket {
         Arc::clone(&self.server.scenes)
     }
 
+    /// The attached consoles.
+    #[must_use]
     pub fn consoles(&self) -> Arc<ConsoleRegistry> {
         Arc::clone(&self.server.consoles)
     }

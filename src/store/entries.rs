@@ -149,6 +149,15 @@ pub struct AuditFilter {
     pub newest_first: bool,
 }
 
+impl AuditFilter {
+    /// The newest record of a kind.
+    #[must_use]
+    pub fn newest(kind: RecordKind) -> Self {
+        Self { kind: Some(kind), limit: 1, newest_first: true, ..Self::default() }
+    }
+}
+
+/// The history of a version's state.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct VersionHistory {
     /// The state it was in before.

@@ -52,6 +52,10 @@ pub trait OpenStore: Debug + Send + Sync {
         self.reader().telemetry()
     }
 
+    /// All persons of the store.
+    ///
+    /// # Errors
+    /// If the store cannot be read.
     fn persons(&self) -> Result<PersonDirectory, StoreError> {
         self.views()?.persons()
     }

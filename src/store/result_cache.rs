@@ -225,6 +225,8 @@ impl ResultCache {
         Self { medium, secret, own: Arc::default(), invalidated: Arc::default() }
     }
 
+    /// Their location.
+    #[must_use]
     pub const fn place(&self) -> CacheLocation {
         match &self.medium {
             CacheMedium::Table(_) => CacheLocation::Store,

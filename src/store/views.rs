@@ -217,6 +217,10 @@ pub trait TelemetryReader: Debug + Send {
 
 /// Read access to a store beside its writer, also from other threads. Each call opens what it returns.
 pub trait ReadableStore: Debug + Send + Sync {
+    /// The record.
+    ///
+    /// # Errors
+    /// If the store cannot be read.
     fn views(&self) -> Result<Box<dyn RecordViews>, StoreError>;
 
     /// The telemetry; `None` if there is none.

@@ -94,6 +94,7 @@ impl WireCell {
         self.peer.borrow_mut().follow(&reply, within)
     }
 
+    /// A call that changes the cell.
     fn change(&mut self, call: Call, block: Option<&[u8]>, within: Duration) -> Result<(), CellCallError> {
         let reply = self.ask(call, block, within)?;
         let taken = match reply {

@@ -17,6 +17,7 @@ const WELCOME_WITHIN: Duration = Duration::from_secs(10);
 pub enum CellCallError {
     /// The cell refuses it; the connection stays.
     Refused(CellRefusal),
+    /// The connection is lost.
     Lost(WireError),
 }
 
@@ -68,6 +69,7 @@ impl Peer {
         }
     }
 
+    /// Whether the connection is lost.
     #[must_use]
     pub const fn is_lost(&self) -> bool {
         self.lost.is_some()
@@ -129,6 +131,10 @@ impl Peer {
         }
     }
 
+    /// Asks for bytes.
+    ///
+    /// # Errors
+    /// As [`Peer::ask`].
     pub fn ask_block(&mut self, call: Call, within: Duration) -> Result<Vec<u8>, CellCallError> {
         let reply = self.ask(None, Vec::new(), call, None, within)?;
         self.follow(&reply, within)

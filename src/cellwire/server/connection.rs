@@ -62,6 +62,7 @@ struct Connection<'a, S> {
     line: Line<S>,
     cell: ConnectionCell,
     watchdog: Watchdog,
+    /// A stop of the watchdog that stands.
     stopped: Option<WatchdogStop>,
     /// The last reported state of the guard; absent since a start.
     guard: Option<GuardVerdict>,
@@ -223,6 +224,14 @@ impl<S: WireStream> Connection<'_, S> {
                 let bytes = encode(&frames).map_err(|error| CellRefusal::Snapshot(error.to_string()))?;
                 return Ok(announced(bytes));
             }
+            call => self.change(call)?,
+        }
+        Ok((CellReply::Seen(Box::new(self.seen()?)), Vec::new()))
+    }
+
+    /// A call that changes the cell, or only looks at it.
+    fn change(&mut self, call: Call) -> Result<(), CellRefusal> {
+        match call {
             Call::Observe { guard } => {
                 // The cell learns of it when the state is read.
                 self.robot()?;
@@ -285,8 +294,16 @@ impl<S: WireStream> Connection<'_, S> {
                 self.started();
             }
             Call::Film => self.trial()?.film(),
+            // Answered before.
+            Call::Describe
+            | Call::Drift { .. }
+            | Call::Scenery
+            | Call::Observed
+            | Call::Fork
+            | Call::Export
+            | Call::TakeFilm => {}
         }
-        Ok((CellReply::Seen(Box::new(self.seen()?)), Vec::new()))
+        Ok(())
     }
 
     fn inject(&mut self, fault: InjectedFault) -> Result<(), CellRefusal> {

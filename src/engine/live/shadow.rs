@@ -379,8 +379,7 @@ pub fn outside_tube(live: &[PathPoint], twin: &[PathPoint], radius_m: f64) -> f6
         })
     };
     let outside = twin.iter().filter(|point| !near(point)).count();
-    let share = outside as f64 / twin.len() as f64;
-    share
+    outside as f64 / twin.len() as f64
 }
 
 #[cfg(test)]

@@ -10,7 +10,10 @@ use std::collections::BTreeMap;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::{ActivationRecord, Fate, Proportion, UnsafeRound, ViolationRates, unsafe_rounds, violations};
+use super::{
+    ActivationRecord, Fate, Proportion, UnsafeRound, ViolationRates, mean_and_deviation, unsafe_rounds,
+    violations,
+};
 use crate::evidence::EpisodeValues;
 use crate::lifecycle::Stage;
 use crate::stats::StatsError;

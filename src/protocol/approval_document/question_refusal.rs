@@ -10,14 +10,24 @@ use crate::request_kind::RequestKind;
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum QuestionRefusal {
     /// No request of this kind is open for the version.
-    NothingPending { purpose: RequestKind, version: CapabilityId },
+    NothingPending {
+        /// The kind of request.
+        purpose: RequestKind,
+        /// The version.
+        version: CapabilityId,
+    },
     /// The engine remembers no further request.
     TooManyRequests {
         /// How many it remembers.
         max: usize,
     },
     /// The answer is void.
-    AnswerVoid { version: CapabilityId, cause: AnswerVoidCause },
+    AnswerVoid {
+        /// The version.
+        version: CapabilityId,
+        /// Why.
+        cause: AnswerVoidCause,
+    },
 }
 
 /// Why a signed answer is void.
@@ -31,6 +41,7 @@ pub enum AnswerVoidCause {
     ValidTooLong,
     /// Another version of the renderer made the lines.
     OtherRenderer,
+    /// The answer is for a store with another key.
     OtherStoreKey,
     /// The signed facts are not the present ones.
     OtherFacts,

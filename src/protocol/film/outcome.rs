@@ -24,7 +24,14 @@ pub enum ExceededValue {
         most_m_s: f32,
     },
     /// A measure of harm, past the limit of the profile.
-    Harm { kind: HarmKind, value: f64, limit: f64 },
+    Harm {
+        /// The measure.
+        kind: HarmKind,
+        /// The measured value.
+        value: f64,
+        /// The limit.
+        limit: f64,
+    },
 }
 
 /// A limit that a run exceeded.
@@ -34,6 +41,7 @@ pub struct ExceededLimit {
     pub tick: u64,
     /// How many times the limit the value is; not finite where the limit is 0.
     pub times: f64,
+    /// The value.
     pub value: ExceededValue,
 }
 
@@ -46,6 +54,7 @@ pub enum OutcomePart {
     CallRefused,
     /// A hard stop ended the run.
     HardStop {
+        /// The hard stop.
         stop: HardStop,
         /// How the code failed, if it did.
         fault: Option<CodeFault>,
@@ -75,6 +84,7 @@ pub enum OutcomePart {
     TimedOut,
     /// The task was done, or it was not.
     Task {
+        /// Whether it was done.
         done: bool,
         /// Why it was not, physically; absent where it was done, or nothing is known.
         cause: Option<FailureCause>,
@@ -85,9 +95,17 @@ pub enum OutcomePart {
         more: u32,
     },
     /// The duration.
-    Took { secs: f64 },
+    Took {
+        /// The duration, s.
+        secs: f64,
+    },
     /// The version passed a drill, or it failed it.
-    Drill { kind: DrillKind, passed: bool },
+    Drill {
+        /// The kind of drill.
+        kind: DrillKind,
+        /// Whether it passed.
+        passed: bool,
+    },
     /// The drill could not be set up.
     DrillNotSetUp,
 }
@@ -109,6 +127,7 @@ pub enum MarkedEvent {
     NotStopped,
     /// The task ended.
     TaskEnded {
+        /// Whether it was done.
         done: bool,
         /// Why it was not, physically; absent where it was done, or nothing is known.
         cause: Option<FailureCause>,

@@ -14,8 +14,11 @@ use super::FilmSubject;
 /// A fault of confined code, and how often it is on record.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct CodeFaultCount {
+    /// The fault.
     pub fault: CodeFault,
+    /// Tasks with this fault.
     pub failed: u64,
+    /// Tasks in all.
     pub tasks: u32,
 }
 
@@ -26,6 +29,7 @@ pub enum BreakCause {
     Code(CodeFaultCount),
     /// A hard stop ended the evaluation.
     HardStop {
+        /// The hard stop.
         stop: HardStop,
         /// The exceeded budget of the code, if there is one.
         overrun: Option<CodeFault>,
@@ -39,7 +43,9 @@ pub enum SelectionReason {
     BrokenOff(BreakCause),
     /// The candidate does more harm by one measure.
     Harm {
+        /// The measure.
         kind: HarmKind,
+        /// The candidate's value.
         candidate: f64,
         /// The active version's value.
         active: f64,
@@ -71,6 +77,7 @@ pub enum SelectionReason {
     },
     /// A hard stop in it ends the evaluation.
     EndsEvaluation {
+        /// The hard stop.
         stop: HardStop,
         /// The exceeded budget of the code, if there is one.
         overrun: Option<CodeFault>,
@@ -88,6 +95,7 @@ pub enum SelectionFailure {
     OutOfRange {
         /// The kind of work.
         of: FilmSubject,
+        /// The requested number.
         number: u32,
         /// How many are on record one by one.
         count: u32,
@@ -98,11 +106,22 @@ pub enum SelectionFailure {
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum FilmRefusal {
     /// The version is not in the registry.
-    UnknownVersion { version: CapabilityId },
+    UnknownVersion {
+        /// The version.
+        version: CapabilityId,
+    },
     /// Nothing could be selected.
-    NotSelected { version: CapabilityId, failure: SelectionFailure },
+    NotSelected {
+        /// The version.
+        version: CapabilityId,
+        /// Why.
+        failure: SelectionFailure,
+    },
     /// The version that it was compared with is not in the registry.
-    ComparedVersionMissing { version: CapabilityId },
+    ComparedVersionMissing {
+        /// The version that was evaluated.
+        version: CapabilityId,
+    },
     /// The cell keeps no frames.
     CellCannotFilm,
 }
@@ -111,7 +130,10 @@ pub enum FilmRefusal {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ReplayDifference {
     /// The evidence was judged under another profile than the present one.
-    Profile { present: ProfileName },
+    Profile {
+        /// The present profile.
+        present: ProfileName,
+    },
     /// The evidence was judged under other policies.
     Policies,
     /// The evidence is of another build or another cell.

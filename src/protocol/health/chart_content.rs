@@ -11,19 +11,35 @@ use holdpoint_governance::notice::NoticeOrText;
 #[derive(Clone, Debug, PartialEq)]
 pub enum MarkContent {
     /// A candidate became active.
-    TookOver { version: CapabilityId },
+    TookOver {
+        /// The version.
+        version: CapabilityId,
+    },
     /// The first version of a family became active.
-    FirstOfFamily { version: CapabilityId },
+    FirstOfFamily {
+        /// The version.
+        version: CapabilityId,
+    },
     /// An earlier version became active by a rollback.
-    TookOverAgain { version: CapabilityId },
+    TookOverAgain {
+        /// The version.
+        version: CapabilityId,
+    },
     /// A person reactivated a version.
-    Reactivated { version: CapabilityId },
+    Reactivated {
+        /// The version.
+        version: CapabilityId,
+    },
     /// A family has no active version any more.
-    NoActiveVersion { family: Family },
+    NoActiveVersion {
+        /// The family.
+        family: Family,
+    },
     /// A version was rolled back or returned to evaluation.
     StateChanged {
         /// The version, as the record has it.
         subject: String,
+        /// Why.
         reason: NoticeOrText,
     },
     /// An upgrade was confirmed.
@@ -42,6 +58,7 @@ pub enum MarkContent {
     Acted {
         /// The person; empty if the record names none.
         by: String,
+        /// The act.
         act: MarkedAct,
         /// The person's reason; empty if there is none.
         reason: String,
@@ -63,7 +80,12 @@ pub enum MarkContent {
     /// The fault of the live cell was repaired.
     FaultRepaired,
     /// A person left a note.
-    Note { by: String, text: String },
+    Note {
+        /// The person.
+        by: String,
+        /// The note.
+        text: String,
+    },
     /// A profile came into force.
     ProfileInForce {
         /// The profile, as the record has it; absent if the record does not name it.
@@ -73,6 +95,7 @@ pub enum MarkContent {
     NormalCounted {
         /// The version, as the record has it.
         subject: String,
+        /// Tasks.
         tasks: f64,
         /// Of these, failed.
         failures: f64,
@@ -86,12 +109,14 @@ pub enum MarkContent {
     },
     /// An alarm was raised.
     AlarmRaised {
+        /// Its name.
         alarm: String,
         /// Its latest text; absent if the record does not repeat it.
         text: Option<NoticeOrText>,
     },
     /// A person closed an alarm.
     AlarmClosed {
+        /// Its name.
         alarm: String,
         /// The person; absent if the record names none.
         by: Option<String>,

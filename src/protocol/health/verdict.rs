@@ -28,7 +28,9 @@ pub struct VerdictSide {
 /// The comparison of the tasks before and since a moment.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct HealthVerdict {
+    /// The family.
     pub family: Family,
+    /// The moment, in words.
     pub moment: String,
     /// Whether only a sample of the tasks was read.
     pub sampled: bool,
@@ -40,6 +42,7 @@ pub struct HealthVerdict {
     pub interval: Option<Interval>,
 }
 
+/// The direction.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Trend {
     /// The interval lies above zero.

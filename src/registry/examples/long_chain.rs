@@ -190,8 +190,7 @@ fn append(store: &Store) -> Result<(), StoreError> {
 /// CPU time of this process so far, s.
 fn cpu_s() -> f64 {
     let now = clock_gettime(ClockId::ProcessCPUTime);
-    let secs = now.tv_sec as f64 + now.tv_nsec as f64 / 1e9;
-    secs
+    now.tv_sec as f64 + now.tv_nsec as f64 / 1e9
 }
 
 /// The most memory this process had, MB.

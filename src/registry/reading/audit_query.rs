@@ -69,6 +69,10 @@ impl Views {
         many(&self.connection, &sql, params_from_iter(values), audit::read)
     }
 
+    /// What is on record of a version's present state.
+    ///
+    /// # Errors
+    /// If the store cannot be read.
     pub fn recorded_changes(&self, id: &CapabilityId) -> Result<RecordedChanges, StoreError> {
         let mut found = Vec::new();
         for (kind, limit) in RecordedChanges::READ {

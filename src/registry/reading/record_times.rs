@@ -11,6 +11,10 @@ use holdpoint_store::{RecordTime, StoreError};
 const NUMBERS_MAX: i64 = 4_000_000;
 
 impl Views {
+    /// The stamp of a record; `None` if there is none of that number.
+    ///
+    /// # Errors
+    /// If the store cannot be read.
     pub fn stamp(&self, seq: u64) -> Result<Option<RecordTime>, StoreError> {
         let sql = "SELECT at_ms, wall_ms FROM audit WHERE seq = ?1";
         let seq_there = i64::try_from(seq).unwrap_or(i64::MAX);
@@ -26,6 +30,10 @@ impl Views {
             .map_err(sqlite_error("read when records were written"))
     }
 
+    /// Numbers of the records of a kind, of those from `from_seq` on and before `before_seq`, in order.
+    ///
+    /// # Errors
+    /// If the store cannot be read.
     pub fn numbers_of(
         &self,
         kind: RecordKind,

@@ -79,6 +79,10 @@ impl Views {
         &self.connection
     }
 
+    /// Versions that pass the filter, by family and semantic version, and how many there are in all.
+    ///
+    /// # Errors
+    /// If the store cannot be read.
     pub fn versions(&self, filter: &VersionFilter) -> Result<(Vec<VersionSummary>, usize), StoreError> {
         let mut conditions = vec!["1".to_owned()];
         let mut values: Vec<Value> = Vec::new();
@@ -115,6 +119,10 @@ impl Views {
         Ok((rows, total))
     }
 
+    /// Versions that were activated by break-glass and are not reviewed yet, with the deadline of the review.
+    ///
+    /// # Errors
+    /// If the store cannot be read.
     pub fn open_reviews(&self) -> Result<Vec<(CapabilityId, WallTime)>, StoreError> {
         // A review names its version by the place in the family; few families have one.
         let sql = "SELECT v.name, json_extract(f.standing, '$.review.until_ms') FROM family f
@@ -124,6 +132,10 @@ impl Views {
         many(&self.connection, sql, [], |row| Ok((parsed(row, 0)?, WallTime::from_ms(row.get(1)?))))
     }
 
+    /// One version in full, `None` if there is none.
+    ///
+    /// # Errors
+    /// If the store cannot be read.
     pub fn version(&self, id: &CapabilityId) -> Result<Option<VersionDetail>, StoreError> {
         let name = id.to_string();
         let sql = format!(
@@ -165,6 +177,10 @@ impl Views {
         Ok(Some(detail))
     }
 
+    /// Evidence on a version, the newest [`PAGE_ROWS_MAX`] pieces, oldest first; of one kind if one is given.
+    ///
+    /// # Errors
+    /// If the store cannot be read.
     pub fn evidence(
         &self,
         id: &CapabilityId,
@@ -194,6 +210,10 @@ impl Views {
         .map(|found| found.into_iter().rev().collect())
     }
 
+    /// Decisions about a version, the newest [`PAGE_ROWS_MAX`], oldest first.
+    ///
+    /// # Errors
+    /// If the store cannot be read.
     pub fn approvals(&self, id: &CapabilityId) -> Result<Vec<ApprovalEntry>, StoreError> {
         let sql = format!(
             "SELECT signed, consumed_seq, approval.at_ms, NULLIF(wall_ms, 0) FROM approval LEFT JOIN audit USING (seq)
@@ -210,6 +230,10 @@ impl Views {
         Ok(found.into_iter().rev().flatten().collect())
     }
 
+    /// All persons, revoked ones included: each act is checked again.
+    ///
+    /// # Errors
+    /// If the store cannot be read, or an act does not hold.
     pub fn persons(&self) -> Result<PersonDirectory, StoreError> {
         let reading = "read who may decide";
         let id = "SELECT value FROM meta WHERE +key = 'store_id'";
@@ -220,6 +244,10 @@ impl Views {
             .map_err(|(name, problem)| StoreError::Person { name, problem })
     }
 
+    /// Open requests for approval, the most urgent first.
+    ///
+    /// # Errors
+    /// If the store cannot be read.
     pub fn open_requests(&self) -> Result<Vec<ApprovalRequest>, StoreError> {
         let sql =
             "SELECT id, version, row_version, evidence_digest, policy_digest, profile, needed, deadline_ms,
@@ -240,16 +268,28 @@ impl Views {
         })
     }
 
+    /// When a request for approval was made, the engine's time, ms; `None` if there is none of that id.
+    ///
+    /// # Errors
+    /// If the store cannot be read.
     pub fn requested_ms(&self, request: &str) -> Result<Option<u64>, StoreError> {
         let sql = "SELECT asked_ms FROM approval_request WHERE id = ?1";
         one(&self.connection, sql, [request], |row| row.get(0))
     }
 
+    /// Every version of a family, in the order of registration.
+    ///
+    /// # Errors
+    /// If the store cannot be read.
     pub fn family_in_order(&self, family: &Family) -> Result<Vec<CapabilityId>, StoreError> {
         let sql = "SELECT name FROM version WHERE family = ?1 ORDER BY id";
         many(&self.connection, sql, [family.as_str()], |row| parsed(row, 0))
     }
 
+    /// All families, by name.
+    ///
+    /// # Errors
+    /// If the store cannot be read.
     pub fn families(&self) -> Result<Vec<FamilyStatus>, StoreError> {
         let sql = "SELECT name, active, pinned, bootstrapped, safe_stopped, reason, standing FROM family ORDER BY name";
         many(&self.connection, sql, [], |row| {
@@ -265,6 +305,10 @@ impl Views {
         })
     }
 
+    /// Families whose active pointer names the robot it was set with, and that robot's digest.
+    ///
+    /// # Errors
+    /// If the store cannot be read.
     pub fn pointer_robots(&self) -> Result<Vec<(String, String)>, StoreError> {
         // Before schema 2 none did.
         if version(&self.connection).map_err(sqlite_error("read the registry"))? < 2 {
@@ -274,11 +318,19 @@ impl Views {
         many(&self.connection, sql, [], |row| Ok((row.get(0)?, row.get(1)?)))
     }
 
+    /// Profile, policy digest and content of the present context; `None` before the first.
+    ///
+    /// # Errors
+    /// If the store cannot be read.
     pub fn context(&self) -> Result<Option<(ProfileName, Digest, String)>, StoreError> {
         let sql = "SELECT profile, policy_digest, json FROM context WHERE id = 1";
         one(&self.connection, sql, [], |row| Ok((parsed(row, 0)?, parsed(row, 1)?, row.get(2)?)))
     }
 
+    /// Alarms as they stand, the last changed first.
+    ///
+    /// # Errors
+    /// If the store cannot be read.
     pub fn alarms(&self) -> Result<Vec<AlarmEntry>, StoreError> {
         let sql =
             "SELECT id, subject, state, priority, json, changed_ms FROM alarm ORDER BY changed_ms DESC, id";
@@ -294,6 +346,10 @@ impl Views {
         })
     }
 
+    /// The history of a version's state, by the audit chain.
+    ///
+    /// # Errors
+    /// If the store cannot be read, or the program does not write such a record.
     pub fn version_history(&self, id: &CapabilityId) -> Result<VersionHistory, StoreError> {
         #[derive(serde::Deserialize)]
         struct DepartureBody {
@@ -379,6 +435,10 @@ impl Views {
         Ok(found.first().and_then(read).map_or(AdmissionContext::LEAST, |set| set.change.admission_context()))
     }
 
+    /// Calls `visit` with each record of the chain up to `to_seq`, in order, one at a time.
+    ///
+    /// # Errors
+    /// If the store cannot be read.
     pub fn each_record(&self, to_seq: u64, mut visit: impl FnMut(AuditRecord)) -> Result<(), StoreError> {
         audit::for_each(&self.connection, 0, |record| {
             if record.seq <= to_seq {
@@ -389,6 +449,10 @@ impl Views {
         .map_err(sqlite_error("read the audit chain"))
     }
 
+    /// The end of the chain.
+    ///
+    /// # Errors
+    /// If the store cannot be read.
     pub fn head(&self) -> Result<Head, StoreError> {
         audit::head(&self.connection).map_err(sqlite_error("read the audit chain"))
     }

@@ -10,6 +10,10 @@ use holdpoint_store::{Change, FIRST_ADMINISTRATOR, StoreError, Transaction};
 const NAMES_MAX: usize = 100;
 
 impl Store {
+    /// All persons of the store.
+    ///
+    /// # Errors
+    /// If the store cannot be read.
     pub fn persons(&self) -> Result<PersonDirectory, StoreError> {
         self.views()?.persons()
     }

@@ -166,6 +166,10 @@ impl Store {
         })
     }
 
+    /// Applies a transaction, whole or not at all, and returns once it is on disk. Blocks the calling thread.
+    ///
+    /// # Errors
+    /// [`StoreError`]; nothing was changed, unless it is [`StoreError::Unknown`]: then send the same command again.
     pub fn commit(&self, transaction: Transaction) -> Result<Receipt, StoreError> {
         if let Some(problem) = self.displaced()
             && transaction.changes.iter().any(Change::admits)
@@ -192,6 +196,11 @@ impl Store {
         self.commit(transaction).map(drop)
     }
 
+    /// As [`Self::commit`], after sealing all pending telemetry, so that a record rests on sealed data only. If
+    /// telemetry cannot be flushed, only changes that remove authority are written, without seals.
+    ///
+    /// # Errors
+    /// As [`Self::commit`].
     pub fn commit_sealing(&self, mut transaction: Transaction) -> Result<Receipt, StoreError> {
         match self.seal_telemetry() {
             Ok(seals) => drop(transaction.changes.splice(0..0, seals)),
@@ -201,10 +210,14 @@ impl Store {
         self.commit(transaction)
     }
 
+    /// The store's id; approvals are bound to it.
+    #[must_use]
     pub fn store_id(&self) -> &str {
         &self.store_id
     }
 
+    /// The key that verifies the store's checkpoints.
+    #[must_use]
     pub const fn public_key(&self) -> &VerifyingKey {
         &self.public_key
     }
@@ -214,6 +227,8 @@ impl Store {
         &self.layout
     }
 
+    /// The state of the store when it was opened.
+    #[must_use]
     pub const fn opening(&self) -> &OpenReport {
         &self.opening
     }
@@ -227,12 +242,20 @@ impl Store {
         self.witness_problems.mark_reported();
     }
 
+    /// A foreign change of this engine's database, if a write found one: its content must no longer decide anything.
+    ///
+    /// # Errors
+    /// [`StoreError::Altered`].
     pub fn check_unaltered(&self) -> Result<(), StoreError> {
         let found = self.altered.lock().unwrap_or_else(PoisonError::into_inner).clone();
         let found = found.or_else(|| self.displaced());
         found.map_or(Ok(()), |problem| Err(StoreError::Altered(problem)))
     }
 
+    /// Tables read since the opening match the comparison: no other program wrote, even with a later undo.
+    ///
+    /// # Errors
+    /// [`StoreError::Disturbed`].
     pub fn check_undisturbed(&self) -> Result<(), StoreError> {
         let (answer, disturbed) = sync_channel(1);
         let jobs = self.jobs.as_ref().ok_or(StoreError::Unknown)?;
@@ -257,6 +280,10 @@ impl Store {
         Views::open(&self.layout.database())
     }
 
+    /// Stores a batch of telemetry. A power cut may lose it until [`Self::seal_telemetry`].
+    ///
+    /// # Errors
+    /// If the batch is empty, too large, or cannot be written.
     pub fn append_telemetry(&self, batch: &Batch) -> Result<BatchReceipt, StoreError> {
         self.telemetry.lock().map_err(|_| StoreError::Unknown)?.append(batch)
     }
@@ -269,6 +296,10 @@ impl Store {
         self.telemetry.lock().map_err(|_| StoreError::Unknown)?.seal()
     }
 
+    /// Whether telemetry must be sealed now, by age or amount, although nothing else is written.
+    ///
+    /// # Errors
+    /// If another thread failed with it.
     pub fn telemetry_is_due(&self, now_ms: u64) -> Result<bool, StoreError> {
         Ok(self.telemetry.lock().map_err(|_| StoreError::Unknown)?.is_due(now_ms))
     }
@@ -277,6 +308,8 @@ impl Store {
         self.telemetry.lock().unwrap_or_else(PoisonError::into_inner).waiting()
     }
 
+    /// The store's cached results.
+    #[must_use]
     pub const fn result_cache(&self) -> &ResultCache {
         &self.result_cache
     }

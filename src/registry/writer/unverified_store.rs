@@ -60,6 +60,8 @@ impl UnverifiedStore {
         if self.created { Ok(None) } else { Views::open(&self.layout.database()).map(Some) }
     }
 
+    /// The paths of the store.
+    #[must_use]
     pub const fn layout(&self) -> &Layout {
         &self.layout
     }

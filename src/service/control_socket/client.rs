@@ -264,6 +264,8 @@ impl ConsoleConnection {
         self.lines.process
     }
 
+    /// As [`Client::unverified_origin`].
+    #[must_use]
     pub fn unverified_origin(&self) -> Option<UnverifiedOrigin> {
         self.origin.unverified()
     }

@@ -137,6 +137,8 @@ impl ConsoleRegistry {
 }
 
 impl ConsoleRegistration {
+    /// Its number.
+    #[must_use]
     pub const fn number(&self) -> u64 {
         self.number
     }

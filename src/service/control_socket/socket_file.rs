@@ -15,6 +15,8 @@ use holdpoint_text::users::{described_group, described_user, user_name};
 /// The longest path of a unix socket, bytes: 108 with the terminating zero (unix(7)).
 pub(super) const PATH_BYTES_MAX: usize = 107;
 
+/// The socket path of a store.
+#[must_use]
 pub fn socket_path(layout: &Layout) -> PathBuf {
     layout.folder().join("engine.sock")
 }

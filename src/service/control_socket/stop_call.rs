@@ -64,10 +64,16 @@ enum SocketAnswer {
 }
 
 impl StopCall {
+    /// A stop with a new id.
+    ///
+    /// # Errors
+    /// If the system gives no random number.
     pub fn new(by: String, reason: String) -> Result<Self, ControlSocketError> {
         Ok(Self::with_id(Nonce::random()?.as_str().to_owned(), by, reason))
     }
 
+    /// A stop with this id.
+    #[must_use]
     pub fn with_id(id: String, by: String, reason: String) -> Self {
         let command = Command::Stop { by: by.clone(), reason: reason.clone() };
         Self { request: Request::unsigned(id, command), by, reason }

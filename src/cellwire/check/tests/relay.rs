@@ -28,6 +28,7 @@ const SILENCE: Duration = Duration::from_secs(1);
 
 /// What a relay changes.
 pub(super) enum Change {
+    /// The hello of a client.
     Hello(fn(&mut Link, &mut Hello)),
     /// The answer to a hello.
     Greeting(fn(&mut Link, &mut Greeting)),
@@ -35,10 +36,13 @@ pub(super) enum Change {
     Welcome(fn(&mut Link, &mut Welcome)),
     /// The description; its digest in the welcome is then that of the changed one.
     Description(fn(&mut FactoryDescription)),
+    /// A request.
     Request(fn(&mut Link, &mut CellRequest)),
     /// What came of a request.
     Reply(fn(&mut Link, &CellRequest, &mut CellReply)),
+    /// The state that answers a request.
     Seen(fn(&mut Link, &CellRequest, &mut CellState)),
+    /// The bytes that answer a request.
     Bytes(fn(&mut Link, &CellRequest, &mut Vec<u8>)),
     /// A state that comes with another digest gets its own.
     MendedImage,
@@ -60,6 +64,7 @@ pub(super) struct Link {
     pub(super) role: Role,
     /// The session that it asked for.
     pub(super) joins: Option<u64>,
+    /// The watchdog that it asked for.
     pub(super) watchdog_ms: Option<u32>,
     /// The seeds of the episodes so far.
     pub(super) seeds: Vec<u64>,
@@ -71,6 +76,7 @@ pub(super) struct Link {
     pub(super) sequence: u64,
     /// Whether a state was kept here.
     pub(super) has_forked: bool,
+    /// A mark of the change.
     pub(super) is_marked: bool,
     /// What the honest cell is.
     pub(super) spec: Arc<CellSpec>,
@@ -88,7 +94,9 @@ impl Link {
 /// What connections share, for changes that need it.
 #[derive(Default)]
 pub(super) struct Memory {
+    /// A session.
     pub(super) session: AtomicU64,
+    /// A count.
     pub(super) count: AtomicU64,
 }
 

@@ -203,7 +203,7 @@ impl SnapshotView<'_> {
             sequences: self.world.cell.sequences(),
             recent_success: share,
             recent: n as u64,
-            last: last.to_vec(),
+            last: last.clone(),
             uncovered: self.world.uncovered,
             drift: self.world.cell.drift().copied(),
             fault: self.world.cell.fault,

@@ -408,7 +408,7 @@ fn unrestricted_version_is_confirmed_after_a_new_provisional_window() {
 /// Where activations are bound to people, a restriction is lifted by them alone: none of their answers is left out.
 #[test]
 fn approvers_lift_a_restriction_where_activations_need_them() {
-    let (mut bench, id) = RollbackBench::with_active(CANDIDATE);
+    let (bench, id) = RollbackBench::with_active(CANDIDATE);
     let mut bench = bench.reopened(profile_with_approvers());
     done(&mut bench, Command::Restrict(operation(&id)));
     let restricted = |bench: &RollbackBench| {
