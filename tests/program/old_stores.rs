@@ -132,6 +132,10 @@ fn without_measurements(json_text: &str) -> String {
         decision.as_object_mut().unwrap().retain(|field, _| field != "change");
         for reason in decision["reasons"].as_array_mut().unwrap() {
             reason.as_object_mut().unwrap().retain(|field, _| field != "measured");
+            // The same time of motion, which includes the braking, was called the time beyond it.
+            let text = reason["text"].as_str().unwrap();
+            let text = text.replace("; it moved ", "; the arm moved for ").replace(" ms beyond braking", " ms");
+            reason["text"] = text.into();
         }
     }
     document.to_string()
