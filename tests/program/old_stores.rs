@@ -134,7 +134,8 @@ fn without_measurements(json_text: &str) -> String {
             reason.as_object_mut().unwrap().retain(|field, _| field != "measured");
             // The same time of motion, which includes the braking, was called the time beyond it.
             let text = reason["text"].as_str().unwrap();
-            let text = text.replace("; it moved ", "; the arm moved for ").replace(" ms beyond braking", " ms");
+            let text =
+                text.replace("; it moved ", "; the arm moved for ").replace(" ms beyond braking", " ms");
             reason["text"] = text.into();
         }
     }
