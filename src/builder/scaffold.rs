@@ -50,6 +50,7 @@ const RUST_KIT: &[(&str, &str)] = files![
     "body/number.rs",
     "body/disturbance.rs",
     "body/shape.rs",
+    "body/standstill.rs",
     "body/task.rs",
     "body/zone.rs",
     "rust/Cargo.toml",
