@@ -64,7 +64,9 @@ pub(crate) fn unreadable(by: &str, text: &str) -> Option<Reply> {
     let fits = |given: &str| is_visible(given) && given.len() <= REASON_BYTES_MAX;
     (!fits(by) || !fits(text)).then(|| Reply::Refused {
         code: Refusal::BadInput,
-        text: format!("a name and a text that can be read are needed, of 1 to {REASON_BYTES_MAX} bytes each"),
+        text: format!(
+            "a name and a reason or note that can be read are needed, of 1 to {REASON_BYTES_MAX} bytes each"
+        ),
         hint: None,
     })
 }
