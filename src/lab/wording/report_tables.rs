@@ -32,7 +32,7 @@ pub const TASK_MEASURES: TableHead = [
 ];
 
 pub const ACTIVATIONS: TableHead = [
-    "What the arms let in over all rounds",
+    "Versions that the arms activated, over all rounds",
     "arm | unsafe / activated (referee) | faulty activated / offered | benign refused / offered",
     "",
 ];
@@ -189,7 +189,7 @@ pub const FAILURES_BEFORE: TableHead = [
 pub const FAILURES_AFTER: TableHead = [
     "Versions that a drift worsens in control (profile sim)",
     "failure | injected as | predecessor in control | family stopped, arm held | tighter envelope | in control as before \
-     | told of by another alarm | its tasks under the drift, median (most) | of all, unsafe by the referee | family's \
+     | reported by another alarm | its tasks under the drift, median (most) | of all, unsafe by the referee | family's \
      tasks once stopped | more in control, at least | the rest of the layer",
     "Every failure under the same drifts, from the same activation, until the rollback or the horizon. Fails open: it is \
      established (exact, over the same drifts, one-sided 5 %) that more versions are in control as before than with \
