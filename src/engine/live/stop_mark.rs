@@ -133,6 +133,7 @@ pub(crate) fn look(layout: &Layout) -> Option<StopMarkFile> {
     let own = i32::try_from(std::process::id()).unwrap_or(0);
     let mut sharers = file.as_ref().map_or_else(Vec::new, lock_sharers);
     sharers.retain(|process| *process != own);
+    sharers.dedup();
     let process = match sharers[..] {
         [process] => u32::try_from(process).ok(),
         _ => None,
