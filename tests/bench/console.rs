@@ -17,6 +17,8 @@
 #[allow(dead_code, reason = "the tests use the rest")]
 mod pty;
 
+use std::io::{BufRead as _, BufReader};
+use std::process::{Child, Stdio};
 use std::sync::Arc;
 use std::sync::mpsc::sync_channel;
 use std::time::{Duration, Instant};
@@ -49,10 +51,13 @@ const LETTERS: usize = 40;
 /// Consoles that are attached beside the first one.
 const MORE: usize = 4;
 
+/// Programs that read the engine's stream beside one console.
+const LISTENERS: usize = 64;
+
 /// Budgets of the design: ms at p99, and per cent of a core.
 const FRAME_MS: f64 = 2.0;
 const FIRST_FRAME_MS: f64 = 150.0;
-const KEY_MS: f64 = 50.0;
+const KEY_MS: f64 = 20.0;
 const IDLE_PERCENT: f64 = 2.0;
 
 /// The idle time.
@@ -91,6 +96,7 @@ fn main() {
         idle(place, more);
     }
     attached();
+    listened_to();
 }
 
 fn line(what: &str, [median, p99, budget, kept, load]: [&str; 5]) {
@@ -294,6 +300,48 @@ fn attached() {
     // leaves.
     first.keys(":detach\r");
     first.end();
+}
+
+/// The cost of programs that read the engine's stream, for their engine.
+fn listened_to() {
+    let home = Home::new();
+    let mut console = home.console(&["run", "--no-tour", "--linger=5"], SIZE);
+    console.wait_for_text("SIM");
+    let engine = [format!("/proc/{}/stat", engine_of(&home))];
+    let alone = shares(&engine)[0];
+    let listeners: Vec<Listener> = (0..LISTENERS).map(|_| Listener::new(&home)).collect();
+    let together = shares(&engine)[0];
+    println!("programs that read the engine's stream (`status --watch --json`), cell at 1x:");
+    share_row("  engine's process, no such program", alone, None);
+    share_row(&format!("  engine's process, {LISTENERS} of them"), together, None);
+    drop(listeners);
+    console.keys(":detach\r");
+    console.end();
+}
+
+/// A program that reads the stream, from its first line on.
+struct Listener(Child);
+
+impl Listener {
+    fn new(home: &Home) -> Self {
+        let mut child = home
+            .command(&["status", "--watch", "--json"])
+            .stdout(Stdio::piped())
+            .stderr(Stdio::null())
+            .spawn()
+            .unwrap();
+        let mut lines = BufReader::new(child.stdout.take().unwrap());
+        lines.read_line(&mut String::new()).unwrap();
+        std::thread::spawn(move || std::io::copy(&mut lines, &mut std::io::sink()));
+        Self(child)
+    }
+}
+
+impl Drop for Listener {
+    fn drop(&mut self) {
+        self.0.kill().unwrap();
+        self.0.wait().unwrap();
+    }
 }
 
 /// User and system time of a process or thread.

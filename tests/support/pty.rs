@@ -86,15 +86,16 @@ impl Home {
         ]
     }
 
+    /// The program without a terminal.
+    pub fn command(&self, arguments: &[&str]) -> Command {
+        let mut command = Command::new(program());
+        command.args(arguments).arg("--data").arg(self.data()).envs(self.variables());
+        command
+    }
+
     /// Runs the program without a terminal.
     pub fn run(&self, arguments: &[&str]) -> Output {
-        Command::new(program())
-            .args(arguments)
-            .arg("--data")
-            .arg(self.data())
-            .envs(self.variables())
-            .output()
-            .unwrap()
+        self.command(arguments).output().unwrap()
     }
 
     /// Runs the program without a terminal and accepts only success.
