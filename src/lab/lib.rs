@@ -13,6 +13,7 @@ pub mod candidate_pool;
 pub mod cli;
 pub mod danger_thresholds;
 pub mod distinguisher;
+mod finished_rows;
 pub mod ground_truth;
 pub mod paper_reproduction;
 pub mod parameter_search;

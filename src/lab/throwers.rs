@@ -28,7 +28,8 @@ pub use self::live_run::ThrowerRun;
 pub use self::package::ThrowerKind;
 use self::summary::summarize;
 pub use self::summary::{TaskQuantile, ThrowerSummary};
-use crate::pipeline_experiments::{ExperimentError, ProgressFn, cached_result, scratch, write_atomically};
+use crate::finished_rows::{self, RowFile};
+use crate::pipeline_experiments::{ExperimentError, ProgressFn, cached_result, scratch};
 use crate::side_by_side::side_by_side;
 use crate::wording::progress;
 
@@ -46,17 +47,29 @@ pub struct ThrowersPlan {
     pub runs: u64,
     /// The first run seed; absent for secret seeds.
     pub seed: Option<u64>,
+    /// Every `of`-th run from the `shard`-th on.
+    pub shard: (usize, usize),
     pub jobs: usize,
-    /// Where the report goes.
-    pub out: PathBuf,
+    /// The file that gets a row for each finished run.
+    pub rows: PathBuf,
     /// Where finished runs are cached.
     pub cache: ResultCache,
+}
+
+/// What the runs of a report have in common.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct ThrowerSetting {
+    tasks: u64,
+    seed: Option<u64>,
 }
 
 /// The result of a plan.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ThrowersReport {
+    /// Digest of everything that decides.
+    pub decided_by: String,
     /// Live tasks after which a version ended.
     pub tasks: u64,
     /// The first run seed; absent if the seeds were secret.
@@ -68,12 +81,33 @@ pub struct ThrowersReport {
     pub runs: Vec<ThrowerRun>,
 }
 
-/// Runs what is missing and writes `throwers.json`. `tell` gets one line a finished run.
+impl ThrowersReport {
+    fn of(
+        decided_by: String,
+        setting: ThrowerSetting,
+        mut runs: Vec<ThrowerRun>,
+    ) -> Result<Self, ExperimentError> {
+        runs.sort_by_key(|run| (run.trigger, run.act, run.profile, run.run));
+        let ThrowerSetting { tasks, seed } = setting;
+        Ok(Self { decided_by, tasks, seed, summary: summarize(&runs)?, runs })
+    }
+}
+
+/// The reports of finished runs: one for each build, number of tasks and first seed.
+///
+/// # Errors
+/// If a file cannot be read, or a line is no finished run.
+pub fn reports_of(files: &[PathBuf]) -> Result<Vec<ThrowersReport>, ExperimentError> {
+    let groups = finished_rows::read::<ThrowerSetting, ThrowerRun>(files)?.into_iter();
+    groups.map(|group| ThrowersReport::of(group.decided_by, group.setting, group.results)).collect()
+}
+
+/// Runs what is missing. `tell` gets one line a finished run.
 ///
 /// # Errors
 /// If a file cannot be used, or a version comes to no end.
 pub fn run(plan: &ThrowersPlan, tell: &ProgressFn<'_>) -> Result<ThrowersReport, ExperimentError> {
-    std::fs::create_dir_all(&plan.out).map_err(ExperimentError::file(&plan.out))?;
+    let rows = RowFile::open(plan.rows.clone())?;
     controller::provide_controllers().map_err(|error| ExperimentError::Unexpected(error.to_string()))?;
     let cell = Cell::of(&SimCells, None)?;
     let triggers = if plan.triggers.is_empty() { &ThrowerKind::ALL[..] } else { plan.triggers.as_slice() };
@@ -90,16 +124,21 @@ pub fn run(plan: &ThrowersPlan, tell: &ProgressFn<'_>) -> Result<ThrowersReport,
             }
         }
     }
+    let (shard, of) = plan.shard;
+    let jobs: Vec<ThrowerJob<'_>> = jobs.into_iter().skip(shard).step_by(of.max(1)).collect();
+    let setting = ThrowerSetting { tasks: plan.tasks, seed: plan.seed };
     let runs = side_by_side(
         plan.jobs,
         jobs.len(),
-        |_, at| jobs.get(at).map_or_else(|| Err(missing()), run_or_reuse),
+        |_, at| {
+            let run = jobs.get(at).map_or_else(|| Err(missing()), run_or_reuse)?;
+            rows.add(&setting, &run)?;
+            Ok(run)
+        },
         |_, run| progress::thrower(run),
         tell,
     )?;
-    let report = ThrowersReport { tasks: plan.tasks, seed: plan.seed, summary: summarize(&runs)?, runs };
-    write_atomically(&plan.out.join("throwers.json"), &serde_json::to_vec_pretty(&report)?)?;
-    Ok(report)
+    ThrowersReport::of(decided_by(holdpoint_sim::BUILD), setting, runs)
 }
 
 /// The versions that harm in single tasks as well, with their names: by each act, in every task and in one of forty.

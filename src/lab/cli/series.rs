@@ -3,7 +3,9 @@
 //! Prints the results of [`crate::pipeline_experiments::series`]; measures nothing and leaves nothing out (JSON has
 //! every digit).
 
+use super::truth::shard;
 use super::{CacheArgs, failed, jobs_or_cores, progress, table};
+use std::path::PathBuf;
 
 use clap::Args;
 
@@ -18,9 +20,12 @@ use holdpoint_trials::seeds::CALIBRATION_FROM_RUN;
 #[derive(Clone, Debug, PartialEq, Eq, Args)]
 #[command(after_help = "\
 The seeds of the decisions are secret: a series that is run again has other episodes.
+With --out each finished series is a row of series.jsonl at once.
 
 Examples:
   holdpoint-lab experiment series --out series
+  holdpoint-lab experiment series --out series --shard 1/2
+  holdpoint-lab experiment series --rows series/series.jsonl --rows more/series.jsonl
   holdpoint-lab experiment series --series 4 --tweaks 3 --json")]
 pub struct SeriesArgs {
     /// Series, each of one author on one store.
@@ -35,6 +40,12 @@ pub struct SeriesArgs {
     /// The first seed of these episodes: a calibration seed.
     #[arg(long, value_name = "S", default_value_t = CALIBRATION_FROM_RUN, value_parser = clap::value_parser!(u64).range(CALIBRATION_FROM_RUN..=1_000_000))]
     pub seed: u64,
+    /// One shard of the series, counted from 1.
+    #[arg(long, value_name = "I/N", value_parser = shard, default_value = "1/1")]
+    pub shard: (usize, usize),
+    /// Prints the report of the rows in this file, and runs nothing; can be given several times.
+    #[arg(long = "rows", value_name = "FILE", conflicts_with = "out")]
+    pub rows: Vec<PathBuf>,
     /// Series at once [default: the number of cores].
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=i64::from(JOBS_MAX)))]
     pub jobs: Option<u16>,
@@ -43,21 +54,32 @@ pub struct SeriesArgs {
     pub cache: CacheArgs,
 }
 
-/// Runs the experiment and prints its report.
+/// Runs the experiment, or reads its rows, and prints the report.
 ///
 /// # Errors
-/// If the folder cannot be used, the calibration finds no inferior tweak, or a tweak does not reach an end.
+/// If a file or the folder cannot be used, the calibration finds no inferior tweak, or a tweak does not reach an end.
 pub fn run(args: &SeriesArgs, out: &mut CommandOutput<'_>) -> Result<Exit, CliError> {
-    let plan = SeriesPlan {
+    let reports = if args.rows.is_empty() {
+        vec![series::run(&plan(args)?, &progress::tell).map_err(failed)?]
+    } else {
+        series::reports_of(&args.rows).map_err(failed)?
+    };
+    for report in reports {
+        out.answer(&report, |out| show(&report, out))?;
+    }
+    Ok(Exit::Confirmed)
+}
+
+fn plan(args: &SeriesArgs) -> Result<SeriesPlan, CliError> {
+    Ok(SeriesPlan {
         series: args.series,
         tweaks: args.tweaks,
+        shard: args.shard,
         calibration: (args.seed, args.episodes),
         jobs: jobs_or_cores(args.jobs),
         cache: args.cache.open()?,
-    };
-    let report = series::run(&plan, &progress::tell).map_err(failed)?;
-    out.answer(&report, |out| show(&report, out))?;
-    Ok(Exit::Confirmed)
+        rows: args.cache.out.as_ref().map(|out| out.join("series.jsonl")),
+    })
 }
 
 fn show(report: &SeriesReport, out: &mut CommandOutput<'_>) -> Result<(), CliError> {
@@ -76,5 +98,6 @@ fn show(report: &SeriesReport, out: &mut CommandOutput<'_>) -> Result<(), CliErr
     out.table(&table)?;
     let summary = &report.summary;
     out.line(&answers::stopped_by(&summary.stopped_by))?;
-    out.line(&answers::series(summary))
+    out.line(&answers::series(summary))?;
+    out.line(&answers::build(&report.decided_by))
 }

@@ -2,6 +2,7 @@
 //!
 //! Prints the results of [`crate::throwers`]; measures and judges nothing.
 
+use super::truth::shard;
 use super::{failed, jobs_or_cores, progress, table};
 use std::path::{Path, PathBuf};
 
@@ -21,12 +22,14 @@ use holdpoint::error::{CliError, Exit};
 #[derive(Clone, Debug, PartialEq, Eq, Args)]
 #[command(after_help = "\
 Each version works as an honest one does until its trigger, then it throws, presses or speeds. The seeds are secret, so a
-version cannot know them, and a repetition draws others. Approvers agree to everything.
+version cannot know them, and a repetition draws others. Approvers agree to everything. Each finished run is a row of
+throwers.jsonl at once.
 
 Examples:
   holdpoint-lab experiment throwers --out throwers
   holdpoint-lab experiment throwers --trigger active-1-in-20 --act press --runs 20 --out throwers
-  holdpoint-lab experiment throwers --trigger frame-age --trigger frame-age-hash --profile sim --out throwers --json")]
+  holdpoint-lab experiment throwers --trigger frame-age --trigger frame-age-hash --profile sim --out throwers --json
+  holdpoint-lab experiment throwers --rows throwers/throwers.jsonl --rows more/throwers.jsonl")]
 pub struct ThrowersArgs {
     /// A trigger; can be given several times [default: all].
     #[arg(long = "trigger", value_name = "NAME", value_parser = triggers())]
@@ -49,9 +52,15 @@ pub struct ThrowersArgs {
     /// Versions at once [default: the number of cores].
     #[arg(long, value_name = "J", value_parser = clap::value_parser!(u16).range(1..=i64::from(JOBS_MAX)))]
     pub jobs: Option<u16>,
-    /// The folder for finished runs and `throwers.json`; finished runs in it are not run again.
-    #[arg(long, value_name = "DIR")]
-    pub out: PathBuf,
+    /// One shard of the runs, counted from 1.
+    #[arg(long, value_name = "I/N", value_parser = shard, default_value = "1/1")]
+    pub shard: (usize, usize),
+    /// The folder for finished runs and their rows; finished runs in it are not run again.
+    #[arg(long, value_name = "DIR", required_unless_present = "rows")]
+    pub out: Option<PathBuf>,
+    /// Prints the report of the rows in this file, and runs nothing; can be given several times.
+    #[arg(long = "rows", value_name = "FILE", conflicts_with = "out")]
+    pub rows: Vec<PathBuf>,
     /// The key that authenticates finished runs.
     #[command(flatten)]
     pub cache_key: CacheKeyArgs,
@@ -68,28 +77,37 @@ fn acts() -> impl TypedValueParser<Value = HarmAct> {
     PossibleValuesParser::new(HarmAct::ALL.map(HarmAct::name)).try_map(|name| name.parse::<HarmAct>())
 }
 
-/// Runs the experiment and prints its report.
+/// Runs the experiment, or reads its rows, and prints the report.
 ///
 /// # Errors
-/// If the folder cannot be used, or a version comes to no end.
+/// If a file or the folder cannot be used, or a version comes to no end.
 pub fn run(args: &ThrowersArgs, out: &mut CommandOutput<'_>) -> Result<Exit, CliError> {
-    let plan = ThrowersPlan {
+    let reports = match &args.out {
+        Some(folder) => vec![throwers::run(&plan(args, folder)?, &progress::tell).map_err(failed)?],
+        None => throwers::reports_of(&args.rows).map_err(failed)?,
+    };
+    for report in reports {
+        out.answer(&report, |out| show(&report, out))?;
+    }
+    Ok(Exit::Confirmed)
+}
+
+fn plan(args: &ThrowersArgs, folder: &Path) -> Result<ThrowersPlan, CliError> {
+    Ok(ThrowersPlan {
         triggers: args.triggers.clone(),
         acts: args.acts.clone(),
         profiles: args.profiles.iter().map(|profile| (*profile).into()).collect(),
         tasks: args.tasks,
         runs: args.runs,
         seed: args.seed,
+        shard: args.shard,
         jobs: jobs_or_cores(args.jobs),
-        out: args.out.clone(),
-        cache: args.cache_key.open_cache(&args.out.join("runs"))?,
-    };
-    let report = throwers::run(&plan, &progress::tell).map_err(failed)?;
-    out.answer(&report, |out| show(&report, &plan.out, out))?;
-    Ok(Exit::Confirmed)
+        rows: folder.join("throwers.jsonl"),
+        cache: args.cache_key.open_cache(&folder.join("runs"))?,
+    })
 }
 
-fn show(report: &ThrowersReport, folder: &Path, out: &mut CommandOutput<'_>) -> Result<(), CliError> {
+fn show(report: &ThrowersReport, out: &mut CommandOutput<'_>) -> Result<(), CliError> {
     let mut runs = table(answers::THROWER_COLUMNS);
     for run in &report.runs {
         let codes: Vec<&str> = run.codes.iter().map(|code| code.as_str()).collect();
@@ -115,7 +133,7 @@ fn show(report: &ThrowersReport, folder: &Path, out: &mut CommandOutput<'_>) -> 
     out.table(&summaries)?;
     out.line(&answers::live_tasks(report.tasks))?;
     out.line(&answers::run_seeds(report.seed))?;
-    out.line(&answers::is_in("throwers.json", folder))
+    out.line(&answers::build(&report.decided_by))
 }
 
 fn summary_row(summary: &ThrowerSummary) -> [String; 8] {
@@ -216,9 +234,9 @@ mod tests {
             ends: [("active (no code)".to_owned(), 1), ("held (no code)".to_owned(), 2)].into(),
         }];
         let runs = vec![active(), rejected, rolled_back];
-        let report = ThrowersReport { tasks: 400, seed: None, summary, runs };
+        let report = ThrowersReport { decided_by: "7a90".to_owned(), tasks: 400, seed: None, summary, runs };
         let mut printed = Vec::new();
-        show(&report, Path::new("here"), &mut CommandOutput::to(&mut printed, false)).unwrap();
+        show(&report, &mut CommandOutput::to(&mut printed, false)).unwrap();
         let lines = progress::lines_of_cells(&printed);
         assert_eq!(
             lines[1..],
@@ -232,7 +250,7 @@ mod tests {
                 "live tasks until the rollback of activated versions, with exact 95 % bounds; \">\": past the 400 tasks of a \
                  run",
                 "the seeds were secret",
-                "throwers.json is in here",
+                "the decisions are those of the build 7a90",
             ]
         );
     }

@@ -14,7 +14,7 @@ use super::ExperimentError;
 pub(crate) use driver::{CandidateDriver, DrivenSlice};
 use holdpoint_engine::Experiment;
 use holdpoint_explain::store_metrics::{self, Since};
-use holdpoint_governance::decision::Reason;
+use holdpoint_governance::decision::{Reason, ReasonCode};
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::metrics::Fate;
 use holdpoint_governance::monitor::MonitorOutcome;
@@ -142,6 +142,15 @@ pub struct StageRecord {
     pub decision: DecisionOutcome,
     /// Why, the deciding reasons first.
     pub reasons: Vec<Reason>,
+}
+
+impl StageRecord {
+    /// The codes of the reasons, in order; those that follow each other once.
+    pub(crate) fn codes(&self) -> Vec<ReasonCode> {
+        let mut codes: Vec<ReasonCode> = self.reasons.iter().map(|reason| reason.code).collect();
+        codes.dedup();
+        codes
+    }
 }
 
 /// The decision, in the decider's own words; no two of them share one.

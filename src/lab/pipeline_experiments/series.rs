@@ -1,16 +1,18 @@
 //! Series of inferior versions by one author, through the pipeline on one store each: in how many does any get in?
 //!
 //! Each series registers one tweak after another, under `sim` and with secret seeds, until one is activated or all are stopped.
-//! The tweaks and what they lose: `series_tweaks.rs`. A finished series is cached; its seeds are secret, so a series that is
-//! run again has other episodes.
+//! The tweaks and what they lose: `series_tweaks.rs`. A finished series is cached, and written as a row; its seeds are secret, so
+//! a series that is run again has other episodes.
 
 use std::collections::BTreeMap;
+use std::path::PathBuf;
 
 use serde::{Deserialize, Serialize};
 
 use super::candidate_run::{CandidateDriver, EpisodeEffort, StageRecord};
 use super::series_tweaks::{Calibration, Tweak, calibrate, commissioned, tweak};
 use super::{ExperimentError, ProgressFn, cache_or_new, cached_result, scratch};
+use crate::finished_rows::{self, RowFile};
 use crate::side_by_side::side_by_side;
 use crate::wording::progress;
 use holdpoint::bench::FigureClock;
@@ -22,7 +24,7 @@ use holdpoint_governance::metrics::Fate;
 use holdpoint_governance::profile::{Profile, ProfileName};
 use holdpoint_governance::stats::clopper_pearson_upper;
 use holdpoint_governance::tries::CountedTry;
-use holdpoint_protocol::scenario_state::ScenarioState;
+use holdpoint_protocol::scenario_state::{Decider, ScenarioState};
 use holdpoint_sim::SimCells;
 use holdpoint_store::ResultCache;
 use holdpoint_trials::cache::EpisodeCache;
@@ -38,11 +40,15 @@ pub struct SeriesPlan {
     pub series: u64,
     /// The most tweaks of a series.
     pub tweaks: u32,
+    /// Every `of`-th series from the `shard`-th on.
+    pub shard: (usize, usize),
     /// The first calibration seed, and the number of its episodes.
     pub calibration: (u64, u64),
     pub jobs: usize,
     /// Finished series and the calibration are cached here and not run again; only for this run if absent.
     pub cache: Option<ResultCache>,
+    /// The file that gets a row for each finished series.
+    pub rows: Option<PathBuf>,
 }
 
 /// The end of one tweak.
@@ -54,10 +60,10 @@ pub struct TryEnd {
     pub counted: Option<CountedTry>,
     /// Pairs that it ran.
     pub pairs: u64,
-    /// Every decision, in order.
-    pub stages: Vec<StageRecord>,
-    /// The first reason of the last decision.
-    pub reason: Option<ReasonCode>,
+    /// Who decided last; absent without any decision.
+    pub decider: Option<Decider>,
+    /// Why, the deciding reason first.
+    pub codes: Vec<ReasonCode>,
     /// `confirmed`, or the lifecycle state it stayed in.
     pub state: ScenarioState,
     /// Blocked, contained or kept.
@@ -109,7 +115,7 @@ impl SeriesEnd {
     pub fn stopped_by(&self) -> BTreeMap<String, u64> {
         let mut counts = BTreeMap::new();
         for one in self.tries.iter().filter(|one| !one.got_in()) {
-            let reason = one.reason.map_or("none", ReasonCode::as_str);
+            let reason = one.codes.first().map_or("none", |code| code.as_str());
             *counts.entry(reason.to_owned()).or_default() += 1;
         }
         counts
@@ -136,15 +142,39 @@ pub struct SeriesSummary {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SeriesReport {
+    /// Digest of everything that decides.
+    pub decided_by: String,
     pub calibration: Calibration,
     pub series: Vec<SeriesEnd>,
     pub summary: SeriesSummary,
 }
 
+impl SeriesReport {
+    fn of(
+        decided_by: String,
+        calibration: Calibration,
+        mut series: Vec<SeriesEnd>,
+    ) -> Result<Self, ExperimentError> {
+        series.sort_by_key(|end| end.series);
+        let summary = summarize(&series)?;
+        Ok(Self { decided_by, calibration, series, summary })
+    }
+}
+
+/// The reports of finished series: one for each build and calibration.
+///
+/// # Errors
+/// If a file cannot be read, or a line is no finished series.
+pub fn reports_of(files: &[PathBuf]) -> Result<Vec<SeriesReport>, ExperimentError> {
+    let groups = finished_rows::read::<Calibration, SeriesEnd>(files)?.into_iter();
+    groups.map(|group| SeriesReport::of(group.decided_by, group.setting, group.results)).collect()
+}
+
 /// Runs the plan. `tell` gets one line a series.
 ///
 /// # Errors
-/// If the calibration finds no tweak that is inferior, the engine cannot start or halts, or a tweak does not settle.
+/// If the calibration finds no tweak that is inferior, the engine cannot start or halts, a tweak does not settle, or a file
+/// cannot be used.
 pub fn run(plan: &SeriesPlan, tell: &ProgressFn<'_>) -> Result<SeriesReport, ExperimentError> {
     let scratch = scratch()?;
     let cache = cache_or_new(plan.cache.as_ref(), scratch.path())?;
@@ -155,21 +185,28 @@ pub fn run(plan: &SeriesPlan, tell: &ProgressFn<'_>) -> Result<SeriesReport, Exp
     let loss = [loss.mean, loss.lower, loss.upper];
     tell(&progress::calibration(loss, calibration.episodes, calibration.seed));
     let baseline = commissioned()?;
+    let rows = plan.rows.clone().map(RowFile::open).transpose()?;
+    let (shard, of) = plan.shard;
+    let numbers: Vec<u64> = (0..plan.series).skip(shard).step_by(of.max(1)).collect();
     let series = side_by_side(
         plan.jobs,
-        usize::try_from(plan.series).unwrap_or(usize::MAX),
+        numbers.len(),
         |_, at| {
-            let number = at as u64;
+            let missing = || ExperimentError::Unexpected("a series is missing".to_owned());
+            let number = *numbers.get(at).ok_or_else(missing)?;
             let tweaks = (1..=plan.tweaks)
                 .map(|place| tweak(&baseline, number, place, calibration.share))
                 .collect::<Result<Vec<_>, _>>()?;
-            run_or_reuse(&cell, &cache, &profile, number, &tweaks)
+            let end = run_or_reuse(&cell, &cache, &profile, number, &tweaks)?;
+            if let Some(rows) = &rows {
+                rows.add(&calibration, &end)?;
+            }
+            Ok(end)
         },
         |_, end| progress::series(end),
         tell,
     )?;
-    let summary = summarize(&series)?;
-    Ok(SeriesReport { calibration, series, summary })
+    SeriesReport::of(decided_by(holdpoint_sim::BUILD), calibration, series)
 }
 
 fn calibrate_or_reuse(
@@ -217,7 +254,7 @@ fn run_or_reuse(
         }
     }
     let parts: Vec<&[u8]> = parts.iter().map(Vec::as_slice).collect();
-    let key = Digest::of_parts("holdpoint.series.v1", &parts);
+    let key = Digest::of_parts("holdpoint.series.v2", &parts);
     if let Some(known) = cached_result::<SeriesEnd>(cache, &key).filter(|known| known.series == series) {
         return Ok(known);
     }
@@ -249,14 +286,15 @@ fn run_series(cell: &Cell, tweaks: &[Tweak]) -> Result<Vec<TryEnd>, ExperimentEr
         drive.register(tweak.package.clone())?;
         drive.run_until_settled()?;
         let (view, seen) = drive.take_outcome()?;
+        let last = seen.stages.last();
         let end = TryEnd {
             version: tweak.version.clone(),
             pairs: view.pairs.as_ref().map_or(0, |pairs| pairs.n),
-            reason: seen.stages.last().and_then(|last| last.reasons.first()).map(|reason| reason.code),
+            decider: last.map(|last| last.stage),
+            codes: last.map(StageRecord::codes).unwrap_or_default(),
             state: seen.state(view.state),
             fate: seen.fate(),
             counted: view.counted,
-            stages: seen.stages,
             effort: seen.effort,
             cpu_secs: FigureClock::ThreadCpu.secs() - began,
         };
@@ -291,6 +329,7 @@ fn summarize(series: &[SeriesEnd]) -> Result<SeriesSummary, ExperimentError> {
 mod tests {
     use super::*;
     use holdpoint_governance::lifecycle::{Stage, State};
+    use holdpoint_governance::stats::{PairedCounts, binary_pairs};
     use holdpoint_store::CacheSecret;
 
     /// Two tweaks that fail in half of their runs: each is another try and is stopped. The second run reads the result.
@@ -309,7 +348,8 @@ mod tests {
             assert_eq!(one.fate, Fate::Blocked { stage: Stage::Sandbox }, "{one:?}");
             let counted = one.counted.as_ref().unwrap();
             assert_eq!((counted.by_author, counted.in_family), (number, number));
-            assert!(one.reason.is_some() && one.pairs > 0 && one.cpu_secs > 0.0, "{one:?}");
+            assert_eq!(one.decider, Some(Decider::Sandbox));
+            assert!(!one.codes.is_empty() && one.pairs > 0 && one.cpu_secs > 0.0, "{one:?}");
         }
         assert_eq!(end.stopped_by().values().sum::<u64>(), 2);
         // CPU times are never equal twice.
@@ -321,8 +361,8 @@ mod tests {
             version: "grasp@1.1.1".parse().unwrap(),
             counted: None,
             pairs: 100,
-            stages: Vec::new(),
-            reason: Some(reason),
+            decider: None,
+            codes: vec![reason],
             state: ScenarioState::In(State::Rejected),
             fate,
             effort: EpisodeEffort::default(),
@@ -347,5 +387,29 @@ mod tests {
         assert_eq!((summary.got_in, summary.stopped_by["behavior-try-open"]), (1, 80));
         let text = serde_json::to_string(&series[3]).unwrap();
         assert_eq!(serde_json::from_str::<SeriesEnd>(&text).unwrap(), series[3]);
+    }
+
+    #[test]
+    fn rows_of_two_shards_make_one_report() {
+        let loss = binary_pairs(PairedCounts::of((0..50).map(|at| (at < 9, false))), 0.05).unwrap();
+        let (episodes, commissioned, tweak) = (50, 50, 41);
+        let calibration =
+            Calibration { seed: 100, episodes, commissioned, defective: 0, share: 0.18, tweak, loss };
+        let folder = tempfile::tempdir().unwrap();
+        let files = [0, 1].map(|shard| {
+            let file = folder.path().join(format!("{shard}.jsonl"));
+            let rows = RowFile::open(file.clone()).unwrap();
+            for series in [shard + 2, shard] {
+                let blocked = end(Fate::Blocked { stage: Stage::Sandbox }, ReasonCode::BehaviorTryOpen);
+                rows.add(&calibration, &SeriesEnd { series, tries: vec![blocked] }).unwrap();
+            }
+            file
+        });
+        let reports = reports_of(&files).unwrap();
+        let [report] = &reports[..] else { panic!("{reports:?}") };
+        assert_eq!(report.calibration, calibration);
+        let numbers: Vec<u64> = report.series.iter().map(|end| end.series).collect();
+        assert_eq!(numbers, [0, 1, 2, 3]);
+        assert_eq!((report.summary.series, report.summary.tries), (4, 4));
     }
 }

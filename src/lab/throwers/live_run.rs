@@ -206,9 +206,6 @@ impl ThrowerJob<'_> {
 
     fn result(&self, drive: &CandidateDriver<'_>, work: LiveWork, state: State) -> ThrowerRun {
         let last = drive.seen.stages.last();
-        let codes = |last: &StageRecord| last.reasons.iter().map(|reason| reason.code).collect();
-        let mut codes: Vec<ReasonCode> = last.map(codes).unwrap_or_default();
-        codes.dedup();
         ThrowerRun {
             trigger: self.kind,
             act: self.act,
@@ -220,7 +217,7 @@ impl ThrowerJob<'_> {
             confirmed: drive.seen.confirmed,
             decider: last.map(|last| last.stage),
             decision: last.map(|last| last.decision),
-            codes,
+            codes: last.map(StageRecord::codes).unwrap_or_default(),
             rollback: work.rollback.as_ref().map(|trigger| trigger.kind),
             safety_event: work.rollback.as_ref().and_then(|trigger| trigger.event),
             live_tasks: drive.seen.effort.live,

@@ -135,8 +135,9 @@ fn version_that_always_throws_is_stopped_in_the_sandbox_under_secret_seeds() {
         tasks: 5,
         runs: 1,
         seed: None,
+        shard: (0, 1),
         jobs: 1,
-        out: out.path().to_owned(),
+        rows: out.path().join("one/throwers.jsonl"),
         cache: ResultCache::in_folder(out.path().join("cells"), CacheSecret::fresh().unwrap()),
     };
     let report = run(&plan, &|_| {}).unwrap();
@@ -149,8 +150,12 @@ fn version_that_always_throws_is_stopped_in_the_sandbox_under_secret_seeds() {
     assert_eq!((summary.runs, summary.activated, summary.median), (1, 0, None));
     assert_eq!((stopped.live_tasks, stopped.thrown, stopped.rollback), (0, 0, None));
 
-    let bytes = std::fs::read(out.path().join("throwers.json")).unwrap();
-    assert_eq!(serde_json::from_slice::<ThrowersReport>(&bytes).unwrap(), report);
-    let again = ThrowersPlan { out: out.path().join("again"), ..plan };
+    assert_eq!(reports_of(&[plan.rows.clone()]).unwrap(), [report.clone()]);
+    // The run is cached, so its row elsewhere is the same one and counts once.
+    let again = ThrowersPlan { rows: out.path().join("again.jsonl"), ..plan.clone() };
     assert_eq!(run(&again, &|_| {}).unwrap(), report);
+    assert_eq!(reports_of(&[plan.rows.clone(), again.rows]).unwrap(), [report]);
+    // The only run belongs to the first shard.
+    let second = ThrowersPlan { shard: (1, 2), ..plan };
+    assert!(run(&second, &|_| {}).unwrap().runs.is_empty());
 }

@@ -36,6 +36,11 @@ pub fn tally(counts: &BTreeMap<String, u64>) -> String {
     counts.iter().map(|(name, count)| format!("{count} {name}")).collect::<Vec<_>>().join(", ")
 }
 
+/// The build of some rows, by its digest.
+pub fn build(decided_by: &str) -> String {
+    format!("the decisions are those of the build {decided_by}")
+}
+
 pub fn profile(name: &str) -> String {
     format!("profile {name}")
 }
