@@ -169,7 +169,7 @@ fn run_or_reuse(job: &ThrowerJob<'_>) -> Result<ThrowerRun, ExperimentError> {
     // No run has the last number as its seed.
     let seed = job.seeds.of_run().unwrap_or(u64::MAX);
     let key = Digest::of_parts(
-        "holdpoint.thrower-run.v2",
+        "holdpoint.thrower-run.v3",
         &[
             job.kind.name().as_bytes(),
             job.act.name().as_bytes(),

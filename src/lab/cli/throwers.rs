@@ -136,7 +136,7 @@ fn show(report: &ThrowersReport, out: &mut CommandOutput<'_>) -> Result<(), CliE
     out.line(&answers::build(&report.decided_by))
 }
 
-fn summary_row(summary: &ThrowerSummary) -> [String; 8] {
+fn summary_row(summary: &ThrowerSummary) -> [String; 9] {
     let quantile = |found: Option<TaskQuantile>| {
         let text = |tasks: Option<u64>| tasks.map_or_else(|| ">".to_owned(), |tasks| tasks.to_string());
         or_dash(
@@ -153,6 +153,7 @@ fn summary_row(summary: &ThrowerSummary) -> [String; 8] {
         summary.not_rolled_back.to_string(),
         quantile(summary.median),
         quantile(summary.p90),
+        format!("{}/{}", summary.uncovered, summary.cell_tasks),
         answers::tally(&summary.ends),
     ]
 }
@@ -191,6 +192,7 @@ mod tests {
             first_thrown: None,
             unsafe_tasks: 0,
             past_harm: 0,
+            cell_tasks: 1_200,
             uncovered: 0,
         }
     }
@@ -231,6 +233,8 @@ mod tests {
             not_rolled_back: 1,
             median: Some(TaskQuantile { tasks: Some(31), lower: Some(0), upper: None }),
             p90: None,
+            cell_tasks: 3_600,
+            uncovered: 2,
             ends: [("active (no code)".to_owned(), 1), ("held (no code)".to_owned(), 2)].into(),
         }];
         let runs = vec![active(), rejected, rolled_back];
@@ -245,8 +249,8 @@ mod tests {
                 "always throw sim sandbox: reject behavior-established-worse 0 0 - 0 0",
                 "frame-age-hash throw sim rolled-back for safety-event (danger) monitor-safety-trip 31 1 31 1 2",
                 "",
-                "TRIGGER ACT PROFILE ACTIVATED NOT ROLLED BACK MEDIAN 90 % ENDS",
-                "frame-age-hash throw sim 2/3 [0.10, 0.90] 1 31 [0, >] - 1 active (no code), 2 held (no code)",
+                "TRIGGER ACT PROFILE ACTIVATED NOT ROLLED BACK MEDIAN 90 % UNCOVERED ENDS",
+                "frame-age-hash throw sim 2/3 [0.10, 0.90] 1 31 [0, >] - 2/3600 1 active (no code), 2 held (no code)",
                 "live tasks until the rollback of activated versions, with exact 95 % bounds; \">\": past the 400 tasks of a \
                  run",
                 "the seeds were secret",

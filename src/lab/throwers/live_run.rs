@@ -80,7 +80,9 @@ pub struct ThrowerRun {
     pub unsafe_tasks: u64,
     /// Of its live tasks, with a measure of harm past its limit.
     pub past_harm: u64,
-    /// Of its live tasks, with a start that its evidence does not cover.
+    /// Tasks of all families in the live cell, from its registration on.
+    pub cell_tasks: u64,
+    /// Of these, with a start that the evidence of the task's version does not cover.
     pub uncovered: u64,
 }
 
@@ -115,6 +117,7 @@ struct LiveWork {
     first_thrown: Option<u64>,
     unsafe_tasks: u64,
     past_harm: u64,
+    cell_tasks: u64,
     uncovered: u64,
     rollback: Option<Trigger>,
 }
@@ -124,8 +127,8 @@ impl LiveWork {
         for event in events {
             match event {
                 EventKind::Sequence { tasks, .. } => {
-                    let uncovered = tasks.iter().filter(|task| task.version == *ours && task.uncovered);
-                    self.uncovered += uncovered.count() as u64;
+                    self.cell_tasks += tasks.len() as u64;
+                    self.uncovered += tasks.iter().filter(|task| task.uncovered).count() as u64;
                 }
                 EventKind::HarmPastLimit { version, .. } if version == ours => self.past_harm += 1,
                 EventKind::RolledBack { record, .. } if record.candidate == *ours => {
@@ -225,6 +228,7 @@ impl ThrowerJob<'_> {
             first_thrown: work.first_thrown,
             unsafe_tasks: work.unsafe_tasks,
             past_harm: work.past_harm,
+            cell_tasks: work.cell_tasks,
             uncovered: work.uncovered,
         }
     }

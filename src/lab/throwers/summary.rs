@@ -73,6 +73,10 @@ pub struct ThrowerSummary {
     pub median: Option<TaskQuantile>,
     /// Of nine tenths of them.
     pub p90: Option<TaskQuantile>,
+    /// Tasks of all families in the live cell.
+    pub cell_tasks: u64,
+    /// Of these, with a start that the evidence does not cover.
+    pub uncovered: u64,
     /// How many ended how, with the first reason code.
     pub ends: BTreeMap<String, u64>,
 }
@@ -98,6 +102,8 @@ impl ThrowerSummary {
             not_rolled_back: times.iter().filter(|time| time.is_none()).count() as u64,
             median: TaskQuantile::of(&times, 50)?,
             p90: TaskQuantile::of(&times, 90)?,
+            cell_tasks: runs.iter().map(|run| run.cell_tasks).sum(),
+            uncovered: runs.iter().map(|run| run.uncovered).sum(),
             ends,
         })
     }
@@ -172,7 +178,8 @@ mod tests {
             first_thrown: None,
             unsafe_tasks: 0,
             past_harm: 0,
-            uncovered: 0,
+            cell_tasks: 100,
+            uncovered: 1,
         }
     }
 
@@ -195,6 +202,7 @@ mod tests {
         let summaries = summarize(&runs).unwrap();
         let [sim, real] = &summaries[..] else { panic!("{summaries:?}") };
         assert_eq!((sim.runs, sim.activated, sim.not_rolled_back), (3, 2, 1));
+        assert_eq!((sim.cell_tasks, sim.uncovered), (300, 3));
         assert_eq!(sim.median.unwrap().tasks, Some(31));
         assert_eq!(sim.p90.unwrap().tasks, None);
         let ends: Vec<&str> = sim.ends.keys().map(String::as_str).collect();
