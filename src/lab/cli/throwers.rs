@@ -249,7 +249,7 @@ mod tests {
                 "always throw sim sandbox: reject behavior-established-worse 0 0 - 0 0",
                 "frame-age-hash throw sim rolled-back for safety-event (danger) monitor-safety-trip 31 1 31 1 2",
                 "",
-                "TRIGGER ACT PROFILE ACTIVATED NOT ROLLED BACK MEDIAN 90 % UNCOVERED ENDS",
+                "TRIGGER ACT PROFILE ACTIVATED NOT ROLLED BACK MEDIAN 90 % OUTSIDE DOMAIN ENDS",
                 "frame-age-hash throw sim 2/3 [0.10, 0.90] 1 31 [0, >] - 2/3600 1 active (no code), 2 held (no code)",
                 "live tasks until the rollback of activated versions, with exact 95 % bounds; \">\": past the 400 tasks of a \
                  run",

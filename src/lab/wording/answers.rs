@@ -328,7 +328,7 @@ pub fn features(count: usize) -> String {
 pub const THROWER_COLUMNS: &str =
     "trigger | act | profile | end | because | tasks | thrown | first | unsafe | past harm";
 pub const QUANTILE_COLUMNS: &str =
-    "trigger | act | profile | activated | not rolled back | median | 90 % | uncovered | ends";
+    "trigger | act | profile | activated | not rolled back | median | 90 % | outside domain | ends";
 
 pub fn live_tasks(tasks: u64) -> String {
     format!(
