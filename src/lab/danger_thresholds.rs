@@ -106,6 +106,8 @@ pub struct DangerAgreement {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct DangerReport {
+    /// Digest of everything that computes an episode.
+    pub computed_by: String,
     /// Whose thresholds and limits count.
     pub profile: ProfileName,
     /// Index of the first task that chose, and of the first one that tests.
@@ -182,6 +184,7 @@ pub fn run(plan: &DangerPlan, tell: &ProgressFn<'_>) -> Result<DangerReport, Exp
     let choices = choices(&tasks, &context.profile, &scale)?;
     let agreements = agreements(&tasks, &choices, &scale)?;
     let report = DangerReport {
+        computed_by: cell.computed_by().to_owned(),
         profile: ProfileName::Sim,
         chosen_from: plan.first(SeedHalf::Chooses),
         tested_from: plan.first(SeedHalf::Tests),

@@ -88,6 +88,8 @@ pub struct RowCount {
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct DistinguisherReport {
+    /// Digest of everything that computes an episode.
+    pub computed_by: String,
     pub sequences: u64,
     /// Index of the first sequence.
     pub seed: u64,
@@ -97,7 +99,7 @@ pub struct DistinguisherReport {
 }
 
 impl DistinguisherReport {
-    fn of(plan: &DistinguisherPlan, rows: &[TaskRow]) -> Self {
+    fn of(plan: &DistinguisherPlan, cell: &Cell, rows: &[TaskRow]) -> Self {
         let count = |origin: TaskOrigin, task: TaskKind| {
             let rows = rows.iter().filter(|row| row.origin == origin && row.task == task).count() as u64;
             RowCount { origin, task, rows }
@@ -106,6 +108,7 @@ impl DistinguisherReport {
         let names: Option<Vec<String>> =
             rows.first().map(|row| row.features.iter().map(|(name, _)| name.clone()).collect());
         Self {
+            computed_by: cell.computed_by().to_owned(),
             sequences: plan.sequences,
             seed: plan.seed,
             features: names.unwrap_or_default(),
@@ -223,7 +226,7 @@ pub fn run(plan: &DistinguisherPlan, tell: &ProgressFn<'_>) -> Result<Distinguis
         tell,
     )?;
     let rows: Vec<TaskRow> = found.into_iter().flatten().collect();
-    let report = DistinguisherReport::of(plan, &rows);
+    let report = DistinguisherReport::of(plan, &bench.cell, &rows);
     write_atomically(&plan.out.join("distinguisher.csv"), csv(&report.features, &rows).as_bytes())?;
     write_atomically(&plan.out.join("distinguisher.json"), &serde_json::to_vec_pretty(&report)?)?;
     Ok(report)

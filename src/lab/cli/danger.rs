@@ -171,6 +171,7 @@ mod tests {
             counts,
         };
         let report = DangerReport {
+            computed_by: "7a90".to_owned(),
             profile: ProfileName::Sim,
             chosen_from: 10_000,
             tested_from: 10_100,

@@ -76,6 +76,7 @@ mod tests {
     fn report_has_the_rows_of_each_origin_and_task() {
         let count = |origin, task, rows| RowCount { origin, task, rows };
         let report = DistinguisherReport {
+            computed_by: "7a90".to_owned(),
             sequences: 7,
             seed: 0,
             features: vec!["ticks".to_owned(), "grip_max".to_owned()],
