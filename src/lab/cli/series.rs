@@ -24,8 +24,8 @@ With --out each finished series is a row of series.jsonl at once.
 
 Examples:
   holdpoint-lab experiment series --out series
-  holdpoint-lab experiment series --out series --shard 1/2
-  holdpoint-lab experiment series --rows series/series.jsonl --rows more/series.jsonl
+  holdpoint-lab experiment series --out series-1 --shard 1/2
+  holdpoint-lab experiment series --rows series-1/series.jsonl --rows series-2/series.jsonl
   holdpoint-lab experiment series --series 4 --tweaks 3 --json")]
 pub struct SeriesArgs {
     /// Series, each of one author on one store.
@@ -40,7 +40,7 @@ pub struct SeriesArgs {
     /// The first seed of these episodes: a calibration seed.
     #[arg(long, value_name = "S", default_value_t = CALIBRATION_FROM_RUN, value_parser = clap::value_parser!(u64).range(CALIBRATION_FROM_RUN..=1_000_000))]
     pub seed: u64,
-    /// One shard of the series, counted from 1.
+    /// One shard of the series, counted from 1; each needs a folder of its own.
     #[arg(long, value_name = "I/N", value_parser = shard, default_value = "1/1")]
     pub shard: (usize, usize),
     /// Prints the report of the rows in this file, and runs nothing; can be given several times.

@@ -29,7 +29,7 @@ Examples:
   holdpoint-lab experiment throwers --out throwers
   holdpoint-lab experiment throwers --trigger active-1-in-20 --act press --runs 20 --out throwers
   holdpoint-lab experiment throwers --trigger frame-age --trigger frame-age-hash --profile sim --out throwers --json
-  holdpoint-lab experiment throwers --rows throwers/throwers.jsonl --rows more/throwers.jsonl")]
+  holdpoint-lab experiment throwers --rows throwers-1/throwers.jsonl --rows throwers-2/throwers.jsonl")]
 pub struct ThrowersArgs {
     /// A trigger; can be given several times [default: all].
     #[arg(long = "trigger", value_name = "NAME", value_parser = triggers())]
@@ -52,7 +52,7 @@ pub struct ThrowersArgs {
     /// Versions at once [default: the number of cores].
     #[arg(long, value_name = "J", value_parser = clap::value_parser!(u16).range(1..=i64::from(JOBS_MAX)))]
     pub jobs: Option<u16>,
-    /// One shard of the runs, counted from 1.
+    /// One shard of the runs, counted from 1; each needs a folder of its own.
     #[arg(long, value_name = "I/N", value_parser = shard, default_value = "1/1")]
     pub shard: (usize, usize),
     /// The folder for finished runs and their rows; finished runs in it are not run again.
