@@ -1,5 +1,7 @@
 //! Parts of an approval request in words: what was not tested, the response to a drift, and why it is refused.
 
+use std::borrow::Cow;
+
 use holdpoint_governance::decision::Dimension;
 use holdpoint_governance::profile::MonitorSettings;
 use holdpoint_governance::strictness::Strictness;
@@ -95,17 +97,89 @@ pub fn refusal(of: &QuestionRefusal) -> String {
         QuestionRefusal::AnswerVoid { version, cause } => {
             format!("the decision on {version} counts for nothing: {}", void_cause(*cause))
         }
+        QuestionRefusal::NoReason => "a decision needs a reason that can be read".to_owned(),
+        QuestionRefusal::NotWaiting { version } => format!("nothing waits for a decision on {version}"),
+        QuestionRefusal::Ended { version, until } => {
+            format!("the request about {version} was open until {until}")
+        }
+        QuestionRefusal::SubjectChanged { version } => {
+            format!("the decision on {version} is over something that has changed since")
+        }
+        QuestionRefusal::DisplayChanged { version } => {
+            format!("what people were shown of {version} has changed since; they are asked again")
+        }
+        QuestionRefusal::AnsweredAlready { name, answer, version } => format!(
+            "{name} has answered {} on {version} already; the same answer is not taken twice",
+            answer.name()
+        ),
+        QuestionRefusal::NoName { name } => {
+            format!("{name:?} is not enrolled in this store: it is no name of a person")
+        }
+        QuestionRefusal::NotEnrolled { name, .. } => {
+            format!("{name} is not enrolled in this store, and nothing that they sign counts")
+        }
+        QuestionRefusal::KeyRevoked { name, by } => {
+            format!("the key of {name} was revoked by {by}, and nothing that it signs counts")
+        }
+        QuestionRefusal::KeyUnprotected { name, profile } => {
+            format!("the key of {name} has no passphrase, and the profile {profile} requires one")
+        }
+        QuestionRefusal::AdministratorUnprotected { name, profile: None } => {
+            format!("the key of {name} has no passphrase, although the act says that it was protected")
+        }
+        QuestionRefusal::AdministratorUnprotected { name, profile: Some(profile) } => format!(
+            "the key of {name} has no passphrase; the profile {profile} requires one for enrolling people"
+        ),
+        QuestionRefusal::NotConfirmed { name, profile, enrolled_by, .. } => {
+            let by = enrolled_by.as_deref().unwrap_or("no administrator");
+            format!(
+                "{name} is not confirmed, and {by} enrolled them with an unencrypted key: the profile {profile} \
+                 does not count their approvals"
+            )
+        }
     }
 }
 
 /// The next step after a refusal; absent if there is none.
 #[must_use]
-pub const fn refusal_hint(of: &QuestionRefusal) -> Option<&'static str> {
-    match of {
-        QuestionRefusal::NothingPending { .. } => Some("see `holdpoint status`"),
-        QuestionRefusal::TooManyRequests { .. } => None,
-        QuestionRefusal::AnswerVoid { .. } => Some("look at the question again and decide again"),
-    }
+pub fn refusal_hint(of: &QuestionRefusal) -> Option<Cow<'static, str>> {
+    let hint: Cow<'static, str> = match of {
+        QuestionRefusal::NothingPending { .. } | QuestionRefusal::NotWaiting { .. } => {
+            "see `holdpoint status`".into()
+        }
+        QuestionRefusal::TooManyRequests { .. } | QuestionRefusal::NoReason => return None,
+        QuestionRefusal::AnswerVoid { .. } | QuestionRefusal::DisplayChanged { .. } => {
+            "look at the question again and decide again".into()
+        }
+        QuestionRefusal::Ended { version, .. } => {
+            format!("`holdpoint resume {}` has people asked again", version.family).into()
+        }
+        QuestionRefusal::SubjectChanged { .. } => "read the request again and decide again".into(),
+        QuestionRefusal::AnsweredAlready { .. } => {
+            "`holdpoint status` shows whom it waits for; another answer of the same person is taken".into()
+        }
+        QuestionRefusal::NoName { .. } => "`holdpoint identity list` lists the persons of the store".into(),
+        QuestionRefusal::NotEnrolled { name, administrator } => {
+            format!("`holdpoint identity enroll {name} --by {administrator} --reason TEXT` adds their key").into()
+        }
+        QuestionRefusal::KeyRevoked { .. } => {
+            "an enrolled person must decide; see `holdpoint identity list`".into()
+        }
+        QuestionRefusal::KeyUnprotected { name, .. } => {
+            format!("`holdpoint identity passphrase {name}` sets one; then try again").into()
+        }
+        QuestionRefusal::AdministratorUnprotected { name, .. } => {
+            format!("`holdpoint identity passphrase {name}` sets one and keeps the key").into()
+        }
+        QuestionRefusal::NotConfirmed { name, confirmer: Some(by), .. } => format!(
+            "`holdpoint identity confirm {name} --by {by} --reason TEXT` confirms them, once that key is protected"
+        )
+        .into(),
+        QuestionRefusal::NotConfirmed { confirmer: None, .. } => {
+            "no administrator of this store can confirm them; see the guide on persons and roles".into()
+        }
+    };
+    Some(hint)
 }
 
 const fn void_cause(of: AnswerVoidCause) -> &'static str {
@@ -123,9 +197,11 @@ const fn void_cause(of: AnswerVoidCause) -> &'static str {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use holdpoint_governance::approval::ApprovalDecision;
     use holdpoint_governance::condition::Condition;
     use holdpoint_governance::evidence::DrillKind;
     use holdpoint_governance::profile::{Profile, ProfileName};
+    use holdpoint_governance::wall_time::WallTime;
     use holdpoint_protocol::snapshot::RequestKind;
 
     #[test]
@@ -212,7 +288,7 @@ mod tests {
         let version = || "grasp@1.1.0".parse().unwrap();
         let pending = QuestionRefusal::NothingPending { purpose: RequestKind::Review, version: version() };
         assert_eq!(refusal(&pending), "nothing waits for a decision on the review of grasp@1.1.0");
-        assert_eq!(refusal_hint(&pending), Some("see `holdpoint status`"));
+        assert_eq!(refusal_hint(&pending).as_deref(), Some("see `holdpoint status`"));
         let full = QuestionRefusal::TooManyRequests { max: 4096 };
         assert_eq!(refusal(&full), "4096 requests for open questions are remembered already");
         assert_eq!(refusal_hint(&full), None);
@@ -227,7 +303,94 @@ mod tests {
         ] {
             let of = QuestionRefusal::AnswerVoid { version: version(), cause };
             assert_eq!(refusal(&of), format!("the decision on grasp@1.1.0 counts for nothing: {text}"));
-            assert_eq!(refusal_hint(&of), Some("look at the question again and decide again"));
+            assert_eq!(refusal_hint(&of).as_deref(), Some("look at the question again and decide again"));
+        }
+    }
+
+    #[test]
+    fn a_refused_signature_has_its_sentence_and_its_next_step() {
+        use QuestionRefusal as Q;
+        let version = || "grasp@1.1.0".parse().unwrap();
+        let (ann, ada) = (|| "ann".to_owned(), || "ada".to_owned());
+        let until = WallTime::from_ms(0);
+        let (answer, profile) = (ApprovalDecision::Approve, ProfileName::Human);
+        let unconfirmed =
+            |enrolled_by, confirmer| Q::NotConfirmed { name: ann(), profile, enrolled_by, confirmer };
+        for (of, text, hint) in [
+            (Q::NoReason, "a decision needs a reason that can be read", None),
+            (
+                Q::NotWaiting { version: version() },
+                "nothing waits for a decision on grasp@1.1.0",
+                Some("see `holdpoint status`"),
+            ),
+            (
+                Q::Ended { version: version(), until },
+                "the request about grasp@1.1.0 was open until 1970-01-01T00:00:00Z",
+                Some("`holdpoint resume grasp` has people asked again"),
+            ),
+            (
+                Q::SubjectChanged { version: version() },
+                "the decision on grasp@1.1.0 is over something that has changed since",
+                Some("read the request again and decide again"),
+            ),
+            (
+                Q::DisplayChanged { version: version() },
+                "what people were shown of grasp@1.1.0 has changed since; they are asked again",
+                Some("look at the question again and decide again"),
+            ),
+            (
+                Q::AnsweredAlready { name: ann(), answer, version: version() },
+                "ann has answered approve on grasp@1.1.0 already; the same answer is not taken twice",
+                Some(
+                    "`holdpoint status` shows whom it waits for; another answer of the same person is taken",
+                ),
+            ),
+            (
+                Q::NoName { name: "x --by y".to_owned() },
+                "\"x --by y\" is not enrolled in this store: it is no name of a person",
+                Some("`holdpoint identity list` lists the persons of the store"),
+            ),
+            (
+                Q::NotEnrolled { name: ann(), administrator: ada() },
+                "ann is not enrolled in this store, and nothing that they sign counts",
+                Some("`holdpoint identity enroll ann --by ada --reason TEXT` adds their key"),
+            ),
+            (
+                Q::KeyRevoked { name: ann(), by: ada() },
+                "the key of ann was revoked by ada, and nothing that it signs counts",
+                Some("an enrolled person must decide; see `holdpoint identity list`"),
+            ),
+            (
+                Q::KeyUnprotected { name: ann(), profile },
+                "the key of ann has no passphrase, and the profile human requires one",
+                Some("`holdpoint identity passphrase ann` sets one; then try again"),
+            ),
+            (
+                Q::AdministratorUnprotected { name: ada(), profile: Some(profile) },
+                "the key of ada has no passphrase; the profile human requires one for enrolling people",
+                Some("`holdpoint identity passphrase ada` sets one and keeps the key"),
+            ),
+            (
+                Q::AdministratorUnprotected { name: ada(), profile: None },
+                "the key of ada has no passphrase, although the act says that it was protected",
+                Some("`holdpoint identity passphrase ada` sets one and keeps the key"),
+            ),
+            (
+                unconfirmed(Some(ada()), Some("otto".to_owned())),
+                "ann is not confirmed, and ada enrolled them with an unencrypted key: the profile human does not count \
+                 their approvals",
+                Some(
+                    "`holdpoint identity confirm ann --by otto --reason TEXT` confirms them, once that key is protected",
+                ),
+            ),
+            (
+                unconfirmed(None, None),
+                "ann is not confirmed, and no administrator enrolled them with an unencrypted key: the profile human \
+                 does not count their approvals",
+                Some("no administrator of this store can confirm them; see the guide on persons and roles"),
+            ),
+        ] {
+            assert_eq!((refusal(&of).as_str(), refusal_hint(&of).as_deref()), (text, hint));
         }
     }
 }

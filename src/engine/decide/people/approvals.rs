@@ -17,7 +17,8 @@ use holdpoint_governance::notice::Notice;
 use holdpoint_governance::profile::{ClassRisk, ProfileName};
 use holdpoint_governance::submission::{Provenance, Risk};
 use holdpoint_governance::wall_time::WallTime;
-use holdpoint_protocol::command::{Operation, Refusal, Reply};
+use holdpoint_protocol::approval_document::QuestionRefusal;
+use holdpoint_protocol::command::{Operation, Reply};
 use holdpoint_protocol::event::EventKind;
 use holdpoint_protocol::snapshot::{ApprovalRequestView, RequestKind};
 use holdpoint_store::{ApprovalRequest, Change, RequestState};
@@ -36,7 +37,7 @@ pub use approval_request::PendingApproval;
 pub(super) use approval_request::{RecordedAnswer, new_row, vote};
 
 use super::request_display::{self, IssuedRequests, RequestSources};
-use super::signers::check_signer;
+use super::signers::{check_signer, refused};
 
 #[derive(Default)]
 pub struct Approvals {
@@ -239,35 +240,26 @@ impl Approvals {
     ) -> Result<Result<ApprovalResult, Reply>, EngineFault> {
         let approval = signed.approval().clone();
         let id = approval.version.clone();
-        let refuse = |code, text: String, hint: Option<&str>| {
-            Ok(Err(Reply::Refused { code, text, hint: hint.map(ToOwned::to_owned) }))
-        };
+        let refuse = |why: QuestionRefusal| Ok(Err(refused(&why)));
         if let Err(refused) = check_signer(context, record, &signed) {
             return Ok(Err(refused));
         }
+        let version = id.clone();
         let Some(request) = self.pending.get(&id) else {
-            let text = format!("nothing waits for a decision on {id}");
-            return refuse(Refusal::NotFound, text, Some("see `holdpoint status`"));
+            return refuse(QuestionRefusal::NotWaiting { version });
         };
         let now = record.wall_now();
         // A refusal is never too late, and a review stays open past its time.
         let is_late = now >= request.row.until && request.kind != RequestKind::Review;
         if is_late && approval.decision == ApprovalDecision::Approve {
-            let text = format!("the request about {id} was open until {}", request.row.until);
-            let hint = format!("`holdpoint resume {}` has people asked again", id.family);
-            return refuse(Refusal::NotNow, text, Some(hint.as_str()));
+            return refuse(QuestionRefusal::Ended { version, until: request.row.until });
         }
         if vote(context, request.kind, &signed).subject != request.quorum.subject {
-            let text = format!("the decision on {id} is over something that has changed since");
-            return refuse(Refusal::Stale, text, Some("read the request again and decide again"));
+            return refuse(QuestionRefusal::SubjectChanged { version });
         }
         if request.has_answered(&approval.who, approval.decision, now) {
-            let (who, answer) = (&approval.who, approval.decision.name());
-            let text =
-                format!("{who} has answered {answer} on {id} already; the same answer is not taken twice");
-            let hint =
-                "`holdpoint status` shows whom it waits for; another answer of the same person is taken";
-            return refuse(Refusal::NotAllowed, text, Some(hint));
+            let (name, answer) = (approval.who, approval.decision);
+            return refuse(QuestionRefusal::AnsweredAlready { name, answer, version });
         }
         let from = RequestSources { context, record, evidence_files };
         let shown = match self.displayed_text(from, request, &approval)? {

@@ -2,12 +2,14 @@
 
 use holdpoint_approvals::keyfile::Protection;
 use holdpoint_approvals::{Identity, PersonAct, PersonActKind, PersonDirectory, SignedPersonAct};
+use holdpoint_protocol::approval_document::QuestionRefusal;
 use holdpoint_protocol::command::{Refusal, Reply};
 use holdpoint_store::Change;
-use holdpoint_text::{Hint, is_visible};
+use holdpoint_text::is_visible;
 use holdpoint_wording::command_effect::{EngineEffect, engine_effect};
 
 use super::approvals::Approvals;
+use super::signers::refused;
 use crate::decide::recorder::EngineRecorder;
 use crate::fault::EngineFault;
 use holdpoint_record::REASON_BYTES_MAX;
@@ -77,51 +79,31 @@ fn unprotected(context: &Context, record: &EngineRecorder, act: &PersonAct) -> O
     let name = &act.by;
     match Identity::protection(&folder, name) {
         Ok(Protection::Passphrase | Protection::Elsewhere) => None,
-        Ok(Protection::None) => Some(Reply::Refused {
-            code: Refusal::NotAllowed,
-            text: if act.guarded {
-                format!("the key of {name} has no passphrase, although the act says that it was protected")
-            } else {
-                let profile = context.profile.name.name();
-                format!(
-                    "the key of {name} has no passphrase; the profile {profile} requires one for enrolling people"
-                )
-            },
-            hint: Some(format!("`holdpoint identity passphrase {name}` sets one and keeps the key")),
-        }),
-        Err(error) => Some(Reply::Refused {
-            code: Refusal::NotAllowed,
-            text: error.to_string(),
-            hint: error.hint().map(std::borrow::Cow::into_owned),
-        }),
+        Ok(Protection::None) => {
+            let profile = (!act.guarded).then_some(context.profile.name);
+            let name = name.clone();
+            Some(refused(&QuestionRefusal::AdministratorUnprotected { name, profile }))
+        }
+        Err(error) => Some(Reply::refused(Refusal::NotAllowed, &error)),
     }
 }
 
-/// A refusal if a person is unverified where people decide: an unencrypted key enrolled them. Applies to no decision
+/// The cause if a person is unverified where people decide: an unencrypted key enrolled them. Applies to no decision
 /// in a script.
-pub(crate) fn unconfirmed(context: &Context, persons: &PersonDirectory, name: &str) -> Option<Reply> {
-    let confirmed = |person: &holdpoint_approvals::Person| person.confirmed_by.is_some();
-    if !context.may_need_approval() || persons.named(name).is_some_and(confirmed) {
+pub(crate) fn unconfirmed(
+    context: &Context,
+    persons: &PersonDirectory,
+    name: &str,
+) -> Option<QuestionRefusal> {
+    let person = persons.named(name);
+    if !context.may_need_approval() || person.is_some_and(|person| person.confirmed_by.is_some()) {
         return None;
     }
-    let profile = context.profile.name.name();
-    let by = persons.named(name).map_or("no administrator", |person| person.enrolled_by.as_str());
-    let hint = match persons.confirmer() {
-        Some(admin) => format!(
-            "`holdpoint identity confirm {name} --by {} --reason TEXT` confirms them, once that key is protected",
-            admin.name
-        ),
-        None => {
-            "no administrator of this store can confirm them; see the guide on persons and roles".to_owned()
-        }
-    };
-    Some(Reply::Refused {
-        code: Refusal::NotAllowed,
-        text: format!(
-            "{name} is not confirmed, and {by} enrolled them with an unencrypted key: the profile {profile} \
-             does not count their approvals"
-        ),
-        hint: Some(hint),
+    Some(QuestionRefusal::NotConfirmed {
+        name: name.to_owned(),
+        profile: context.profile.name,
+        enrolled_by: person.map(|person| person.enrolled_by.clone()),
+        confirmer: persons.confirmer().map(|admin| admin.name.clone()),
     })
 }
 

@@ -21,7 +21,7 @@ use holdpoint_protocol::approval_document::{
     AnswerVoidCause, ApprovalDocument, ApprovalFacts, ComponentFacts, CoverageFacts, DriftResponse,
     EarlierSignature, PairsFacts, QuestionRefusal, RequestedSigner, ShadowFacts, SignatureEffect,
 };
-use holdpoint_protocol::command::{Refusal, Reply};
+use holdpoint_protocol::command::Reply;
 use holdpoint_protocol::event::DimensionResult;
 use holdpoint_protocol::snapshot::RequestKind;
 use holdpoint_record::untested::untested;
@@ -29,11 +29,11 @@ use holdpoint_runtime::capability::Capability;
 use holdpoint_store::AuditBody;
 use holdpoint_text::hex::hex;
 use holdpoint_wording::approval::{RENDERER_VERSION, render};
-use holdpoint_wording::request::{refusal, refusal_hint, stricter_levels};
+use holdpoint_wording::request::stricter_levels;
 
 use super::approvals::{Approvals, PendingApproval, RecordedAnswer, vote};
 use super::break_glass_approvals;
-use super::signers::person;
+use super::signers::{person, refused};
 use crate::decide::recorder::EngineRecorder;
 use crate::fault::EngineFault;
 use holdpoint_record::context::Context;
@@ -148,7 +148,7 @@ impl Approvals {
         let pending = self.of(id).filter(|pending| pending.kind == purpose);
         let Some(pending) = emergency.as_ref().or(pending) else {
             let why = QuestionRefusal::NothingPending { purpose, version: id.clone() };
-            return Ok(refused(Refusal::NotFound, &why));
+            return Ok(refused(&why));
         };
         let reader = RequestReader {
             asked: Some((&who.name, who.role)),
@@ -161,7 +161,7 @@ impl Approvals {
         let question = pending.row.id.clone();
         let Some(request) = self.requests.nonce(record, &question, &who.name)? else {
             let why = QuestionRefusal::TooManyRequests { max: REQUESTS_MAX };
-            return Ok(refused(Refusal::NotNow, &why));
+            return Ok(refused(&why));
         };
         let question = ApprovalDocument {
             lines,
@@ -186,7 +186,7 @@ impl Approvals {
         let RequestSources { context, record, .. } = from;
         let stale = |cause| {
             let why = QuestionRefusal::AnswerVoid { version: approval.version.clone(), cause };
-            Ok(Err(refused(Refusal::Stale, &why)))
+            Ok(Err(refused(&why)))
         };
         let Some(binding) = &approval.shown else {
             return match approval.decision {
@@ -229,10 +229,6 @@ impl Approvals {
         }
         Ok(false)
     }
-}
-
-fn refused(code: Refusal, why: &QuestionRefusal) -> Reply {
-    Reply::Refused { code, text: refusal(why), hint: refusal_hint(why).map(str::to_owned) }
 }
 
 /// Until when an answer that is given now counts.

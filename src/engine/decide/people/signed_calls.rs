@@ -12,7 +12,7 @@ use holdpoint_protocol::command::{AuthorityEffect, Command, Refusal, Reply, Requ
 use holdpoint_protocol::snapshot::SigningView;
 
 use super::persons::unconfirmed;
-use super::signers::{person, protected};
+use super::signers::{person, protected, refused};
 use crate::decide::recorder::EngineRecorder;
 use crate::fault::EngineFault;
 use holdpoint_record::context::Context;
@@ -150,8 +150,8 @@ impl SignedCalls {
         }
         if context.needs_approval() {
             protected(context, record, name)?;
-            if let Some(refused) = unconfirmed(context, &persons, name) {
-                return Err(refused);
+            if let Some(why) = unconfirmed(context, &persons, name) {
+                return Err(refused(&why));
             }
         }
         Ok(Signer { name: name.clone(), role: identity.role, seal: Box::new(seal.clone()) })

@@ -1,12 +1,16 @@
 //! Checks the signer of a decision and their authority.
 
+use std::borrow::Cow;
+
 use holdpoint_approvals::keyfile::Protection;
 use holdpoint_approvals::{Identity, IdentityInfo, PersonDirectory, PersonState, SignedApproval};
 use holdpoint_governance::approval::ApprovalDecision;
 use holdpoint_governance::ids::{CapabilityId, is_name};
+use holdpoint_protocol::approval_document::QuestionRefusal;
 use holdpoint_protocol::command::{Refusal, Reply};
 use holdpoint_store::FIRST_ADMINISTRATOR;
 use holdpoint_text::is_visible;
+use holdpoint_wording::request::{refusal, refusal_hint};
 
 use super::persons::unconfirmed;
 use crate::decide::recorder::EngineRecorder;
@@ -20,8 +24,7 @@ pub(crate) fn check_signer(
     signed: &SignedApproval,
 ) -> Result<(), Reply> {
     if !is_visible(&signed.approval().reason) {
-        let text = "a decision needs a reason that can be read".to_owned();
-        return Err(Reply::Refused { code: Refusal::BadInput, text, hint: None });
+        return Err(refused(&QuestionRefusal::NoReason));
     }
     let persons = match record.version_table().store().persons() {
         Ok(persons) => persons,
@@ -32,8 +35,8 @@ pub(crate) fn check_signer(
     let approves = signed.approval().decision == ApprovalDecision::Approve;
     if approves && context.may_need_approval() && !record.clock().is_scripted() {
         protected(context, record, &identity.name)?;
-        if let Some(refused) = unconfirmed(context, &persons, &identity.name) {
-            return Err(refused);
+        if let Some(why) = unconfirmed(context, &persons, &identity.name) {
+            return Err(refused(&why));
         }
     }
     Ok(())
@@ -44,10 +47,8 @@ pub(super) fn protected(context: &Context, record: &EngineRecorder, name: &str) 
     match Identity::protection(&record.version_table().store().layout().identities(), name) {
         Ok(Protection::Passphrase | Protection::Elsewhere) => Ok(()),
         Ok(Protection::None) => {
-            let profile = context.profile.name.name();
-            let text = format!("the key of {name} has no passphrase, and the profile {profile} requires one");
-            let hint = format!("`holdpoint identity passphrase {name}` sets one; then try again");
-            Err(Reply::Refused { code: Refusal::NotAllowed, text, hint: Some(hint) })
+            let (name, profile) = (name.to_owned(), context.profile.name);
+            Err(refused(&QuestionRefusal::KeyUnprotected { name, profile }))
         }
         Err(error) => Err(Reply::refused(Refusal::NotAllowed, &error)),
     }
@@ -55,31 +56,27 @@ pub(super) fn protected(context: &Context, record: &EngineRecorder, name: &str) 
 
 /// An enrolled person, by name; answers of others do not count.
 pub(super) fn person(persons: &PersonDirectory, name: &str) -> Result<IdentityInfo, Reply> {
-    let refuse = |text: String, hint: String| {
-        Err(Reply::Refused { code: Refusal::NotAllowed, text, hint: Some(hint) })
-    };
-    match persons.named(name) {
-        Some(person) if person.state == PersonState::Enrolled => Ok(person.info()),
+    let name = name.to_owned();
+    let why = match persons.named(&name) {
+        Some(person) if person.state == PersonState::Enrolled => return Ok(person.info()),
         Some(person) => {
-            let by = person.revoked_by.as_deref().unwrap_or_default();
-            let text = format!("the key of {name} was revoked by {by}, and nothing that it signs counts");
-            refuse(text, "an enrolled person must decide; see `holdpoint identity list`".to_owned())
+            let by = person.revoked_by.clone().unwrap_or_default();
+            QuestionRefusal::KeyRevoked { name, by }
         }
         // No person can have it, and a command with it in a hint could do something else.
-        None if !is_name(name) => {
-            let text = format!("{name:?} is not enrolled in this store: it is no name of a person");
-            refuse(text, "`holdpoint identity list` lists the persons of the store".to_owned())
-        }
+        None if !is_name(&name) => QuestionRefusal::NoName { name },
         None => {
-            let admin =
-                persons.administrators().next().map_or(FIRST_ADMINISTRATOR, |admin| admin.name.as_str());
-            let text = format!("{name} is not enrolled in this store, and nothing that they sign counts");
-            refuse(
-                text,
-                format!("`holdpoint identity enroll {name} --by {admin} --reason TEXT` adds their key"),
-            )
+            let admin = persons.administrators().next().map(|admin| admin.name.as_str());
+            let administrator = admin.unwrap_or(FIRST_ADMINISTRATOR).to_owned();
+            QuestionRefusal::NotEnrolled { name, administrator }
         }
-    }
+    };
+    Err(refused(&why))
+}
+
+/// The reply to what is refused for this cause.
+pub(crate) fn refused(why: &QuestionRefusal) -> Reply {
+    Reply::Refused { code: why.class(), text: refusal(why), hint: refusal_hint(why).map(Cow::into_owned) }
 }
 
 /// The version that takes over if this active one leaves.

@@ -6,6 +6,7 @@ use super::Pipeline;
 use crate::decide::operations::{self, LastVersion, accepted, checked};
 use crate::decide::people::request_display::RequestSources;
 use crate::decide::people::signed_calls::{self, Signer};
+use crate::decide::people::signers::refused;
 use crate::decide::people::{monitor_questions, persons};
 use crate::decide::stages::closing::close_rejected;
 use crate::decide::stages::{break_glass, monitoring, release};
@@ -22,6 +23,7 @@ use holdpoint_governance::lifecycle::{DeactivationKind, LifecycleEvent, Stage, S
 use holdpoint_governance::notice::{Notice, OperatorAct};
 use holdpoint_governance::profile::ProfileName;
 use holdpoint_governance::record::RecordKind;
+use holdpoint_protocol::approval_document::QuestionRefusal;
 use holdpoint_protocol::command::{Caller, Command, Operation, Refusal, Reply, Request};
 use holdpoint_protocol::snapshot::RequestKind;
 use holdpoint_record::context::Context;
@@ -350,11 +352,7 @@ impl Pipeline {
         let id = signed.approval().version.clone();
         // A refusal is not kept out by what others answered.
         if signed.approval().decision == ApprovalDecision::Approve && self.activation().void_outdated(&id)? {
-            return Ok(Reply::Refused {
-                code: Refusal::Stale,
-                text: format!("what people were shown of {id} has changed since; they are asked again"),
-                hint: Some("look at the question again and decide again".to_owned()),
-            });
+            return Ok(refused(&QuestionRefusal::DisplayChanged { version: id }));
         }
         let Self { context, record, evidence_files, .. } = self;
         let result = match self.approvals.vote(context, record, evidence_files, signed)? {

@@ -4,7 +4,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use holdpoint_approvals::keyfile::KeyEncoding;
-use holdpoint_approvals::{Approval, KdfCost, Nonce, Passphrase, SignedPersonAct};
+use holdpoint_approvals::{Approval, KdfCost, Nonce, Passphrase, PersonError, SignedPersonAct};
 use holdpoint_governance::approval::Role;
 use holdpoint_governance::decision::ReasonCode;
 use holdpoint_governance::finding::Finding;
@@ -26,10 +26,19 @@ use crate::decide::stages::activation::tests::{package, request_activation};
 use crate::decide::stages::rollback::tests::RollbackBench;
 use crate::quick_folder::quick_folder;
 
-/// What the engine states of an answer to the request about `align@1.1.0` that it does not count.
-fn void(cause: AnswerVoidCause) -> String {
-    let version = "align@1.1.0".parse().unwrap();
-    holdpoint_wording::request::refusal(&QuestionRefusal::AnswerVoid { version, cause })
+/// An answer to the request about `align@1.1.0` that the engine does not count.
+fn void(cause: AnswerVoidCause) -> QuestionRefusal {
+    QuestionRefusal::AnswerVoid { version: "align@1.1.0".parse().unwrap(), cause }
+}
+
+fn not_enrolled(name: &str) -> QuestionRefusal {
+    QuestionRefusal::NotEnrolled { name: name.to_owned(), administrator: "admin".to_owned() }
+}
+
+/// `ann` has approved it already.
+fn approved_already() -> QuestionRefusal {
+    let (name, version) = ("ann".to_owned(), "align@1.1.0".parse().unwrap());
+    QuestionRefusal::AnsweredAlready { name, answer: ApprovalDecision::Approve, version }
 }
 
 /// A candidate waits for people under a profile, and the clock is a script's or the machine's.
@@ -127,7 +136,18 @@ fn approve(bench: &mut RollbackBench, who: &Identity) -> Reply {
 }
 
 #[track_caller]
-fn assert_refused(reply: &Reply, parts: &[&str]) {
+fn assert_refused(reply: &Reply, why: &QuestionRefusal) {
+    assert_eq!(*reply, refused(why));
+}
+
+#[track_caller]
+fn assert_act_refused(reply: &Reply, why: &PersonError) {
+    assert_eq!(*reply, Reply::refused(Refusal::NotAllowed, why));
+}
+
+/// The refusal of the store or of a key file has these parts.
+#[track_caller]
+fn assert_names(reply: &Reply, parts: &[&str]) {
     let Reply::Refused { text, hint, .. } = reply else { panic!("{reply:?}") };
     let all = format!("{text}; {}", hint.as_deref().unwrap_or_default());
     for part in parts {
@@ -141,10 +161,8 @@ fn an_unprotected_key_approves_nothing_where_people_decide() {
     let (mut bench, folder) = waiting(ProfileName::Human, false);
     let ann = plain(&mut bench, "ann");
     let reply = approve(&mut bench, &ann);
-    assert_refused(
-        &reply,
-        &["the key of ann has no passphrase", "`holdpoint identity passphrase ann` sets one"],
-    );
+    let (name, profile) = ("ann".to_owned(), ProfileName::Human);
+    assert_refused(&reply, &QuestionRefusal::KeyUnprotected { name, profile });
     assert!(bench.pipeline.snapshot().prompts[0].approved_by.is_empty());
     // The person sets a passphrase, as the refusal advises.
     ann.rewrite_key(&folder, KeyEncoding::Sealed(&passphrase(), KdfCost::LEAST)).unwrap();
@@ -156,9 +174,8 @@ fn a_text_that_is_no_name_is_in_no_command() {
     let bench = RollbackBench::new();
     let persons = bench.pipeline.record().version_table().store().persons().unwrap();
     for name in ["../../x", "x --by y; rm -rf .", ""] {
-        let refused = person(&persons, name).unwrap_err();
-        assert_refused(&refused, &[&format!("{name:?} is not enrolled"), "`holdpoint identity list`"]);
-        assert!(matches!(&refused, Reply::Refused { hint: Some(hint), .. } if !hint.contains("enroll ")));
+        let reply = person(&persons, name).unwrap_err();
+        assert_refused(&reply, &QuestionRefusal::NoName { name: name.to_owned() });
     }
 }
 
@@ -169,10 +186,10 @@ fn readable_or_malformed_key_file_approves_nothing() {
     let ann = protected(&mut bench, "ann");
     let file = folder.join("ann.key");
     fs::set_permissions(&file, fs::Permissions::from_mode(0o640)).unwrap();
-    assert_refused(&approve(&mut bench, &ann), &["mode 0640", "chmod 600"]);
+    assert_names(&approve(&mut bench, &ann), &["0640", "chmod 600"]);
     fs::set_permissions(&file, fs::Permissions::from_mode(0o600)).unwrap();
     fs::write(&file, "holdpoint-key 1\n").unwrap();
-    assert_refused(&approve(&mut bench, &ann), &["ann.key", "kdf"]);
+    assert_names(&approve(&mut bench, &ann), &["ann.key", "kdf"]);
     // A key outside the store is accepted: its protection is unknown.
     fs::remove_file(&file).unwrap();
     done(&approve(&mut bench, &ann));
@@ -193,7 +210,7 @@ fn approval_needs_the_shown_request_and_a_rejection_does_not() {
         let approval = Approval { shown: None, ..signed.approval().clone() };
         let without = ann.sign(approval).unwrap();
         let reply = bench.pipeline.command(Command::Decide { signed: Box::new(without) });
-        assert_refused(&reply, &[&void(AnswerVoidCause::NotDisplayed)]);
+        assert_refused(&reply, &void(AnswerVoidCause::NotDisplayed));
         done(&bench.pipeline.command(open.refuse(&ann, "not today").unwrap()));
     }
 }
@@ -227,12 +244,11 @@ fn an_answer_over_another_request_is_refused() {
         edit(&mut altered, &of_ben);
         assert_ne!(altered, whole, "{name}");
         let reply = bench.pipeline.command(altered.answer(&ann, ApprovalDecision::Approve, "read").unwrap());
-        assert_refused(&reply, &[&void(cause)]);
-        assert!(matches!(reply, Reply::Refused { code: Refusal::Stale, .. }), "{name}: {reply:?}");
+        assert_refused(&reply, &void(cause));
     }
     // A request names its reader, so it takes no answer of another person.
     let reply = bench.pipeline.command(of_ben.answer(&ann, ApprovalDecision::Approve, "read").unwrap());
-    assert_refused(&reply, &[&void(AnswerVoidCause::RequestClosed)]);
+    assert_refused(&reply, &void(AnswerVoidCause::RequestClosed));
     assert!(bench.pipeline.snapshot().prompts[0].approved_by.is_empty());
     // An unaltered answer is accepted, once.
     let command = whole.answer(&ann, ApprovalDecision::Approve, "read").unwrap();
@@ -250,7 +266,7 @@ fn answers_given_before_the_request_changed_do_not_count() {
     let id = bench.pipeline.snapshot().prompts[0].version.clone();
     bench.pipeline.live().evidence_files.edit(&id).conditions.clear();
     let reply = approve(&mut bench, &ben);
-    assert_refused(&reply, &["what people were shown of align@1.1.0 has changed since"]);
+    assert_refused(&reply, &QuestionRefusal::DisplayChanged { version: id });
     assert!(bench.pipeline.snapshot().prompts.iter().all(|open| open.approved_by.is_empty()));
 }
 
@@ -267,7 +283,7 @@ fn the_second_signers_request_names_the_first() {
     let early = question(&mut bench.pipeline, &open, "ben").unwrap();
     done(&bench.pipeline.command(of_ann.answer(&ann, ApprovalDecision::Approve, "drills read").unwrap()));
     let reply = bench.pipeline.command(early.answer(&ben, ApprovalDecision::Approve, "read").unwrap());
-    assert_refused(&reply, &[&void(AnswerVoidCause::OtherFacts)]);
+    assert_refused(&reply, &void(AnswerVoidCause::OtherFacts));
     let of_ben = question(&mut bench.pipeline, &open, "ben").unwrap();
     assert_eq!(facts(&of_ben).effect, Some(SignatureEffect::Completes));
     let before = facts(&of_ben).signed_before;
@@ -292,7 +308,7 @@ fn an_answer_without_a_reason_is_refused() {
             let open = bench.pipeline.snapshot().prompts.remove(0);
             let shown = question(&mut bench.pipeline, &open, "ann").unwrap();
             let command = shown.answer(&ann, answer, reason).unwrap();
-            assert_refused(&bench.pipeline.command(command), &["needs a reason"]);
+            assert_refused(&bench.pipeline.command(command), &QuestionRefusal::NoReason);
         }
     }
 }
@@ -325,7 +341,7 @@ fn the_authors_key_under_another_name_approves_nothing() {
         let author = author_label.split(' ').next().unwrap().to_owned();
         let themselves = protected(&mut bench, &author);
         let alias = copied(&folder, &author, "alias");
-        assert_refused(&approve(&mut bench, &alias), &["alias is not enrolled", "identity enroll alias"]);
+        assert_refused(&approve(&mut bench, &alias), &not_enrolled("alias"));
         // Nor does an administrator make two persons of one key.
         let admin = administrator(&bench, &folder);
         if !scripted {
@@ -333,7 +349,8 @@ fn the_authors_key_under_another_name_approves_nothing() {
         }
         let reply =
             act(&mut bench, |persons| persons.enrolment(alias.info(), false, &admin, "a test").unwrap());
-        assert_refused(&reply, &["one key is one person", &author]);
+        let (name, state) = ("alias".to_owned(), PersonState::Enrolled);
+        assert_act_refused(&reply, &PersonError::KeyTaken { name, other: author, state });
         // Under the own name it is put down, and does not count.
         done(&approve(&mut bench, &themselves));
         assert_eq!(bench.pipeline.snapshot().prompts.len(), 1, "it waits for another person");
@@ -360,8 +377,8 @@ fn two_names_with_one_key_count_once() {
     let ann = protected(&mut bench, "ann");
     let zoe = copied(&folder, "ann", "zoe");
     done(&approve(&mut bench, &ann));
-    assert_refused(&approve(&mut bench, &zoe), &["zoe is not enrolled"]);
-    assert_refused(&approve(&mut bench, &ann), &["ann has answered approve"]);
+    assert_refused(&approve(&mut bench, &zoe), &not_enrolled("zoe"));
+    assert_refused(&approve(&mut bench, &ann), &approved_already());
     assert_eq!(bench.pipeline.snapshot().prompts.len(), 1, "it still waits for a second person");
     let ben = protected(&mut bench, "ben");
     done(&approve(&mut bench, &ben));
@@ -384,10 +401,7 @@ fn repeated_answer_is_refused_and_a_different_one_is_accepted() {
     let (first, records, _) = answer(ApprovalDecision::Approve);
     done(&first);
     let (second, after, prompts) = answer(ApprovalDecision::Approve);
-    assert_refused(
-        &second,
-        &["ann has answered approve on align@1.1.0 already", "the same answer is not taken twice"],
-    );
+    assert_refused(&second, &approved_already());
     assert_eq!(after, records, "nothing more is put on record");
     assert_eq!(prompts[0].approved_by, ["ann"]);
     // Who thinks better of it is heard.
@@ -408,7 +422,7 @@ fn expired_answer_can_be_given_again() {
     let later_ms = bench.pipeline.record().engine_ms_at(request.asked.plus_ms(3_000));
     bench.pipeline.jump_to(later_ms);
     done(&approve(&mut bench, &ann));
-    assert_refused(&approve(&mut bench, &ann), &["ann has answered approve"]);
+    assert_refused(&approve(&mut bench, &ann), &approved_already());
 }
 
 /// An approval that is given and not used yet counts no more when its key is revoked, and a later one is refused.
@@ -424,9 +438,10 @@ fn approvals_of_a_revoked_key_do_not_count() {
     let revoked = engine_effect(&EngineEffect::Revoked { name: "ann", by: "admin", discarded: 1 });
     assert!(matches!(&reply, Reply::Accepted { text, .. } if *text == revoked), "{reply:?}");
     assert!(bench.pipeline.snapshot().prompts[0].approved_by.is_empty());
-    assert_refused(&approve(&mut bench, &ann), &["the key of ann was revoked by admin"]);
+    let why = QuestionRefusal::KeyRevoked { name: "ann".to_owned(), by: "admin".to_owned() };
+    assert_refused(&approve(&mut bench, &ann), &why);
     // Also what was signed before and is handed in now.
-    assert_refused(&bench.pipeline.command(early), &["the key of ann was revoked by admin"]);
+    assert_refused(&bench.pipeline.command(early), &why);
     done(&approve(&mut bench, &ben));
     assert_eq!(bench.pipeline.snapshot().prompts.len(), 1, "one of two");
     done(&approve(&mut bench, &cleo));
@@ -485,7 +500,8 @@ fn public_key_files_decide_nothing() {
     let public = |who: &Identity| format!("{} safety\n", hex(who.info().public_key.as_bytes()));
     // Swapped: another key claims the name.
     fs::write(folder.join("ann.pub"), public(&eve)).unwrap();
-    assert_refused(&approve(&mut bench, &eve), &["another key"]);
+    let another_key = holdpoint_approvals::ApprovalError::Key("ann".to_owned()).to_string();
+    assert_names(&approve(&mut bench, &eve), &[&another_key]);
     // Removed: the person decides as before.
     fs::remove_file(folder.join("ann.pub")).unwrap();
     done(&approve(&mut bench, &ann));
@@ -500,7 +516,8 @@ fn first_administrator_with_an_unencrypted_key_enrolls_no_one_where_people_decid
     let ben = Identity::create(&folder, "ben", Role::Safety).unwrap();
     let enrol = |persons: &PersonDirectory| persons.enrolment(ben.info(), true, &admin, "a test").unwrap();
     let reply = act(&mut bench, enrol);
-    assert_refused(&reply, &["the key of admin has no passphrase", "`holdpoint identity passphrase admin`"]);
+    let (name, profile) = ("admin".to_owned(), Some(ProfileName::Human));
+    assert_refused(&reply, &QuestionRefusal::AdministratorUnprotected { name, profile });
     admin.rewrite_key(&folder, KeyEncoding::Sealed(&passphrase(), KdfCost::LEAST)).unwrap();
     done(&act(&mut bench, enrol));
 }
@@ -516,14 +533,17 @@ fn only_administrators_enroll() {
     let (mut bench, folder) = waiting(ProfileName::Human, true);
     let ann = protected(&mut bench, "ann");
     let ben = Identity::create(&folder, "ben", Role::Safety).unwrap();
-    assert_refused(&act(&mut bench, by(&ben, &ann)), &["only an administrator"]);
+    let why = PersonError::NoAdministrator { name: "ann".to_owned(), role: Role::Safety };
+    assert_act_refused(&act(&mut bench, by(&ben, &ann)), &why);
     let admin = administrator(&bench, &folder);
-    assert_refused(&revoke(&mut bench, &folder, "admin"), &["last administrator"]);
+    let why = PersonError::LastAdministrator("admin".to_owned());
+    assert_act_refused(&revoke(&mut bench, &folder, "admin"), &why);
     let second = enrolled(bench.pipeline.live().record, "second", Role::Admin, KeyEncoding::Plain);
     done(&act(&mut bench, |persons| {
         persons.revocation(persons.named("admin").unwrap(), &second, "a test").unwrap()
     }));
-    assert_refused(&act(&mut bench, by(&ben, &admin)), &["admin\" is not enrolled"]);
+    let why = PersonError::SignerUnknown("admin".to_owned());
+    assert_act_refused(&act(&mut bench, by(&ben, &admin)), &why);
     done(&act(&mut bench, by(&ben, &second)));
 }
 
@@ -542,14 +562,17 @@ fn a_person_enrolled_by_an_unencrypted_key_approves_nothing() {
     done(&act(&mut bench, by(&ann, &admin)));
     let now_ms = bench.pipeline.record().now_ms();
     bench.pipeline.live().record.set_clock(Clock::real(now_ms));
-    let parts = ["ann is not confirmed", "unencrypted key", "`holdpoint identity confirm ann --by admin"];
-    assert_refused(&approve(&mut bench, &ann), &parts);
+    let (name, profile, by_admin) = ("ann".to_owned(), ProfileName::Human, Some("admin".to_owned()));
+    let (enrolled_by, confirmer) = (by_admin.clone(), by_admin);
+    let why = QuestionRefusal::NotConfirmed { name, profile, enrolled_by, confirmer };
+    assert_refused(&approve(&mut bench, &ann), &why);
     // An act that claims a passphrase-protected key is checked against the key file, under every profile.
     let admin = guarded(&folder, &admin);
     let confirm = |persons: &PersonDirectory| {
         persons.confirmation(persons.named("ann").unwrap(), &admin, "a test").unwrap()
     };
-    assert_refused(&act(&mut bench, confirm), &["the key of admin has no passphrase, although the act says"]);
+    let (name, profile) = ("admin".to_owned(), None);
+    assert_refused(&act(&mut bench, confirm), &QuestionRefusal::AdministratorUnprotected { name, profile });
     admin.rewrite_key(&folder, KeyEncoding::Sealed(&passphrase(), KdfCost::LEAST)).unwrap();
     let reply = act(&mut bench, confirm);
     let confirmed = engine_effect(&EngineEffect::PersonConfirmed { name: "ann", by: "admin" });
