@@ -36,6 +36,7 @@ use holdpoint_trials::cell::Conditions;
 use holdpoint_trials::episodes::episode;
 use holdpoint_trials::seeds::SeedPurpose;
 use holdpoint_trials::worker::Worker;
+use holdpoint_wording::program::bench as names;
 
 /// Calls in a sample of what takes some ten microseconds.
 const CALLS: u64 = 50;
@@ -83,7 +84,7 @@ fn repeated(
 /// Stage 1 without the store: three texts parsed, checked and hashed, the controller made.
 fn registration(effort: &FigureEffort) -> Result<MeasuredFigure, BenchError> {
     let package = Subjects::candidate_package()?;
-    repeated("candidate, read and hash", "mean of 50 candidates", CALLS, effort, || {
+    repeated(names::CANDIDATE_READ, names::MEAN_OF_CANDIDATES, CALLS, effort, || {
         black_box(Capability::load(CANDIDATE, black_box(package.clone()))?);
         Ok(())
     })
@@ -101,7 +102,7 @@ fn static_warm(subjects: &Subjects, effort: &FigureEffort) -> Result<MeasuredFig
             expected: "a candidate that is not rejected",
         });
     }
-    repeated("static check, policies compiled", "mean of 50 checks", CALLS, effort, || {
+    repeated(names::STATIC_CHECK, names::MEAN_OF_CHECKS, CALLS, effort, || {
         let kappas = static_kappas(subjects, &subjects.table)?;
         black_box(decide(subjects, &kappas, &under));
         Ok(())
@@ -112,10 +113,10 @@ fn static_warm(subjects: &Subjects, effort: &FigureEffort) -> Result<MeasuredFig
 fn static_cold(subjects: &Subjects, effort: &FigureEffort) -> Result<MeasuredFigure, BenchError> {
     let under = subjects.made_under()?;
     let figure = Figure::new(
-        "static check, policies compiled first",
+        names::STATIC_CHECK_COLD,
         FigureUnit::Millis,
         FigureClock::ThreadCpu,
-        "compilation and check",
+        names::COMPILATION_AND_CHECK,
     );
     figure.take(effort, effort.fast_secs, |_| {
         let table = PolicyTable::builtin(black_box(&subjects.profile))?;
@@ -301,7 +302,7 @@ fn gate_pass(subjects: &Subjects, effort: &FigureEffort) -> Result<MeasuredFigur
             expected: "a pass",
         });
     }
-    repeated("gate", "mean of 500 decisions", CALLS_SHORT, effort, || {
+    repeated("gate", names::MEAN_OF_DECISIONS, CALLS_SHORT, effort, || {
         black_box(gate::evaluate(black_box(&input), &subjects.table, profile));
         Ok(())
     })
@@ -319,7 +320,7 @@ fn monitor_update(subjects: &Subjects, effort: &FigureEffort) -> Result<Measured
     let mut monitor =
         Monitor::new(&subjects.profile, &expected, 0).map_err(|error| unexpected(error.sentence()))?;
     let mut now_tick = 0;
-    repeated("monitor, one episode", "mean of 500 episodes", CALLS_SHORT, effort, || {
+    repeated(names::MONITOR, names::MEAN_OF_EPISODES, CALLS_SHORT, effort, || {
         now_tick += 1000;
         monitor.telemetry(now_tick);
         let decision = monitor.observe(black_box(&CLEAN), now_tick);

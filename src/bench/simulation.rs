@@ -21,6 +21,7 @@ use holdpoint_trials::drills::{DrillResult, DrillVersions, drill};
 use holdpoint_trials::episodes::episode;
 use holdpoint_trials::seeds::SeedPurpose;
 use holdpoint_trials::worker::Worker;
+use holdpoint_wording::program::bench as names;
 
 pub(super) fn measure(subjects: &Subjects, effort: &FigureEffort) -> Result<Vec<MeasuredFigure>, BenchError> {
     let mut entries = Vec::new();
@@ -97,12 +98,8 @@ fn tick(subjects: &Subjects, effort: &FigureEffort) -> Result<MeasuredFigure, Be
     let (cell, terms) = (&subjects.cell, &subjects.terms);
     let mut worker = Worker::new();
     let mut samples = Vec::new();
-    let figure = Figure::new(
-        "tick, whole",
-        FigureUnit::Micros,
-        FigureClock::ThreadCpu,
-        "mean over an episode's ticks",
-    );
+    let figure =
+        Figure::new("tick, whole", FigureUnit::Micros, FigureClock::ThreadCpu, names::MEAN_OVER_TICKS);
     let begin = FigureClock::Wall.secs();
     for call in 0..effort.samples_max as u64 {
         let seed = seed(SeedPurpose::Perturbation, call);
@@ -160,7 +157,7 @@ fn guarded_tick(subjects: &Subjects, effort: &FigureEffort) -> Result<[MeasuredF
         Supervision::Continue
     })?;
     let figure = |name| Figure::new(name, FigureUnit::Micros, FigureClock::ThreadCpu, "tick");
-    let both = figure("tick, guard and harm").take(effort, effort.fast_secs, |_| {
+    let both = figure(names::TICK_GUARD_AND_HARM).take(effort, effort.fast_secs, |_| {
         let (mut guard, mut harm) = (guard.clone(), HarmMeter::default());
         for (at, (before, observation, asked, after, ..)) in ticks.iter().enumerate() {
             if at.is_multiple_of(4) {
@@ -218,12 +215,8 @@ fn shadow_sequence(subjects: &Subjects, effort: &FigureEffort) -> Result<Measure
     let (candidate, terms) = (&subjects.candidate, &subjects.terms);
     let mut live = LiveStation::new(subjects.cell.clone())?;
     let mut spare = Some(subjects.cell.trial()?);
-    let figure = Figure::new(
-        "shadow sequence",
-        FigureUnit::Millis,
-        FigureClock::ThreadCpu,
-        "live sequence with its twin",
-    );
+    let figure =
+        Figure::new("shadow sequence", FigureUnit::Millis, FigureClock::ThreadCpu, names::SEQUENCE_WITH_TWIN);
     figure.take(effort, effort.slow_secs, |call| {
         let fork = match spare.take() {
             Some(fork) => fork,

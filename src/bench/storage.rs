@@ -7,6 +7,7 @@ use super::BenchError;
 use super::measure::{Figure, FigureClock, FigureEffort, FigureUnit, MeasuredFigure};
 use holdpoint_registry::{Store, verify};
 use holdpoint_store::{AuditBody, Transaction};
+use holdpoint_wording::program::bench as names;
 
 /// Length of a record's body, bytes: about what a stage's decision has.
 const BODY_BYTES: usize = 1024;
@@ -20,12 +21,7 @@ const PER_RECORDS: f64 = 10_000.0;
 pub(super) fn measure(effort: &FigureEffort) -> Result<Vec<MeasuredFigure>, BenchError> {
     let folder = tempfile::tempdir()?;
     let store = Store::open(folder.path())?;
-    let commit = Figure::new(
-        "audit commit, on disk (synchronous=FULL)",
-        FigureUnit::Micros,
-        FigureClock::Wall,
-        "commit",
-    );
+    let commit = Figure::new(names::AUDIT_COMMIT, FigureUnit::Micros, FigureClock::Wall, "commit");
     let commit = commit.take(effort, effort.fast_secs, |call| {
         store.commit(transaction(format!("one {call}"), 1))?;
         Ok(Some(1))
@@ -47,7 +43,7 @@ pub(super) fn measure(effort: &FigureEffort) -> Result<Vec<MeasuredFigure>, Benc
     }
     // Counted in ten-thousands of records, so that the figure is for that many whatever the chain has.
     let share = verified.records as f64 / PER_RECORDS;
-    let name = format!("audit verification of 10,000 records, on {}", verified.records);
+    let name = names::audit_verification(verified.records);
     let mut samples = Vec::new();
     let begin = FigureClock::Wall.secs();
     while samples.len() < effort.samples_max {

@@ -11,6 +11,7 @@ use crate::cli::output::CommandOutput;
 use crate::error::{CliError, Exit};
 use holdpoint_console::action::{Action, Scope};
 use holdpoint_console::keymap::Keymap;
+use holdpoint_wording::console::keymap::EFFECT_COLUMN;
 
 /// The arguments of `keys`.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Args)]
@@ -52,7 +53,7 @@ fn rows(keymap: &Keymap) -> Vec<KeyRow> {
 /// The default keys as a Markdown table.
 #[must_use]
 pub fn markdown() -> String {
-    let mut text = "| where | keys | action | what it does |\n| --- | --- | --- | --- |\n".to_owned();
+    let mut text = format!("| where | keys | action | {EFFECT_COLUMN} |\n| --- | --- | --- | --- |\n");
     for row in rows(&Keymap::default()) {
         // A bar would end the cell, and a backquote the code; no default key is either.
         let keys: Vec<String> = row.keys.iter().map(|key| format!("`{key}`")).collect();
@@ -75,7 +76,7 @@ pub fn run(args: &KeysArgs, out: &mut CommandOutput<'_>) -> Result<Exit, CliErro
     }
     let rows = rows(&console::keymap()?);
     out.answer(&rows, |out| {
-        let mut table = TextTable::new(&["where", "keys", "action", "what it does"]);
+        let mut table = TextTable::new(&["where", "keys", "action", EFFECT_COLUMN]);
         for row in &rows {
             let keys = if row.keys.is_empty() { format!(":{}", row.action) } else { row.keys.join(" ") };
             table.row([row.scope, &keys, row.action, row.help]);

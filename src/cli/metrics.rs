@@ -211,8 +211,8 @@ fn rates(metrics: &ObservedMetrics) -> Vec<(&'static str, Proportion)> {
     vec![
         ("uar_observed", metrics.uar_observed),
         ("uar_live_observed", metrics.uar_live_observed),
-        ("pvr_observed, hard", metrics.pvr_observed.hard),
-        ("pvr_observed, hard or near", metrics.pvr_observed.near),
+        (sentences::HARD_VIOLATIONS, metrics.pvr_observed.hard),
+        (sentences::HARD_OR_NEAR_VIOLATIONS, metrics.pvr_observed.near),
         ("srdr_observed", metrics.srdr_observed),
         ("shadow_only_share_observed", metrics.shadow_only_share_observed),
         ("rsr_observed", metrics.rsr_observed),

@@ -20,6 +20,7 @@ use holdpoint_store::Layout;
 pub(super) use holdpoint_store::size;
 use holdpoint_wording::counted;
 use holdpoint_wording::program::recordings as sentences;
+use holdpoint_wording::program::recordings::RecordingCheck;
 
 /// Bytes of a mebibyte.
 const MIB: u64 = 1 << 20;
@@ -196,13 +197,9 @@ fn print_skipped(no_files: &[IrregularFile], out: &mut CommandOutput<'_>) -> Res
 /// The result for one recording, as printed.
 struct RecordingFindings {
     file: String,
-    label: &'static str,
-    bad: bool,
+    result: RecordingCheck,
     detail: String,
 }
-
-/// A file without a digest in the chain.
-const NOT_ON_RECORD: &str = "not on record";
 
 fn verify(
     folder: &RecordingFolder,
@@ -213,31 +210,32 @@ fn verify(
     let mut found = Vec::new();
     for filed in files {
         let checked = check(filed, record)?;
-        let (label, bad, detail) = match checked {
-            FileCheck::Matches => ("matches", false, String::new()),
+        let (result, detail) = match checked {
+            FileCheck::Matches => (RecordingCheck::Matches, String::new()),
             FileCheck::Differs { .. } | FileCheck::OtherSize { .. } => {
-                ("DIFFERS", true, difference(&checked).unwrap_or_default())
+                (RecordingCheck::Differs, difference(&checked).unwrap_or_default())
             }
-            FileCheck::NotOnRecord => (NOT_ON_RECORD, false, sentences::NO_RECORD.to_owned()),
+            FileCheck::NotOnRecord => (RecordingCheck::NotOnRecord, sentences::NO_RECORD.to_owned()),
         };
-        found.push(RecordingFindings { file: filed.file.clone(), label, bad, detail });
+        found.push(RecordingFindings { file: filed.file.clone(), result, detail });
     }
     let there: BTreeSet<&str> = files.iter().map(|filed| filed.file.as_str()).collect();
     for recorded in record.present().filter(|recorded| !there.contains(recorded.file.as_str())) {
         let in_its_place = no_files.iter().find(|one| one.name == recorded.file);
         let detail = sentences::missing(in_its_place.map(|one| one.what));
-        found.push(RecordingFindings { file: recorded.file.clone(), label: "MISSING", bad: true, detail });
+        let result = RecordingCheck::Missing;
+        found.push(RecordingFindings { file: recorded.file.clone(), result, detail });
     }
-    let bad = found.iter().filter(|one| one.bad).count();
-    let unknown = found.iter().filter(|one| one.label == NOT_ON_RECORD).count();
+    let bad = found.iter().filter(|one| one.result.is_bad()).count();
+    let unknown = found.iter().filter(|one| one.result == RecordingCheck::NotOnRecord).count();
     let of_others = |one: &&IrregularFile| record.present().all(|recorded| recorded.file != one.name);
     for IrregularFile { name, what } in no_files.iter().filter(of_others) {
         let value = json!({ "file": name, "standing": "no file", "detail": what });
         out.answer(&value, |out| out.line(&sentences::other_file(name, what)))?;
     }
     for one in &found {
-        let value = json!({ "file": one.file, "standing": one.label.to_lowercase(), "detail": one.detail });
-        out.answer(&value, |out| out.line(&sentences::checked(&one.file, one.label, &one.detail)))?;
+        let value = json!({ "file": one.file, "standing": one.result.name(), "detail": one.detail });
+        out.answer(&value, |out| out.line(&sentences::checked(&one.file, one.result, &one.detail)))?;
     }
     let summary =
         json!({ "sound": bad == 0, "recordings": found.len(), "bad": bad, "not_on_record": unknown });

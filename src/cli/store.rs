@@ -252,12 +252,12 @@ fn print_info(info: &StoreInfo, out: &mut CommandOutput<'_>) -> Result<(), CliEr
     table.row(["schema".to_owned(), format!("{} of {}", info.schema, info.schema_newest)]);
     table.row(["records".to_owned(), info.records.to_string()]);
     table.row(["head", info.head.as_str()]);
-    table.row(["signed at record".to_owned(), number(info.signed_at)]);
-    table.row(["root of the tree", info.root.as_deref().unwrap_or("-")]);
+    table.row([sentences::SIGNED_AT_RECORD.to_owned(), number(info.signed_at)]);
+    table.row([sentences::ROOT_OF_TREE, info.root.as_deref().unwrap_or("-")]);
     table.row(["checkpoints".to_owned(), info.checkpoints.to_string()]);
     table.row(["versions".to_owned(), info.versions.to_string()]);
-    table.row(["first record".to_owned(), wall(info.first_wall_ms)]);
-    table.row(["last record".to_owned(), wall(info.last_wall_ms)]);
+    table.row([sentences::FIRST_RECORD.to_owned(), wall(info.first_wall_ms)]);
+    table.row([sentences::LAST_RECORD.to_owned(), wall(info.last_wall_ms)]);
     for (name, bytes) in &info.bytes {
         table.row([name.clone(), size(*bytes)]);
     }
@@ -265,7 +265,7 @@ fn print_info(info: &StoreInfo, out: &mut CommandOutput<'_>) -> Result<(), CliEr
     for witness in &info.witnesses {
         table.row(["witness", witness.as_str()]);
     }
-    table.row(["in use by", info.in_use_by.as_deref().unwrap_or("no process")]);
+    table.row([sentences::IN_USE_BY, info.in_use_by.as_deref().unwrap_or(sentences::NO_PROCESS)]);
     out.table(&table)
 }
 

@@ -28,7 +28,7 @@ type BlueprintView = (u8, &'static str, &'static str, &'static str, &'static [&'
 
 const SCENE: u8 = 1;
 const VIEWS: [BlueprintView; 10] = [
-    (SCENE, "3D", "Cell and twin", "/world", &["$origin/**"]),
+    (SCENE, "3D", holdpoint_wording::scene::CELL_AND_TWIN, "/world", &["$origin/**"]),
     (2, "TimeSeries", "Tool speed, m/s", "/plots/tool/speed", &["$origin/**"]),
     (3, "TimeSeries", "Forces, N", "/plots/tool", &["+ $origin/force/**", "+ $origin/contact/**"]),
     (4, "TimeSeries", "Shadow divergence", "/plots/shadow", &["$origin/**"]),

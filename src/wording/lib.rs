@@ -28,6 +28,7 @@ mod policy_hit;
 pub mod program;
 mod reason;
 pub mod request;
+pub mod scene;
 pub mod seeds;
 pub mod stage;
 mod task_failure;

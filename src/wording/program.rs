@@ -5,6 +5,7 @@
 
 pub mod alarms;
 pub mod audit;
+pub mod bench;
 pub mod candidate;
 pub mod cell;
 pub mod cell_promise;

@@ -194,7 +194,7 @@ impl AuditColumns {
             .cell(ThemeRole::Muted, "engine", self.engine)
             .cell(ThemeRole::Muted, "kind", self.kind)
             .cell(ThemeRole::Muted, "about", self.subject)
-            .with(ThemeRole::Muted, "what it says")
+            .with(ThemeRole::Muted, wording::SENTENCE_COLUMN)
     }
 }
 

@@ -3,6 +3,8 @@
 use rerun::archetypes::SeriesLines;
 use rerun::components::InterpolationMode;
 
+use holdpoint_wording::scene as names;
+
 use super::theme;
 use crate::rows::PendingRows;
 
@@ -18,10 +20,10 @@ const RED: [u8; 3] = [226, 80, 80];
 const LINES: [ChartLine; 26] = [
     ("tool/speed", "speed, m/s", BLUE, false),
     ("tool/speed/limit", "limit", RED, true),
-    ("tool/force", "force at the pads, N", GREEN, false),
-    ("tool/force/limit", "limit of the fingers", RED, true),
-    ("tool/contact", "force on the surroundings, N", ORANGE, false),
-    ("tool/contact/limit", "limit on the surroundings", VIOLET, true),
+    ("tool/force", names::FORCE_AT_PADS, GREEN, false),
+    ("tool/force/limit", names::FINGER_LIMIT, RED, true),
+    ("tool/contact", names::FORCE_ON_SURROUNDINGS, ORANGE, false),
+    ("tool/contact/limit", names::SURROUNDINGS_LIMIT, VIOLET, true),
     ("pairs/success/active", "success, active", BLUE, false),
     ("pairs/success/candidate", "success, candidate", ORANGE, false),
     ("pairs/violations/active", "violations, active", BLUE, false),
@@ -29,19 +31,19 @@ const LINES: [ChartLine; 26] = [
     ("pairs/anomalies/active", "anomalies, active", BLUE, false),
     ("pairs/anomalies/candidate", "anomalies, candidate", ORANGE, false),
     ("shadow/output", "output", BLUE, false),
-    ("shadow/output/limit", "limit of output", BLUE, true),
+    ("shadow/output/limit", names::OUTPUT_LIMIT, BLUE, true),
     ("shadow/governance", "governance", ORANGE, false),
-    ("shadow/governance/limit", "limit of governance", ORANGE, true),
+    ("shadow/governance/limit", names::GOVERNANCE_LIMIT, ORANGE, true),
     ("shadow/envelope", "envelope", GREEN, false),
-    ("shadow/envelope/limit", "limit of envelope", GREEN, true),
+    ("shadow/envelope/limit", names::ENVELOPE_LIMIT, GREEN, true),
     ("kappa/I", "interface", BLUE, false),
-    ("kappa/I/limit", "limit of interface", BLUE, true),
+    ("kappa/I/limit", names::INTERFACE_LIMIT, BLUE, true),
     ("kappa/P", "policy", VIOLET, false),
-    ("kappa/P/limit", "limit of policy", VIOLET, true),
+    ("kappa/P/limit", names::POLICY_LIMIT, VIOLET, true),
     ("kappa/B", "behavior", ORANGE, false),
-    ("kappa/B/limit", "limit of behavior", ORANGE, true),
+    ("kappa/B/limit", names::BEHAVIOR_LIMIT, ORANGE, true),
     ("kappa/R", "recovery", GREEN, false),
-    ("kappa/R/limit", "limit of recovery", GREEN, true),
+    ("kappa/R/limit", names::RECOVERY_LIMIT, GREEN, true),
 ];
 
 /// Writes the style of each chart's lines.

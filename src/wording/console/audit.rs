@@ -7,6 +7,8 @@ pub const NO_RECORD_READ: &str = "No record has been read yet";
 pub const NO_RECORD_OF_THIS_KIND: &str = "There is no record of this kind";
 pub const NO_RECORD_OF_THIS_KIND_READ: &str = "No record of this kind among those that were read";
 pub const NO_RECORD_FITS: &str = "No record fits the filter";
+/// The heading of the sentences of the records.
+pub const SENTENCE_COLUMN: &str = "what it says";
 pub const CHECKS_IT: &str = " checks it";
 
 #[must_use]

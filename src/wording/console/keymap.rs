@@ -1,4 +1,7 @@
-//! What is wrong with a file of keys.
+//! What is wrong with a file of keys, and a heading of their table.
+
+/// The heading of the effects of the actions.
+pub const EFFECT_COLUMN: &str = "what it does";
 
 #[must_use]
 pub fn not_bound(key: &str) -> String {

@@ -18,6 +18,10 @@ pub fn unsafe_round(of: &UnsafeRound) -> String {
     )
 }
 
+/// The rows of policy violations: those past a limit, and those and the ones near it.
+pub const HARD_VIOLATIONS: &str = "pvr_observed, hard";
+pub const HARD_OR_NEAR_VIOLATIONS: &str = "pvr_observed, hard or near";
+
 /// A list of decisions that ends before its last one.
 #[must_use]
 pub fn first_decisions_only(named: usize) -> String {

@@ -38,9 +38,43 @@ pub fn skipped(name: &str, what: &str) -> String {
     format!("skipped: {name} is {what}, not a recording")
 }
 
-/// A checked recording, with its mark and what is to say of it.
+/// The result of the check of one recording.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum RecordingCheck {
+    /// It is as recorded.
+    Matches,
+    /// It has another digest or size than on record.
+    Differs,
+    /// It has no record.
+    NotOnRecord,
+    /// It is on record and missing.
+    Missing,
+}
+
+impl RecordingCheck {
+    /// Its name as a value.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Matches => "matches",
+            Self::Differs => "differs",
+            Self::NotOnRecord => "not on record",
+            Self::Missing => "missing",
+        }
+    }
+
+    /// Whether the recording is not as recorded.
+    #[must_use]
+    pub const fn is_bad(self) -> bool {
+        matches!(self, Self::Differs | Self::Missing)
+    }
+}
+
+/// A checked recording, with its result, in capitals if it is bad, and what is to say of it.
 #[must_use]
-pub fn checked(file: &str, label: &str, detail: &str) -> String {
+pub fn checked(file: &str, result: RecordingCheck, detail: &str) -> String {
+    let name = result.name();
+    let label = if result.is_bad() { name.to_uppercase() } else { name.to_owned() };
     let detail = if detail.is_empty() { String::new() } else { format!(": {detail}") };
     format!("{file}  {label}{detail}")
 }

@@ -6,6 +6,14 @@ use super::recordings::{NO_RECORD, missing};
 use crate::counted;
 use holdpoint_governance::store_finding::OmissionCause;
 
+/// The rows of `store info` whose names are more than one word.
+pub const SIGNED_AT_RECORD: &str = "signed at record";
+pub const ROOT_OF_TREE: &str = "root of the tree";
+pub const FIRST_RECORD: &str = "first record";
+pub const LAST_RECORD: &str = "last record";
+pub const IN_USE_BY: &str = "in use by";
+pub const NO_PROCESS: &str = "no process";
+
 /// A sound copy: its records, its size in words, its files, its place.
 #[must_use]
 pub fn copied(records: u64, size: &str, files: usize, to: impl Display) -> String {
