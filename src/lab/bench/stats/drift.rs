@@ -8,6 +8,7 @@ use holdpoint::bench::{BenchError, CLEAN};
 use holdpoint_governance::evidence::EpisodeValues;
 use holdpoint_governance::monitor::{Monitor, MonitorAction, normal_rates};
 use holdpoint_governance::profile::{Profile, ProfileName};
+use holdpoint_governance::strictness::Strictness;
 use holdpoint_text::Hint;
 
 const RULE: &str = "monitor";
@@ -47,6 +48,7 @@ pub(super) fn study(study: &Study) -> Result<Vec<StudyFigure>, BenchError> {
     Ok(findings)
 }
 
+/// The monitor of a version without an open concern. Where the profile couples, the first warning rolls it back.
 fn set_up(
     draw: &mut SampleStream,
     profile: &Profile,
@@ -56,7 +58,8 @@ fn set_up(
     let twins: Option<Vec<_>> = (0..twins).map(|_| episode(draw)).collect();
     let expected = twins.as_deref().and_then(|twins| normal_rates(twins, &profile.monitor));
     let expected = expected.ok_or_else(|| missing("twins"))?;
-    Monitor::new(profile, &expected, 0).map_err(|error| BenchError::Unexpected {
+    let strictness = Strictness { coupled: profile.activation.rollback_coupled, ..Strictness::PLAIN };
+    Monitor::strict(profile, &expected, strictness, 0).map_err(|error| BenchError::Unexpected {
         what: "the monitor",
         found: error.sentence(),
         expected: "a monitor",
@@ -115,10 +118,14 @@ fn unchanged(
     }
     let runs = u64::from(study.runs);
     // In simulation no operator has to answer, and an unanswered restriction ends in a rollback.
-    let stated = (profile.name == ProfileName::Sim).then_some(StatedBound::AtMost(0.005));
+    let stated = Some(StatedBound::AtMost(match profile.name {
+        ProfileName::Sim => 0.005,
+        ProfileName::Real => 0.02,
+        ProfileName::Human => 0.04,
+    }));
     Ok(vec![
         rate(RULE, "unchanged: restricted within the window", under.clone(), (restricted, runs), stated)?,
-        rate(RULE, "unchanged: rolled back within the window", under, (rolled_back, runs), None)?,
+        rate(RULE, "unchanged: rolled back within the window", under, (rolled_back, runs), stated)?,
     ])
 }
 
