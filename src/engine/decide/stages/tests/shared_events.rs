@@ -4,12 +4,12 @@ use std::path::Path;
 
 use holdpoint_governance::alarms::AlarmKey;
 use holdpoint_governance::ids::CapabilityId;
-use holdpoint_governance::lifecycle::{LifecycleEvent, State};
+use holdpoint_governance::lifecycle::{LifecycleEvent, Stage, State};
 use holdpoint_governance::notice::Notice;
 use holdpoint_governance::rollback::{PostStatus, RollbackRecord, TriggerKind};
 use holdpoint_governance::shared_event::{SceneKind, StoppingEvent};
 use holdpoint_governance::submission::Package;
-use holdpoint_protocol::command::{Command, Reply};
+use holdpoint_protocol::command::{Command, Operation, Reply};
 use holdpoint_protocol::event::EventKind;
 use holdpoint_runtime::capability::{self, Capability};
 
@@ -47,6 +47,13 @@ fn rollback_of(bench: &mut RollbackBench, id: &CapabilityId) -> RollbackRecord {
     panic!("{id} was not rolled back");
 }
 
+/// Whether a person can have a version evaluated again.
+fn may_retry(bench: &mut RollbackBench, id: &CapabilityId) -> bool {
+    let operation = Operation { version: id.clone(), by: "ann".to_owned(), reason: "again".to_owned() };
+    let repeat = Command::Repeat { operation, stage: Stage::Sandbox };
+    matches!(bench.pipeline.command(repeat), Reply::Accepted { .. })
+}
+
 #[test]
 fn version_whose_rollback_target_has_the_same_event_is_demoted() {
     // It flies low, among the live cell's clutter.
@@ -64,6 +71,7 @@ fn version_whose_rollback_target_has_the_same_event_is_demoted() {
     assert_eq!(version_table.version(&id).unwrap().1.state, State::Demoted);
     let alarm = bench.pipeline.record().alarms().get(&AlarmKey::SharedEvent(before));
     assert!(alarm.is_some(), "{:?}", bench.pipeline.record().alarms());
+    assert!(may_retry(&mut bench, &id), "a shared event is not final");
 }
 
 #[test]
@@ -72,6 +80,7 @@ fn version_whose_rollback_target_is_safe_in_the_same_task_is_rolled_back() {
     let record = rollback_of(&mut bench, &id);
     assert_eq!((record.post_status, record.shared), (PostStatus::RolledBack, None));
     assert_eq!(bench.pipeline.record().version_table().version(&id).unwrap().1.state, State::RolledBack);
+    assert!(!may_retry(&mut bench, &id), "an event of its own is final");
 }
 
 /// Regression: on this run seed, a person reaches onto the arm in one of the episodes under stress, and the commissioned
