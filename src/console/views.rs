@@ -41,7 +41,6 @@ use unicode_width::{UnicodeWidthChar as _, UnicodeWidthStr as _};
 
 use self::console_view::{ConsoleView, ViewDescription};
 use super::action::Action;
-use super::formatters::seconds;
 use super::look::{Glyph, Look, ThemeRole};
 use super::model::ConsoleModel;
 use super::theme::StateMark;
@@ -115,7 +114,7 @@ pub fn short(text: &str, width: usize) -> String {
 /// Draws a line if the pane is frozen: since when, and the key that lets it run. Returns the rest of the area.
 pub fn frozen(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) -> Rect {
     let Some(frozen) = &model.view_state.frozen else { return area };
-    let (glyph, since) = (pen.look.glyph(Glyph::Paused), seconds(frozen.at_ms));
+    let (glyph, since) = (pen.look.glyph(Glyph::Paused), model.moment(frozen.at_ms));
     let text = shared::frozen(glyph, &since, &model.keymap.key(Action::Freeze));
     let lines = wrap(&text, usize::from(area.width), 2);
     let rows: Vec<Row> = lines.iter().map(|line| Row::of(ThemeRole::Stale, line)).collect();

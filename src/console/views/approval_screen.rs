@@ -21,7 +21,6 @@ use crate::action::Action;
 use crate::approval_screen::{
     ApprovalFocus, ApprovalScreen, ClosingAnswer, DecisionObstacle, TextRow, VisibleRows,
 };
-use crate::formatters::seconds;
 use crate::look::{Glyph, Look, ThemeRole};
 use crate::model::ConsoleModel;
 use crate::secret::Signing;
@@ -176,7 +175,7 @@ fn footer(model: &ConsoleModel, prompt: &ApprovalScreen, pen: &Pen<'_>, width: u
         let since = prompt
             .stale
             .as_ref()
-            .map_or_else(String::new, |stale| format!(" since {}", seconds(stale.at_ms)));
+            .map_or_else(String::new, |stale| format!(" since {}", model.moment(stale.at_ms)));
         let why = prompt
             .answered
             .as_ref()
@@ -194,7 +193,7 @@ fn footer(model: &ConsoleModel, prompt: &ApprovalScreen, pen: &Pen<'_>, width: u
         let text = wording::press_to_read_again(
             pen.look.glyph(Glyph::Warning),
             stale.what,
-            &seconds(stale.at_ms),
+            &model.moment(stale.at_ms),
             &key,
         );
         rows.extend(wrapped(ThemeRole::Stale, &text, width));

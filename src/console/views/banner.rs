@@ -93,14 +93,14 @@ fn warnings(model: &ConsoleModel, pen: &Pen<'_>, width: usize) -> Row {
             say(ThemeRole::Stale, &wording::engine_ended(&seeking(model), why));
         }
         EngineState::Ended(Err(why)) => {
-            // An engine in another process that gave no reason: the time since its last data is enough.
-            let unsaid = model.engine_data.link == EngineLink::Attached && !why.from_engine;
-            let last = model.engine_data.snapshot.as_ref().filter(|_| unsaid);
-            let rest = match last {
-                Some(last) => wording::last_heard(&seconds(last.at_ms)),
-                // The age of the data stands behind it.
-                None if why.from_engine => format!(": {}", super::short(&why.to_string(), width / 3)),
-                None => format!(": {why}"),
+            // An engine in another process that gave no reason: the age of its last data, which stands behind it, is enough.
+            let unsaid = model.engine_data.link == EngineLink::Attached && model.engine_data.snapshot.is_some();
+            let rest = if why.from_engine {
+                format!(": {}", super::short(&why.to_string(), width / 3))
+            } else if unsaid {
+                String::new()
+            } else {
+                format!(": {why}")
             };
             say(ThemeRole::Problem, &wording::engine_gone(&seeking(model), &rest));
         }
@@ -133,7 +133,7 @@ fn warnings(model: &ConsoleModel, pen: &Pen<'_>, width: usize) -> Row {
     }
     if let Some(frozen) = &model.view_state.frozen {
         let glyph = pen.look.glyph(Glyph::Paused);
-        say(ThemeRole::Stale, &wording::frozen_since(glyph, &seconds(frozen.at_ms)));
+        say(ThemeRole::Stale, &wording::frozen_since(glyph, &model.moment(frozen.at_ms)));
     }
     row
 }

@@ -37,11 +37,6 @@ pub fn engine_ended(search: &str, why: impl Display) -> String {
 }
 
 #[must_use]
-pub fn last_heard(time: &str) -> String {
-    format!(", last heard {time}")
-}
-
-#[must_use]
 pub fn engine_gone(search: &str, rest: &str) -> String {
     format!("ENGINE GONE{search}{rest}")
 }

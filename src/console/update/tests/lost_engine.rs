@@ -154,7 +154,7 @@ fn a_lost_engine_has_no_consoles_and_is_searched_for() {
     for (why, expected) in [
         (
             EngineEndError::of("the engine at \"/data/engine.sock\" has ended"),
-            ["ENGINE GONE", "heard 00:01:00"],
+            ["ENGINE GONE", "last seen 00:01:00"],
         ),
         (EngineEndError::orderly("it shut down cleanly: bert ended it"), ["ENGINE ENDED", "cleanly: bert"]),
         (
