@@ -126,7 +126,7 @@ pub fn version_effect(id: &CapabilityId, of: &VersionEffect<'_>) -> String {
             format!("{id} waits for {missing} more; {}", reason_of(*last))
         }
         V::ApprovedForLater { is_cell_stopped: true } => {
-            format!("{id} is approved and takes over at once when the cell starts again (`go`)")
+            format!("{id} is approved and takes over at once when the cell starts again")
         }
         V::ApprovedForLater { is_cell_stopped: false } => {
             format!("{id} is approved and takes over when the sequence that runs is over")
@@ -345,7 +345,7 @@ mod tests {
             (V::AwaitsApproval { missing: 2, last: None }, "grasp@1.1.0 waits for 2 more; "),
             (
                 V::ApprovedForLater { is_cell_stopped: true },
-                "grasp@1.1.0 is approved and takes over at once when the cell starts again (`go`)",
+                "grasp@1.1.0 is approved and takes over at once when the cell starts again",
             ),
             (
                 V::ApprovedForLater { is_cell_stopped: false },
