@@ -94,7 +94,8 @@ fn warnings(model: &ConsoleModel, pen: &Pen<'_>, width: usize) -> Row {
         }
         EngineState::Ended(Err(why)) => {
             // An engine in another process that gave no reason: the age of its last data, which stands behind it, is enough.
-            let unsaid = model.engine_data.link == EngineLink::Attached && model.engine_data.snapshot.is_some();
+            let unsaid =
+                model.engine_data.link == EngineLink::Attached && model.engine_data.snapshot.is_some();
             let rest = if why.from_engine {
                 format!(": {}", super::short(&why.to_string(), width / 3))
             } else if unsaid {
