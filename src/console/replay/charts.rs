@@ -48,7 +48,7 @@ impl ChartGroup {
         match self {
             Self::Tool => "Tool",
             Self::Shadow => "Shadow",
-            Self::Kappa => "Kappas",
+            Self::Kappa => "Checks",
             Self::Monitor => "Monitor",
             Self::Cell => "Live cell",
             Self::Pairs => "Paired episodes",

@@ -445,11 +445,9 @@ fn detail(model: &ConsoleModel, item: Option<&RegistryItem<'_>>, pen: &mut Pen<'
     let told = holdpoint_wording::version_status(&row.version, &status(model, row));
     let taken = pen.text(below(inside, 1), 0, ThemeRole::Text, &told);
     let Some(candidate) = model.candidate(&row.version) else { return };
-    let composite = candidate.composite.map_or_else(String::new, |value| format!("composite {value:.3}  "));
     let mut rest = below(inside, 1 + taken);
-    for (at, reason) in candidate.reasons.iter().enumerate() {
-        let lead = if at == 0 { composite.as_str() } else { "" };
-        let taken = pen.text(rest, 0, ThemeRole::Text, &format!("{lead}{}", reason_line(reason)));
+    for reason in &candidate.reasons {
+        let taken = pen.text(rest, 0, ThemeRole::Text, &reason_line(reason));
         rest = below(rest, taken);
     }
 }
