@@ -110,6 +110,14 @@ impl Dots {
         }
     }
 
+    /// Whether one of so many cells of a row has a dot, from a column on.
+    #[must_use]
+    pub fn covers(&self, column: usize, row: usize, count: usize) -> bool {
+        let begin = row * self.columns + column.min(self.columns);
+        let end = begin + count.min(self.columns.saturating_sub(column));
+        self.cells.get(begin..end).is_some_and(|cells| cells.iter().any(|cell| cell.bits != 0))
+    }
+
     /// Puts the dots on the screen; cells without dots stay as they are.
     pub fn draw(&self, pen: &mut Pen<'_>, area: Rect) {
         let ascii = pen.look.ascii();
@@ -136,6 +144,9 @@ mod tests {
         dots.line((0, 0), (7, 7), ink);
         let set: u32 = dots.cells.iter().map(|cell| cell.bits.count_ones()).sum();
         assert_eq!(set, 8);
+        assert!(
+            dots.covers(0, 0, 1) && dots.covers(2, 1, 9) && !dots.covers(2, 0, 9) && !dots.covers(9, 0, 1)
+        );
         dots.line((-50, -50), (i64::from(i32::MAX), 4), ink);
         dots.rectangle((-9, -9), (99_999, 99_999), ink, true);
         assert!(dots.cells.iter().all(|cell| cell.bits == 0xff));
