@@ -8,6 +8,7 @@ use std::path::Path;
 
 use ratatui::layout::Rect;
 
+use super::tabs;
 use crate::formatters::{duration, seconds, time_of_day};
 use crate::look::{Glyph, ThemeRole};
 use crate::model::{ConsoleModel, EngineLink, EngineState};
@@ -24,7 +25,6 @@ pub const OTHERS_NAMED_FROM: u16 = 100;
 pub fn draw(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
     let width = usize::from(area.width);
     let mut row = profile(model, pen).and(warnings(model, pen, width));
-    let identity = identity(model);
     // A clock that no engine was heard to keep is not shown.
     let clock = if model.last_seen().is_some() || model.absence().is_some() {
         Row::new()
@@ -33,7 +33,7 @@ pub fn draw(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
         Row::of(ThemeRole::Muted, &format!(" engine {}", seconds(model.engine_ms())))
     };
     let clocks = clocks(model);
-    for piece in identity {
+    for piece in identity(model, width.saturating_sub(row.width() + clock.width())) {
         if row.width() + piece.width() + clock.width() <= width {
             row = row.and(piece);
         }
@@ -167,17 +167,20 @@ fn seeking(model: &ConsoleModel) -> String {
     }
 }
 
-/// Operator, seed and site file, the most important first.
-fn identity(model: &ConsoleModel) -> Vec<Row> {
+/// Operator, other consoles, seed and site file, the most important first; the consoles in as many words as fit into so many
+/// columns.
+fn identity(model: &ConsoleModel, room: usize) -> Vec<Row> {
     let who = match &model.session.operator {
         Some(who) => Row::of(ThemeRole::Text, &format!("  {} ({})", super::short(&who.name, 24), who.role)),
         None => Row::of(ThemeRole::Warning, wording::NO_NAME),
     };
+    let room = room.saturating_sub(who.width());
     let mut pieces = vec![who];
-    // If the views' line has no room, the other consoles are counted here.
-    let others = model.engine_data.other_consoles().count();
-    if others > 0 && model.size.0 < OTHERS_NAMED_FROM {
-        pieces.push(Row::of(ThemeRole::Text, &wording::others(others)));
+    // Where the views' line has no room for them.
+    if model.size.0 < OTHERS_NAMED_FROM {
+        let others = tabs::other_consoles(model).into_iter();
+        let mut others = others.map(|text| Row::of(ThemeRole::Text, &format!("  {text}")));
+        pieces.extend(others.find(|others| others.width() <= room));
     }
     if let Some(snapshot) = &model.engine_data.snapshot {
         pieces.push(Row::of(

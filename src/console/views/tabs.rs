@@ -13,6 +13,7 @@ use crate::model::{ConsoleModel, View};
 use crate::widgets::pen::{Hit, Pen};
 use crate::widgets::row::Row;
 use holdpoint_protocol::console_presence::AttachedConsoleView;
+use holdpoint_wording::console::banner as wording;
 use unicode_width::UnicodeWidthStr as _;
 
 /// Draws the views' line.
@@ -23,7 +24,7 @@ pub fn views(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
     let width = usize::from(area.width);
     let short = View::ALL.map(|view| (key(view), view.description().brief_title));
     let tight = close(&short, model.view_state.view as usize);
-    // The other consoles, in the longest words that fit: names before views, names of views before counts.
+    // The other consoles, in the longest words that fit: their names, and that one does not read, before the names of views.
     let fits = |tabs: &Row, least: usize| {
         let room = width.saturating_sub(tabs.width());
         let texts = others.iter().enumerate().filter(|(at, _)| *at <= least);
@@ -31,10 +32,12 @@ pub fn views(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
     };
     let hit = |at: usize| View::ALL.get(at).map(|view| Hit::View(*view));
     let layouts: [TabLayout<'_>; 2] = [(&all, line, &named), (&tight, close, &short)];
-    let chosen = layouts.iter().find_map(|layout| Some((layout, fits(layout.0, 1)?)));
+    let chosen = [1, 2, usize::MAX]
+        .into_iter()
+        .find_map(|least| layouts.iter().find_map(|layout| Some((layout, fits(layout.0, least)?))));
     let chosen = chosen.or_else(|| {
         let layout = layouts.iter().find(|layout| layout.0.width() <= width)?;
-        Some((layout, fits(layout.0, usize::MAX).unwrap_or_default()))
+        Some((layout, String::new()))
     });
     if let Some(((tabs, tab_line, names), text)) = chosen {
         let row = (*tabs).clone().to_column(width - text.width()).with(ThemeRole::Muted, &text);
@@ -92,8 +95,9 @@ pub fn draw_panes(model: &ConsoleModel, right: Row, pen: &mut Pen<'_>, area: Rec
     clicks(line, &tabs, model.view_state.pane(), |at| Some(Hit::Pane(at)), pen, area);
 }
 
-/// The other consoles at this engine, in ever shorter words; empty if there are none.
-fn other_consoles(model: &ConsoleModel) -> Vec<String> {
+/// The other consoles at this engine, in ever shorter words; empty if there are none. The last alone hides that one does not
+/// read.
+pub(super) fn other_consoles(model: &ConsoleModel) -> Vec<String> {
     let others: Vec<_> = model.engine_data.other_consoles().collect();
     if others.is_empty() {
         return Vec::new();
@@ -111,11 +115,12 @@ fn other_consoles(model: &ConsoleModel) -> Vec<String> {
     };
     let whole: Vec<String> = others.iter().map(label).collect();
     let names: Vec<String> = others.iter().map(|one| console_label(one, own)).collect();
-    let count = others.len();
+    let not_reading = others.iter().filter(|one| one.not_reading).count();
     vec![
         format!("with {}", whole.join(", ")),
         format!("with {}", names.join(", ")),
-        format!("and {count} more"),
+        wording::others(others.len(), not_reading),
+        wording::others(others.len(), 0),
     ]
 }
 

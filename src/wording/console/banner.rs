@@ -62,6 +62,10 @@ pub fn looks_again(tries: u32, most: u32) -> String {
 }
 
 #[must_use]
-pub fn others(count: usize) -> String {
-    format!("  and {count} more")
+pub fn others(count: usize, not_reading: usize) -> String {
+    if not_reading > 0 {
+        format!("and {count}, {not_reading} NOT READING")
+    } else {
+        format!("and {count} more")
+    }
 }

@@ -7,6 +7,7 @@ use holdpoint_protocol::account_role::AccountRole;
 use holdpoint_protocol::console_presence::{AttachedConsoleView, ConsoleAccount, ConsolePresence};
 use holdpoint_protocol::event::{Event, EventKind};
 use holdpoint_service::control_socket::AnswerOrigin;
+use holdpoint_wording::console as wording;
 
 fn event(seq: u64, kind: EventKind) -> Event {
     Event { seq, at_ms: 60_000 + seq, kind }
@@ -92,7 +93,7 @@ fn every_screen_size_shows_other_consoles() {
     );
     assert!(screen(&console, 120, 36).contains(&format!("bert (reads {CANDIDATE})")));
     assert!(screen(&console, 100, 30).contains("with bert"));
-    assert!(screen(&console, 80, 24).contains("and 1 more"));
+    assert!(screen(&console, 80, 24).contains("with bert"));
     let mut looks_on = console_view(1, Some("bert"), None);
     looks_on.sitting.read_only = true;
     with_consoles(&mut console, vec![looks_on, console_view(2, Some("ana"), None)]);
@@ -207,7 +208,19 @@ fn a_console_not_reading_is_marked() {
     let asleep = AttachedConsoleView { not_reading: true, ..console_view(1, Some("bert"), None) };
     with_consoles(&mut console, vec![asleep, console_view(2, Some("ana"), None)]);
     assert!(screen(&console, 140, 36).contains(&format!("bert, NOT READING ({})", View::Alarms.title())));
-    assert!(screen(&console, 120, 36).contains("NOT READING"), "{}", screen(&console, 120, 36));
+    for size in [(120, 36), (100, 30), (80, 24)] {
+        let screen = screen(&console, size.0, size.1);
+        assert!(screen.contains("NOT READING"), "{size:?}: {screen}");
+    }
+    // Where their names have no room.
+    let others = ["bartholomew", "bernadette", "constantine"].into_iter().zip(3..);
+    let mut all: Vec<AttachedConsoleView> =
+        others.map(|(name, seat)| console_view(seat, Some(name), None)).collect();
+    all[1].not_reading = true;
+    all.push(console_view(2, Some("ana"), None));
+    with_consoles(&mut console, all);
+    let expected = wording::banner::others(3, 1);
+    assert!(screen(&console, 80, 24).contains(&expected), "{}", screen(&console, 80, 24));
 }
 
 #[test]
