@@ -69,6 +69,8 @@ const RUNS: ExpectedAnswer =
 const NO_ONE: ExpectedAnswer = ExpectedAnswer::Nowhere(&["STOPPED", "paused", "ENGINE"]);
 const NO_CANDIDATE: ExpectedAnswer = ExpectedAnswer::In(ScreenPlace::Pane("Pipeline"), &["No candidate yet"]);
 const NO_ALARM: ExpectedAnswer = ExpectedAnswer::In(ScreenPlace::AlarmLine, &["✔ no alarm"]);
+const NO_ALARM_SEEN: ExpectedAnswer =
+    ExpectedAnswer::In(ScreenPlace::AlarmLine, &["last seen 08:12:41: no alarm"]);
 const IN_SANDBOX: ExpectedAnswer =
     ExpectedAnswer::In(ScreenPlace::Pane("Pipeline"), &["grasp@1.1.0", "137 of 480"]);
 
@@ -161,7 +163,7 @@ const SITUATIONS: [ScreenSituation; 12] = [
             ExpectedAnswer::In(ScreenPlace::StateLine, &["press X, or its physical stop"]),
             ExpectedAnswer::NothingWaits,
             IN_SANDBOX,
-            ExpectedAnswer::In(ScreenPlace::Banner, &["STALE 5 s last seen 08:12:41"]),
+            NO_ALARM_SEEN,
         ],
     },
     ScreenSituation {
