@@ -3,17 +3,20 @@
 
 use std::sync::Arc;
 
+use holdpoint::body::TaskKind;
 use holdpoint::console::approval_screen::ApprovalScreen;
 use holdpoint::console::form::{Form, Intent};
 use holdpoint::console::frame::{decision_on_screen, text_of};
 use holdpoint::console::line::EditLine;
 use holdpoint::console::look::{ColorDepth, Glyphs, Look, Theme};
 use holdpoint::console::model::{ConsoleModel, ConsoleNotice, FrozenView, Overlay, Typing, View};
-use holdpoint::governance::alarms::{AlarmState, Priority};
+use holdpoint::governance::alarms::{AlarmKey, AlarmState, Priority};
 use holdpoint::governance::lifecycle::{State, VersionFlags};
+use holdpoint::governance::notice::Notice;
+use holdpoint::governance::past_limit::{ForcePlace, LimitedQuantity, MeasuredInTask, PastLimit};
 use holdpoint::protocol::command::Caller;
 use holdpoint::protocol::snapshot::{AlarmView, Snapshot, StoppedView};
-use holdpoint::wording::console as wording;
+use holdpoint::wording::{alarm as alarm_wording, console as wording};
 use ratatui::layout::Rect;
 
 use crate::support;
@@ -243,4 +246,42 @@ fn most_urgent_alarm_is_on_the_alarm_line() {
     assert!(line(&model).starts_with("1▲ CRIT standing:"), "{}", line(&model));
     edit_snapshot(&mut model, |snapshot| snapshot.alarms[1].state = AlarmState::Shelved);
     assert!(line(&model).starts_with("1▲ CRIT older (ended):"), "{}", line(&model));
+}
+
+/// What a shift has to know of an alarm, none of it cut off: value, limit, sequence and version, since when, what follows and
+/// what to look at.
+#[test]
+fn an_open_alarm_tells_what_follows_and_what_to_look_at() {
+    let past = PastLimit {
+        quantity: LimitedQuantity::Force,
+        value: 71.0,
+        limit: 35.0,
+        place: Some(ForcePlace::Pads),
+    };
+    let measured = MeasuredInTask { sequence: 153, task: TaskKind::Grasp, past: Some(past) };
+    let violated =
+        Notice::LimitViolated { version: support::id("grasp@1.0.0"), hit: None, measured: Some(measured) };
+    for name in ["violation:grasp@1.0.0", "restricted:grasp@1.0.0", "shifted:grasp@1.0.0", "cell-lost"] {
+        let kind = name.parse::<AlarmKey>().unwrap().kind();
+        let mut model = support::at(View::Alarms);
+        edit_snapshot(&mut model, |snapshot| {
+            let mut alarm = support::snapshot().alarms[0].clone();
+            (alarm.alarm, alarm.subject) = (name.to_owned(), "grasp@1.0.0".to_owned());
+            alarm.text = violated.clone().into();
+            snapshot.alarms = vec![alarm];
+        });
+        for size in &SIZES[..3] {
+            let text = shown(&model, *size);
+            let words = text.split_whitespace().collect::<Vec<&str>>().join(" ");
+            for sentence in [
+                "force 71 N at the pads, limit 35 N, sequence 153".to_owned(),
+                "1▲ CRIT".to_owned(),
+                "08:12:29".to_owned(),
+                wording::shared::without_action(alarm_wording::consequence(kind)),
+                wording::shared::look_at(alarm_wording::look_at(kind)),
+            ] {
+                assert!(words.contains(&sentence), "{name} {size:?}: {sentence:?} is not in\n{text}");
+            }
+        }
+    }
 }

@@ -26,7 +26,7 @@ use crate::theme::StateMark;
 use crate::update::{health, navigation, selection};
 use crate::widgets::list::place;
 use crate::widgets::pen::{Pen, below, cut};
-use crate::widgets::row::Row;
+use crate::widgets::row::{Row, wrap};
 use holdpoint_governance::alarms::{AlarmKey, AlarmState, AlarmSummary, FLOOD_START};
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_protocol::health::AlarmEpisode;
@@ -284,12 +284,14 @@ fn row(item: AlarmItem<'_>, marked: bool, since: usize, model: &ConsoleModel, lo
 /// Everything about an alarm, in sentences.
 fn detail_rows(item: AlarmItem<'_>, model: &ConsoleModel, look: &Look, width: usize) -> Vec<Row> {
     let alarm = item.alarm();
-    let text = crate::widgets::row::wrap(&notice(&alarm.text), width, 2);
-    let mut rows: Vec<Row> = text.iter().map(|line| Row::of(ThemeRole::Text, line)).collect();
+    let sentence = |text: &str| -> Vec<Row> {
+        wrap(text, width, 2).iter().map(|line| Row::of(ThemeRole::Text, line)).collect()
+    };
+    let mut rows = sentence(&notice(&alarm.text));
     if let Ok(key) = alarm.alarm.parse::<AlarmKey>() {
         let (then, look_at) = (alarm_wording::consequence(key.kind()), alarm_wording::look_at(key.kind()));
-        rows.push(Row::of(ThemeRole::Text, &shared::without_action(then)));
-        rows.push(Row::of(ThemeRole::Text, &shared::look_at(look_at)));
+        rows.extend(sentence(&shared::without_action(then)));
+        rows.extend(sentence(&shared::look_at(look_at)));
     }
     let since = duration(model.engine_ms().saturating_sub(alarm.since_ms));
     let times = if alarm.raises == 1 { "once".to_owned() } else { format!("{} times", alarm.raises) };
