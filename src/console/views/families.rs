@@ -3,7 +3,7 @@
 //! ```text
 //! grasp  ✔ active               grasp@1.0.0
 //! place  ◌ active, provisional  place@1.1.0  7 of 40, back to place@1.0.0
-//! last sequences •••••••✖••••••••  94 % of 50
+//! success •••••••✖••••••••  94 % of the last 50, 211 sequences since 06:00:02
 //! ```
 
 use crate::look::ThemeRole;
@@ -14,13 +14,16 @@ use crate::widgets::pen::Pen;
 use crate::widgets::row::Row;
 use holdpoint_governance::lifecycle::State;
 use holdpoint_protocol::snapshot::{
-    CandidateView, FamilyView, LiveView, Snapshot, current_progress, is_at_work, re_evaluation,
+    CandidateView, FamilyView, Snapshot, current_progress, is_at_work, re_evaluation,
 };
 use holdpoint_wording::console::families as wording;
 use holdpoint_wording::console::shared;
 
 /// The longest trend, signs.
 const TREND_MAX: usize = 30;
+
+/// The shortest trend beside the count of this session, signs.
+const TREND_MIN: usize = 12;
 
 /// The least columns for the name of an active version.
 const NAME_MIN: usize = 16;
@@ -49,7 +52,7 @@ pub fn rows(model: &ConsoleModel, pen: &Pen<'_>, width: usize) -> Vec<Row> {
         rows.push(Row::of(ThemeRole::Warning, &format!("{glyph} drift: {drift}")));
     }
     // The first to go where lines are few.
-    rows.push(live(&snapshot.live, pen, width));
+    rows.push(live(snapshot, pen, width));
     rows
 }
 
@@ -111,12 +114,15 @@ fn after_window(now: &Snapshot, family: &FamilyView) -> String {
     }
 }
 
-fn live(live: &LiveView, pen: &Pen<'_>, width: usize) -> Row {
+fn live(now: &Snapshot, pen: &Pen<'_>, width: usize) -> Row {
+    let live = &now.live;
     let Some(share) = live.recent_success else {
         return Row::of(ThemeRole::Muted, wording::NO_SEQUENCE);
     };
-    let tail = wording::success(share * 100.0, live.recent);
+    let mut tail = wording::success(share * 100.0, live.recent);
     let head = "success ";
+    let session = now.up_since_ms.map(|at| wording::sequences_since(live.sequences, &now.moment(at)));
+    tail.extend(session.filter(|session| head.len() + tail.len() + session.len() + TREND_MIN <= width));
     let room = width.saturating_sub(head.len() + tail.len()).min(TREND_MAX);
     Row::of(ThemeRole::Muted, head).and(outcomes(pen.look, &live.outcomes, room)).with(ThemeRole::Text, &tail)
 }

@@ -1,5 +1,6 @@
 //! The texts of the families in control.
 
+use crate::counted;
 use holdpoint_governance::ids::CapabilityId;
 
 pub const NO_ACTIVE_VERSION: &str = "no active version";
@@ -20,6 +21,11 @@ pub fn in_confirmation(done: u64, budget: u64) -> String {
 #[must_use]
 pub fn waits_behind(version: &CapabilityId) -> String {
     format!("waits for its confirmation, behind {version}")
+}
+
+#[must_use]
+pub fn sequences_since(count: u64, since: &str) -> String {
+    format!(", {} since {since}", counted(count, "sequence"))
 }
 
 #[must_use]
