@@ -394,3 +394,22 @@ fn a_limit_of_a_files_size_is_an_error() {
         std::process::Command::new("sh").args(["-c", &line]).current_dir(root.path()).output().unwrap();
     assert_error(&output, 2, "output");
 }
+
+/// On a full disk SQLite has no room for its shared memory, and a sound store was called damaged. A limit of a file's size has
+/// the same effect.
+#[test]
+fn a_store_on_a_full_disk_is_read_and_keeps_a_stop() {
+    let fixture = Fixture::with_candidate();
+    let limited = |arguments: &[&str]| {
+        let line = "ulimit -f 1; exec \"$0\" --data \"$@\"";
+        let mut shell = Command::new("sh");
+        shell.args(["-c", line, env!("CARGO_BIN_EXE_holdpoint")]).arg(fixture.data()).args(arguments);
+        shell.output().unwrap()
+    };
+    for arguments in [&["status"][..], &["version", "list"], &["explain", "grasp@1.1.0"]] {
+        let output = limited(arguments);
+        assert_eq!(output.status.code(), Some(0), "{arguments:?}: {output:?}");
+    }
+    assert_eq!(limited(&["stop"]).status.code(), Some(6), "no engine confirms it");
+    assert!(fixture.data().join("stop.asked").exists(), "the next engine finds it");
+}

@@ -15,7 +15,7 @@ use rusqlite::{Connection, OpenFlags};
 
 use crate::database::migrate::{Schema, migrate};
 use crate::terms::row_limit;
-use crate::terms::sqlite_error::sqlite_error;
+use crate::terms::sqlite_error::{is_disk_full, sqlite_error};
 use holdpoint_audit::files::sync_folder;
 use holdpoint_store::{RefusalCause, StoreError};
 use holdpoint_text::file::kind_of;
@@ -134,7 +134,13 @@ fn check_library() -> Result<(), StoreError> {
 }
 
 fn open_read_only(path: &Path) -> Result<Connection, StoreError> {
-    let connection = read_only(path).map_err(|error| damaged(path, &row_limit::error_message(&error)))?;
+    let connection = read_only(path).map_err(|error| {
+        if is_disk_full(&error) {
+            sqlite_error("open its database")(error)
+        } else {
+            damaged(path, &row_limit::error_message(&error))
+        }
+    })?;
     configure(&connection)?;
     Ok(connection)
 }
@@ -158,10 +164,12 @@ fn read_only(path: &Path) -> rusqlite::Result<Connection> {
         Ok(connection)
     };
     open(Connection::open_with_flags(path, flags)).or_else(|error| {
-        // A copy in a folder that cannot be written has no shared-memory file; without a log it needs none.
-        let log = beside(path, "-wal");
+        // A folder that cannot be written, or a full disk, has no shared-memory file; without a log none is needed.
+        let has_log = fs::metadata(beside(path, "-wal")).is_ok_and(|log| log.len() > 0);
         let plain = path.to_str().is_some_and(|text| !text.contains(['?', '#', '%']));
-        if error.sqlite_error_code() != Some(rusqlite::ErrorCode::CannotOpen) || log.exists() || !plain {
+        let cannot_share =
+            error.sqlite_error_code() == Some(rusqlite::ErrorCode::CannotOpen) || is_disk_full(&error);
+        if !cannot_share || has_log || !plain {
             return Err(error);
         }
         let uri = format!("file:{}?immutable=1", path.display());
