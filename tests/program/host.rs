@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 use holdpoint::body::TaskKind;
 use holdpoint::body::disturbance::{DriftKind, Magnitude};
 use holdpoint::governance::alarms::AlarmState;
-use holdpoint::governance::profile::ProfileName;
+use holdpoint::governance::profile::{Profile, ProfileName};
 use holdpoint::governance::record::RecordKind;
 use holdpoint::protocol::command::{Command, Operation, Refusal, Reply, Request};
 use holdpoint::protocol::event::{Event, EventKind};
@@ -199,6 +199,30 @@ fn an_abort_stops_the_arm_in_flight() {
     let by = "ada".to_owned();
     let reset = Command::ResetAlarm { alarm, by, reason: "looked at it".to_owned() };
     assert_eq!(refusal(&front.carry_out(reset)), Refusal::NotNow);
+    front.host.stop(PATIENCE).unwrap();
+}
+
+/// 512 rejected versions once filled the alarms, and the engine halted.
+#[test]
+fn one_person_registers_as_many_versions_in_a_minute_as_the_profile_permits() {
+    let folder = quick_folder();
+    let mut front = Front::start(folder.path(), Some(1.0));
+    let most = Profile::builtin(ProfileName::Sim).unwrap().evaluation.registrations_per_minute_max;
+    let submitted = capability::read(Path::new("manifests/candidates/grasp-tool-frame")).unwrap();
+    let mut register = |number: u32| {
+        let mut package = submitted.clone();
+        let version = format!("version = \"7.0.{number}\"");
+        package.manifest = package.manifest.replacen("version = \"1.2.0\"", &version, 1);
+        front.carry_out(Command::Register { package, name: "grasp-tool-frame".to_owned(), by: None })
+    };
+    for number in 0..most {
+        let reply = register(number);
+        assert!(matches!(reply, Reply::Accepted { .. }), "{number}: {reply:?}");
+    }
+    assert_eq!(refusal(&register(most)), Refusal::NotNow);
+    assert!(front.snapshot().holding.is_none());
+    let stop = Command::Stop { by: "ana".to_owned(), reason: String::new() };
+    assert!(matches!(front.carry_out(stop), Reply::Stopped { .. }));
     front.host.stop(PATIENCE).unwrap();
 }
 
