@@ -4,6 +4,7 @@
 
 mod bench;
 mod danger;
+mod demonstrations;
 mod distinguisher;
 mod experiment;
 mod paper;

@@ -5,6 +5,7 @@
 
 pub mod candidate_run;
 pub mod claims;
+pub mod demonstrations;
 pub mod drift;
 mod drift_report;
 pub(crate) mod drift_run;

@@ -8,6 +8,7 @@ use std::path::{Path, PathBuf};
 use clap::{Args, Subcommand};
 
 use super::danger::{self, DangerArgs};
+use super::demonstrations::{self, DemonstrationsArgs};
 use super::distinguisher::{self, DistinguisherArgs};
 use super::paper::{self, PaperArgs, ReportArgs};
 use super::per_candidate::{self, PerCandidateArgs};
@@ -35,6 +36,7 @@ Examples:
   holdpoint-lab experiment truth --pool mutants --out truth
   holdpoint-lab experiment sensors --out sensors
   holdpoint-lab experiment danger --pool pool-7 --out danger
+  holdpoint-lab experiment demonstrations --out demonstrations
   holdpoint-lab experiment distinguisher --out rows
   holdpoint-lab experiment throwers --out throwers
   holdpoint-lab experiment all --preset paper-e2 --out paper")]
@@ -81,6 +83,8 @@ pub enum ExperimentVerb {
     Sensors(SensorsArgs),
     /// Chooses the thresholds of a danger in live tasks by the referee, and counts their errors on other seeds.
     Danger(DangerArgs),
+    /// Runs demonstration candidates over many run seeds: in how many does each one keep its outcome?
+    Demonstrations(DemonstrationsArgs),
     /// Records what a version sees of its task in the live cell and in the sandbox, for a classifier.
     Distinguisher(DistinguisherArgs),
     /// Takes versions that throw, press or speed under a trigger through the stages and into live work.
@@ -140,6 +144,7 @@ pub fn run(args: &ExperimentArgs, out: &mut CommandOutput<'_>) -> Result<Exit, C
         ExperimentVerb::Truth(args) => truth::run(args, out),
         ExperimentVerb::Sensors(args) => sensors::run(args, out),
         ExperimentVerb::Danger(args) => danger::run(args, out),
+        ExperimentVerb::Demonstrations(args) => demonstrations::run(args, out),
         ExperimentVerb::Distinguisher(args) => distinguisher::run(args, out),
         ExperimentVerb::Throwers(args) => throwers::run(args, out),
     }

@@ -115,6 +115,15 @@ pub(crate) fn run_or_reuse(
     cache: &ResultCache,
     job: &CandidateJob<'_>,
 ) -> Result<CandidateEnd, ExperimentError> {
+    run_or_reuse_beside(cell, (cache, cache), job)
+}
+
+/// As [`run_or_reuse`], with one cache for ends and another for the episodes of active versions.
+pub(crate) fn run_or_reuse_beside(
+    cell: &Cell,
+    (ends, episodes): (&ResultCache, &ResultCache),
+    job: &CandidateJob<'_>,
+) -> Result<CandidateEnd, ExperimentError> {
     let (profile, _) = job
         .thresholds
         .of(job.profile)?
@@ -138,15 +147,14 @@ pub(crate) fn run_or_reuse(
     .map(<[u8]>::to_vec);
     let parts: Vec<&[u8]> = parts.iter().map(Vec::as_slice).collect();
     let key = Digest::of_parts("holdpoint.end.v5", &parts);
-    if let Some(cached) = cached_result::<CandidateEnd>(cache, &key).filter(|cached| cached.name == job.name)
-    {
+    if let Some(cached) = cached_result::<CandidateEnd>(ends, &key).filter(|cached| cached.name == job.name) {
         return Ok(cached);
     }
     let experiment = job.experiment.clone();
     let CandidateJob { profile, seed, thresholds, workers, .. } = *job;
-    let setting = CandidateSetting { cell, profile, seed, cache, workers, experiment, thresholds };
+    let setting = CandidateSetting { cell, profile, seed, cache: episodes, workers, experiment, thresholds };
     let end = run_candidate(&setting, job.name, job.package.clone())?;
-    cache.put(&key, &serde_json::to_vec(&end)?)?;
+    ends.put(&key, &serde_json::to_vec(&end)?)?;
     Ok(end)
 }
 

@@ -323,6 +323,10 @@ pub fn features(count: usize) -> String {
     format!("{count} features of each task")
 }
 
+// --- experiment demonstrations ---
+
+pub const DEMONSTRATION_COLUMNS: &str = "candidate | profile | outcome | kept | exact 95 % | endings";
+
 // --- experiment throwers ---
 
 pub const THROWER_COLUMNS: &str =

@@ -6,6 +6,7 @@ use super::range_to;
 use crate::ground_truth::CandidateTruth;
 use crate::paper_reproduction::ScreenRow;
 use crate::pipeline_experiments::candidate_run::CandidateEnd;
+use crate::pipeline_experiments::demonstrations::DemonstrationRun;
 use crate::pipeline_experiments::drift_run::{CellResult, CellRun};
 use crate::pipeline_experiments::layer_failure::LayerRow;
 use crate::pipeline_experiments::series::SeriesEnd;
@@ -40,6 +41,14 @@ pub fn screened(row: &ScreenRow) -> String {
 
 pub fn candidate(end: &CandidateEnd) -> String {
     format!("{} {}: {} after {} episodes", end.profile, end.name, end.state, end.effort.sandbox)
+}
+
+/// The runs of one run seed.
+pub fn demonstrations(runs: &[DemonstrationRun]) -> String {
+    let ends: Vec<String> =
+        runs.iter().map(|run| format!("{} {}: {}", run.profile, run.name, run.state)).collect();
+    let seed = runs.first().map_or_else(String::new, |run| format!("seed {}: ", run.seed));
+    format!("{seed}{}", ends.join(", "))
 }
 
 pub fn truth(one: &CandidateTruth) -> String {

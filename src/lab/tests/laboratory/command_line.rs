@@ -23,6 +23,7 @@ fn experiments_write_only_into_a_named_folder() {
         "experiment e1",
         "experiment sensors",
         "experiment danger",
+        "experiment demonstrations",
         "experiment distinguisher",
         "experiment throwers",
         "pool generate --seed 1",
