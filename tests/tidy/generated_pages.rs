@@ -31,7 +31,7 @@ fn check(page: &str, text: &str) {
 /// Arguments that many commands have: their heading, and the identifiers of the arguments. The page says them once.
 const SHARED: [(&str, &[&str]); 4] = [
     ("signature", &["identity", "reason", "passphrase_file"]),
-    ("engine options", &["seed", "profile", "robot", "site", "jobs"]),
+    ("engine options", &["profile", "robot", "site", "jobs"]),
     ("scenes", &["view", "no_recording"]),
     ("console options", &["read_only", "operator", "theme", "color", "ascii", "mouse", "no_tour"]),
 ];

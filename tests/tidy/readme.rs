@@ -4,7 +4,8 @@ use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use holdpoint::cli::Exit;
+use clap::CommandFactory as _;
+use holdpoint::cli::{Cli, Exit};
 use holdpoint::governance::profile::{Profile, ProfileName};
 use holdpoint::protocol::wire::PROTOCOL;
 
@@ -229,6 +230,68 @@ fn sentences_are_short() {
         }
     }
     report(&problems);
+}
+
+/// The word of a command line that is no verb or option of the program; former names, which are hidden, included.
+fn unknown_word<'a>(program: &clap::Command, line: &'a str) -> Option<&'a str> {
+    let (mut command, mut is_value) = (program, false);
+    for word in line.split_whitespace() {
+        let Some(option) = word.strip_prefix("--") else {
+            let verb = command.get_subcommands().find(|verb| !verb.is_hide_set() && verb.get_name() == word);
+            match verb {
+                Some(verb) => command = verb,
+                None if command.has_subcommands() && !is_value => return Some(word),
+                None => {}
+            }
+            is_value = false;
+            continue;
+        };
+        let is_known = ["help", "version"].contains(&option)
+            || command
+                .get_arguments()
+                .chain(program.get_arguments())
+                .any(|argument| !argument.is_hide_set() && argument.get_long() == Some(option));
+        if !is_known {
+            return Some(word);
+        }
+        is_value = true;
+    }
+    None
+}
+
+#[test]
+fn commands_in_the_pages_are_the_program_s() {
+    let program = Cli::command();
+    let (mut problems, mut seen) = (Vec::new(), 0);
+    for page in pages() {
+        let text = fs::read_to_string(&page).unwrap();
+        for line in text.lines() {
+            let quoted = line.split("`holdpoint ").skip(1).filter_map(|rest| rest.split('`').next());
+            let typed = line.trim_start().strip_prefix("holdpoint ");
+            for named in quoted.chain(typed) {
+                let named = named.split(" #").next().unwrap_or(named);
+                // `help` takes other words than verbs, and the page of the command line has the word COMMAND.
+                if named.starts_with("help ") || named.starts_with("COMMAND ") {
+                    continue;
+                }
+                seen += 1;
+                if let Some(word) = unknown_word(&program, named) {
+                    problems.push(format!("{}: {word:?} of `holdpoint {named}`", page.display()));
+                }
+            }
+        }
+    }
+    report(&problems);
+    assert!(seen > 200, "{seen} commands are checked");
+    for (line, unknown) in [
+        ("scenario run FILE --seed 101 --data try", None),
+        ("--data DIR version list", None),
+        ("run --headless --script FILE", Some("--headless")),
+        ("version lists", Some("lists")),
+        ("go --as ana", Some("go")),
+    ] {
+        assert_eq!(unknown_word(&program, line), unknown, "{line}");
+    }
 }
 
 /// `` `a`, `b` `` gives a and b.
