@@ -15,7 +15,7 @@ lint:
 
 # One scenario by name.
 scenario name:
-    cargo run -- run --headless --script tests/scenarios/{{ name }}.toml
+    cargo run -- scenario run tests/scenarios/{{ name }}.toml
 
 # Everything.
 ci:

@@ -268,7 +268,9 @@ fn commands_in_the_pages_are_the_program_s() {
         let text = fs::read_to_string(&page).unwrap();
         for line in text.lines() {
             let quoted = line.split("`holdpoint ").skip(1).filter_map(|rest| rest.split('`').next());
-            let typed = line.trim_start().strip_prefix("holdpoint ");
+            let typed = ["holdpoint ", "cargo run -- "]
+                .into_iter()
+                .find_map(|start| line.trim_start().strip_prefix(start));
             for named in quoted.chain(typed) {
                 let named = named.split(" #").next().unwrap_or(named);
                 // `help` takes other words than verbs, and the page of the command line has the word COMMAND.
