@@ -65,6 +65,10 @@ impl EngineFault {
                 let hint = "free some space, then end the engine and start it again";
                 Problem::of(self).with_hint(hint)
             }
+            Self::Cell(CellError::Body(BodyError::Lost(_))) | Self::Body(BodyError::Lost(_)) => {
+                let hint = "start the cell again, then end the engine and start it again";
+                Problem::of(self).with_hint(hint)
+            }
             _ => Problem::of(self),
         }
     }

@@ -97,11 +97,21 @@ impl DrillCase<'_> {
         worker: &mut Worker,
         shared: &mut Option<UndisturbedRun>,
     ) -> (DrillResult, Option<u64>) {
-        let mut from = None;
-        let result = match self.work(worker, shared, &mut from) {
+        let (mut from, is_begun) = (None, shared.is_some());
+        let mut worked = self.work(worker, shared, &mut from);
+        if is_begun && matches!(worked, Err(CellError::Snapshot(_))) {
+            // A cell that was started again has none of the states that it gave before.
+            (*shared, from) = (None, None);
+            worked = self.work(worker, shared, &mut from);
+        }
+        let result = match worked {
             Ok(Some(true)) => DrillResult::Passed,
             Ok(Some(false)) => DrillResult::Failed,
-            Ok(None) | Err(_) => DrillResult::Infeasible,
+            Ok(None) => DrillResult::Infeasible,
+            Err(error) => {
+                worker.note_failure(error);
+                DrillResult::Infeasible
+            }
         };
         (result, from)
     }

@@ -20,8 +20,8 @@ use holdpoint_runtime::skill::Skill;
 use holdpoint_runtime::task::{Supervision, TaskRecord, TaskRun};
 use holdpoint_runtime::terms::SkillTerms;
 
-fn failed(worker: &mut Worker, trial: &TrialCase<'_>) -> TaskRecord {
-    worker.failed(trial.version.bundle.task(), trial.seed)
+fn failed(worker: &mut Worker, error: CellError, trial: &TrialCase<'_>) -> TaskRecord {
+    worker.failed(error, trial.version.bundle.task(), trial.seed)
 }
 
 /// Runs one episode of one version.
@@ -52,7 +52,7 @@ pub fn alone_with(
 ) -> TaskRecord {
     match worker.arm(trial.cell, &trial.setup()).map(|_| ()) {
         Ok(()) => alone_from_here(worker, &trial, around),
-        Err(_) => failed(worker, &trial),
+        Err(error) => failed(worker, error, &trial),
     }
 }
 
@@ -73,7 +73,7 @@ fn alone_from_here(
         }
         Ok(trial.start_with(around).finish(&mut arm.handle(), &mut |_, _| Supervision::Continue)?)
     };
-    run().unwrap_or_else(|_| failed(worker, trial))
+    run().unwrap_or_else(|error| failed(worker, error, trial))
 }
 
 /// Runs the same episode of two versions: on one world as long as both ask the same of it, then each on its own. In a cell
@@ -87,7 +87,7 @@ pub fn pair(worker: &mut Worker, both: [TrialCase<'_>; 2]) -> [TaskRecord; 2] {
     }
     match worker.arm(first.cell, &setup).map(|_| ()) {
         Ok(()) => pair_here(worker, both),
-        Err(_) => both.map(|trial| failed(worker, &trial)),
+        Err(error) => both.map(|trial| failed(worker, error.clone(), &trial)),
     }
 }
 
@@ -104,10 +104,10 @@ pub(super) fn pair_here(worker: &mut Worker, both: [TrialCase<'_>; 2]) -> [TaskR
         Ok(Some(start)) => {
             return both.map(|trial| match worker.arm_from(trial.cell, &start).map(|_| ()) {
                 Ok(()) => alone_here(worker, &trial),
-                Err(_) => failed(worker, &trial),
+                Err(error) => failed(worker, error, &trial),
             });
         }
-        Err(_) => return both.map(|trial| failed(worker, &trial)),
+        Err(error) => return both.map(|trial| failed(worker, error.clone(), &trial)),
     }
     let (mut one, mut other) = (first.start(), second.start());
     let mut begin = || -> Result<CellCopy, CellError> {
@@ -115,8 +115,9 @@ pub(super) fn pair_here(worker: &mut Worker, both: [TrialCase<'_>; 2]) -> [TaskR
         TaskRun::run_together(&mut arm.handle(), &mut one, &mut other)?;
         arm.body().copy()
     };
-    let Ok(parted) = begin() else {
-        return both.map(|trial| failed(worker, &trial));
+    let parted = match begin() {
+        Ok(parted) => parted,
+        Err(error) => return both.map(|trial| failed(worker, error.clone(), &trial)),
     };
     let mut go_on = |run: TaskRun, trial: &TrialCase<'_>, from: Option<&CellCopy>| {
         let work = || -> Result<TaskRecord, CellError> {
@@ -126,7 +127,7 @@ pub(super) fn pair_here(worker: &mut Worker, both: [TrialCase<'_>; 2]) -> [TaskR
             };
             Ok(run.finish(&mut arm.handle(), &mut |_, _| Supervision::Continue)?)
         };
-        work().unwrap_or_else(|_| failed(worker, trial))
+        work().unwrap_or_else(|error| failed(worker, error, trial))
     };
     [go_on(one, &first, None), go_on(other, &second, Some(&parted))]
 }

@@ -37,7 +37,7 @@ pub fn alone_from_live_start(
     match reach(worker, cell, team, task, seed) {
         Ok(Some(seed)) => alone_here(worker, &subject.trial(cell, CONDITIONS, seed)),
         Ok(None) => TaskRecord::invalid(task, seed),
-        Err(_) => worker.failed(task, seed),
+        Err(error) => worker.failed(error, task, seed),
     }
 }
 
@@ -58,7 +58,7 @@ pub fn pair_from_live_start(
     match reach(worker, cell, team, task, seed) {
         Ok(Some(seed)) => pair_here(worker, both.map(|subject| subject.trial(cell, CONDITIONS, seed))),
         Ok(None) => both.map(|_| TaskRecord::invalid(task, seed)),
-        Err(_) => both.map(|_| worker.failed(task, seed)),
+        Err(error) => both.map(|_| worker.failed(error.clone(), task, seed)),
     }
 }
 

@@ -157,10 +157,10 @@ fn records_with_failure(
     (cell, lineup, seed): (&Cell, &[&TrialSubject], u64),
     mut records: Vec<TaskRecord>,
 ) -> Vec<TaskRecord> {
-    if outcome.is_err() {
+    if let Err(error) = outcome {
         let next = lineup.get(records.len()).map(|subject| subject.version.bundle.task());
         let task = next.unwrap_or_else(|| cell.spec.last_task());
-        records.push(worker.failed(task, seed));
+        records.push(worker.failed(error, task, seed));
     }
     records
 }

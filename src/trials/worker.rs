@@ -1,6 +1,6 @@
 //! One world, used again for every episode that its worker works.
 
-use holdpoint_body::TaskKind;
+use holdpoint_body::{BodyError, TaskKind};
 use holdpoint_cell::film::EpisodeFrame;
 use holdpoint_cell::{CellCopy, CellError, EpisodeSetup, TrialCell};
 use holdpoint_governance::ids::Digest;
@@ -18,19 +18,21 @@ pub struct Worker {
     /// The arm in its world, and the digest of the cell it was built from.
     built: Option<(Digest, TrialArm)>,
     films: bool,
+    /// Why its cell does not answer any more: nothing that the job gave is a result.
+    lost: Option<CellError>,
 }
 
 impl Worker {
     /// A worker that builds its world at its first episode.
     #[must_use]
     pub const fn new() -> Self {
-        Self { built: None, films: false }
+        Self { built: None, films: false, lost: None }
     }
 
     /// A worker that films what it works ([`Worker::take_film`]). The records are the same.
     #[must_use]
     pub const fn filming() -> Self {
-        Self { built: None, films: true }
+        Self { built: None, films: true, lost: None }
     }
 
     /// What its world showed of the last episode; nothing if it does not film, or if the world failed.
@@ -94,9 +96,22 @@ impl Worker {
         self.built.as_mut().map(|(_, arm)| arm).ok_or_else(none)
     }
 
-    /// The record of an episode in which the world failed. A world that diverged is not used again.
-    pub fn failed(&mut self, task: TaskKind, seed: u64) -> TaskRecord {
-        self.built = None;
+    /// The record of an episode in which the world failed.
+    pub fn failed(&mut self, error: CellError, task: TaskKind, seed: u64) -> TaskRecord {
+        self.note_failure(error);
         TaskRecord::invalid(task, seed)
+    }
+
+    /// Notes that the world failed. One that diverged is not used again.
+    pub fn note_failure(&mut self, error: CellError) {
+        self.built = None;
+        if matches!(error, CellError::Body(BodyError::Lost(_))) {
+            self.lost.get_or_insert(error);
+        }
+    }
+
+    /// Why its cell did not answer any more since the last call, if that happened.
+    pub(super) fn take_lost(&mut self) -> Option<CellError> {
+        self.lost.take()
     }
 }

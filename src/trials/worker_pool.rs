@@ -31,8 +31,15 @@ pub struct PoolJob<R> {
     pub work: JobFn<R>,
 }
 
-/// The result of a job, or its worker's panic.
-type JobResult<R> = Result<R, String>;
+/// Why a job gave no result.
+enum JobFault {
+    /// Its worker panicked, with this message.
+    Panic(String),
+    /// The cell of its worker does not answer any more.
+    Lost(CellError),
+}
+
+type JobResult<R> = Result<R, JobFault>;
 
 struct QueueState<R> {
     /// Asked for, in order.
@@ -117,8 +124,8 @@ impl<R: Send + 'static> WorkerPool<R> {
     /// expected.
     ///
     /// # Errors
-    /// If a worker panicked, naming the job, if `cancel` was raised, or if two jobs are the same: nothing is
-    /// handed over then.
+    /// If a worker panicked, naming the job, if the cell of a worker was lost, if `cancel` was raised, or if two jobs are
+    /// the same: nothing is handed over then.
     pub fn run_jobs(&self, jobs: Vec<PoolJob<R>>, cancel: &AtomicBool) -> Result<Vec<R>, TrialFault> {
         if self.jobs > 1 {
             self.start()?;
@@ -209,12 +216,20 @@ impl<R> WorkerPoolShared<R> {
             // Its world may be half changed.
             *worker = Worker::new();
             let text = panic.downcast_ref::<&str>().map(|text| (*text).to_owned());
-            text.or_else(|| panic.downcast_ref::<String>().cloned())
-                .unwrap_or_else(|| "panic without a message".to_owned())
+            let text = text.or_else(|| panic.downcast_ref::<String>().cloned());
+            JobFault::Panic(text.unwrap_or_else(|| "panic without a message".to_owned()))
         });
+        let worked = match worker.take_lost() {
+            Some(error) => Err(JobFault::Lost(error)),
+            None => worked,
+        };
         let mut books = self.lock();
         books.running.remove(&key);
-        books.done.insert(key, worked);
+        // Who asks later may find the cell started again.
+        let is_forgotten = matches!(worked, Err(JobFault::Lost(_))) && books.unasked.remove(&key);
+        if !is_forgotten {
+            books.done.insert(key, worked);
+        }
         drop(books);
         self.changed.notify_all();
     }
@@ -238,14 +253,17 @@ impl<R> WorkerPoolShared<R> {
     }
 }
 
-/// Takes the results out, in order. A panic of any of them fails them all.
+/// Takes the results out, in order. A fault of any of them fails them all.
 fn hand_over<R>(books: &mut QueueState<R>, keys: &[Digest]) -> Result<Vec<R>, TrialFault> {
     let mut results = Vec::with_capacity(keys.len());
     let mut failed = None;
     for (item, key) in (0_u64..).zip(keys) {
         match books.done.remove(key) {
             Some(Ok(result)) => results.push(result),
-            Some(Err(message)) => failed = failed.or(Some(CellError::Worker { item, message })),
+            Some(Err(JobFault::Panic(message))) => {
+                failed = failed.or(Some(CellError::Worker { item, message }));
+            }
+            Some(Err(JobFault::Lost(error))) => failed = failed.or(Some(error)),
             None if failed.is_none() => {
                 return Err(TrialFault::Impossible("one job was asked for twice at a time".to_owned()));
             }
@@ -261,6 +279,7 @@ fn hand_over<R>(books: &mut QueueState<R>, keys: &[Digest]) -> Result<Vec<R>, Tr
 #[cfg(test)]
 mod tests {
     use super::*;
+    use holdpoint_body::BodyError;
     use std::sync::atomic::AtomicU64;
 
     fn job(number: u64, run: &Arc<AtomicU64>) -> PoolJob<u64> {
@@ -319,6 +338,33 @@ mod tests {
             let failed = worker_pool.run_jobs(list(5..9), &AtomicBool::new(false)).unwrap_err().to_string();
             assert!(failed.contains("seven is broken") && failed.contains('2'), "{failed}");
             assert_eq!(worker_pool.run_jobs(list(8..12), &AtomicBool::new(false)).unwrap(), squares(8..12));
+        }
+    }
+
+    #[test]
+    fn a_lost_cell_fails_the_requested_jobs_and_none_that_was_ahead() {
+        let lost = || CellError::Body(BodyError::Lost("gone".to_owned()));
+        for jobs in [1, 3] {
+            let (worker_pool, run) = (WorkerPool::new(jobs), Arc::new(AtomicU64::new(0)));
+            let losing = |number: u64| {
+                let PoolJob { key, work } = job(number, &run);
+                let work = move |worker: &mut Worker| {
+                    worker.note_failure(lost());
+                    work(worker)
+                };
+                PoolJob { key, work: Box::new(work) }
+            };
+            worker_pool.expect((20..24).map(losing).collect()).unwrap();
+            let asked = vec![job(1, &run), losing(2), job(3, &run)];
+            let failed = worker_pool.run_jobs(asked, &AtomicBool::new(false)).unwrap_err();
+            assert!(matches!(&failed, TrialFault::Cell(error) if *error == lost()), "{failed}");
+            let again = (20..24).map(|number| job(number, &run)).collect();
+            worker_pool.expect(Vec::new()).unwrap();
+            let until_idle = std::time::Instant::now();
+            while !worker_pool.shared.lock().running.is_empty() && until_idle.elapsed().as_secs() < 20 {
+                std::thread::yield_now();
+            }
+            assert_eq!(worker_pool.run_jobs(again, &AtomicBool::new(false)).unwrap(), squares(20..24));
         }
     }
 

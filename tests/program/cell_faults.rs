@@ -1,5 +1,6 @@
-//! Faults of a served cell within a sequence: the arm comes to a standstill, the engine is stopped with an alarm, a person
-//! starts the cell again, and nothing is lost. Prints a table of the times.
+//! Faults of a served cell. Within a sequence the arm comes to a standstill, the engine is stopped with an alarm, a person
+//! starts the cell again, and nothing is lost. Prints a table of the times. Within a sandbox nothing is decided: the engine
+//! is on hold, and the next one runs the sandbox again.
 //!
 //! The cell is a process of its own. A relay at the socket makes the fault at a moment at which the arm of the second task
 //! moves, so that no time is waited for.
@@ -8,7 +9,7 @@ use std::io::{self, Read as _, Write as _};
 use std::net::Shutdown;
 use std::os::unix::net::{UnixListener, UnixStream};
 use std::path::{Path, PathBuf};
-use std::process::Command as Process;
+use std::process::{Command as Process, Output};
 use std::sync::mpsc::{Receiver, Sender, channel};
 use std::sync::{Arc, Mutex};
 use std::thread;
@@ -17,10 +18,13 @@ use std::time::{Duration, Instant};
 use holdpoint::body::RATE_HZ;
 use holdpoint::cells::PACED_CELLS;
 use holdpoint::governance::alarms::AlarmState;
+use holdpoint::governance::lifecycle::{Stage, State};
 use holdpoint::governance::profile::ProfileName;
 use holdpoint::governance::record::RecordKind;
+use holdpoint::protocol::command::Command;
 use holdpoint::protocol::event::{Event, EventKind};
 use holdpoint::registry::Views;
+use holdpoint::runtime::capability;
 use holdpoint::service::engine_handle::LaunchConfig;
 use holdpoint::store::{AuditFilter, Layout};
 use holdpoint::trials::seeds::EpisodeSeeds;
@@ -83,6 +87,14 @@ impl Fault {
         }
     }
 
+    /// As [`Fault::reason`], for a trial cell, which is waited for longer.
+    const fn trial_reason(self) -> &'static str {
+        match self {
+            Self::Slowed | Self::Frozen => "no answer within",
+            Self::NotANumber | Self::Cut | Self::AnotherCell | Self::Killed => self.reason(),
+        }
+    }
+
     /// How long the client waits before it knows.
     fn known_within(self) -> Duration {
         let deadline = ClientOptions::paced().deadlines.step;
@@ -98,7 +110,7 @@ fn watchdog() -> Duration {
 /// What the relay is to do.
 #[derive(Default)]
 struct Orders {
-    fault: Option<Fault>,
+    fault: Option<(Role, Fault)>,
     /// Whether the description is another one.
     lies: bool,
 }
@@ -224,9 +236,7 @@ impl Relay {
             pass_block(client, cell, image.bytes)?;
         }
         let mut answer: Answer = decode(&receive(cell)?).unwrap();
-        if link.role == Role::Live
-            && let CellReply::Seen(seen) = &mut answer.reply
-        {
+        if let CellReply::Seen(seen) = &mut answer.reply {
             self.look_at(link, &request, seen)?;
         }
         if link.is_slowed {
@@ -239,14 +249,16 @@ impl Relay {
         Ok(())
     }
 
-    /// Makes the fault that is ordered, once the arm moves.
+    /// Makes the fault that is ordered for the connection: in a live cell once its arm moves, in a trial cell at its next
+    /// tick.
     fn look_at(&self, link: &mut Link, request: &CellRequest, seen: &mut CellState) -> io::Result<()> {
         let is_step = matches!(request.call, Call::Step { .. });
-        if !(is_step && link.is_under_way(seen)) {
+        if !(is_step && (link.role == Role::Trial || link.is_under_way(seen))) {
             return Ok(());
         }
         let Some(observation) = &mut seen.observation else { return Ok(()) };
-        let Some(fault) = self.orders.lock().unwrap().fault.take() else { return Ok(()) };
+        let ordered = self.orders.lock().unwrap().fault.take_if(|(role, _)| *role == link.role);
+        let Some((_, fault)) = ordered else { return Ok(()) };
         self.fired.lock().unwrap().send(Instant::now()).unwrap();
         match fault {
             Fault::NotANumber => observation.q[0] = f64::NAN,
@@ -301,19 +313,7 @@ impl FaultyCell {
         let endpoint = folder.join("relay.sock");
         Arc::clone(&relay).listen(&endpoint);
         let site = site_at(folder, &format!("unix:{}", endpoint.display()));
-        let front = Front::start_at(LaunchConfig {
-            data: store.to_owned(),
-            profile: ProfileName::Sim.into(),
-            seeds: EpisodeSeeds::OfRun(1),
-            jobs: 1,
-            cells: Arc::new(PACED_CELLS),
-            robot: None,
-            site: Some(Arc::new(LoadedSite::read(Path::new(&site)).unwrap())),
-            pace: None,
-            sinks: Vec::new(),
-            alone_max: None,
-            console_access: None,
-        });
+        let front = start_engine(&site, store);
         Self { front, folder: folder.to_owned(), process, relay, fired, late, ended, told: Vec::new() }
     }
 
@@ -365,7 +365,7 @@ impl FaultyCell {
     /// One fault, from the moment that it happens until a person has started the cell.
     fn meet(&mut self, fault: Fault) -> Row {
         while self.ended.try_recv().is_ok() {}
-        self.relay.orders.lock().unwrap().fault = Some(fault);
+        self.relay.orders.lock().unwrap().fault = Some((Role::Live, fault));
         let fired = self.fired.recv_timeout(PATIENCE).unwrap();
         self.until_stopped(fault.reason());
         let stopped_after = fired.elapsed();
@@ -419,6 +419,28 @@ impl FaultyCell {
     }
 }
 
+/// An engine whose caller works the trials, so that a fault of a trial cell is known before one of the live cell.
+fn start_engine(site: &str, store: &Path) -> Front {
+    Front::start_at(LaunchConfig {
+        data: store.to_owned(),
+        profile: ProfileName::Sim.into(),
+        seeds: EpisodeSeeds::OfRun(1),
+        jobs: 1,
+        cells: Arc::new(PACED_CELLS),
+        robot: None,
+        site: Some(Arc::new(LoadedSite::read(Path::new(site)).unwrap())),
+        pace: None,
+        sinks: Vec::new(),
+        alone_max: None,
+        console_access: None,
+    })
+}
+
+fn holdpoint(arguments: &[&str], store: &Path) -> Output {
+    let mut program = Process::new(env!("CARGO_BIN_EXE_holdpoint"));
+    program.args(arguments).arg("--data").arg(store).output().unwrap()
+}
+
 fn bodies(store: &Path, kind: RecordKind) -> Vec<Value> {
     let filter = AuditFilter { kind: Some(kind), ..AuditFilter::default() };
     let rows = Views::open(&Layout::new(store).database()).unwrap().audit(&filter).unwrap();
@@ -456,10 +478,59 @@ fn a_faulty_cell_stands_and_the_engine_stops_with_an_alarm_until_a_person_starts
     assert!(releases.iter().all(|release| release["by"] == "ana"), "{releases:?}");
     let ends = bodies(&store, RecordKind::EngineEnded);
     assert!(ends.iter().all(|end| end["orderly"] == true), "{ends:?}");
-    let verified = Process::new(env!("CARGO_BIN_EXE_holdpoint"))
-        .args(["audit", "verify", "--data"])
-        .arg(&store)
-        .output()
-        .unwrap();
+    let verified = holdpoint(&["audit", "verify"], &store);
+    assert!(verified.status.success(), "{}", String::from_utf8_lossy(&verified.stdout));
+}
+
+#[test]
+fn a_trial_cell_lost_in_a_sandbox_decides_nothing_and_the_next_engine_runs_it_again() {
+    let root = tempfile::tempdir().unwrap();
+    let store = root.path().join("store");
+    let mut cell = FaultyCell::start(root.path(), &store);
+    let site = root.path().join("site.toml").display().to_string();
+    let candidate = Path::new(env!("CARGO_MANIFEST_DIR")).join("manifests/candidates/align-improved");
+    let package = capability::read(&candidate).unwrap();
+    let name = "align-improved".to_owned();
+    assert_accepted(&cell.front.carry_out(Command::Register { package, name, by: None }));
+    for fault in FAULTS {
+        cell.front.until(|kind| matches!(kind, EventKind::StageStarted { stage: Stage::Sandbox, .. }));
+        while cell.ended.try_recv().is_ok() {}
+        cell.relay.orders.lock().unwrap().fault = Some((Role::Trial, fault));
+        cell.fired.recv_timeout(PATIENCE).unwrap();
+        cell.front.until(|kind| matches!(kind, EventKind::Fault { .. }));
+        let snapshot = cell.front.snapshot();
+        let why = snapshot.holding.unwrap();
+        assert!(why.contains(fault.trial_reason()), "{fault:?}: {why}");
+        let alarm = snapshot.alarms.iter().find(|alarm| alarm.alarm == "engine-fault").unwrap();
+        assert_eq!(alarm.state, AlarmState::Unacknowledged, "{fault:?}");
+        match fault {
+            Fault::Frozen => cell.process.lock().unwrap().signal(Signal::CONT),
+            Fault::Slowed => cell.late.send(()).unwrap(),
+            Fault::NotANumber | Fault::Cut | Fault::AnotherCell | Fault::Killed => {}
+        }
+        let is_decided = |event: &Event| {
+            matches!(event.kind, EventKind::StateChanged { to: State::Sandboxed | State::Rejected, .. })
+        };
+        assert!(!cell.front.events.iter().any(is_decided), "{fault:?}: {:?}", cell.front.events);
+        cell.front.host.stop(PATIENCE).unwrap();
+        // The live cell is free for the next engine.
+        cell.ended.recv_timeout(PATIENCE).unwrap();
+        if fault == Fault::Killed {
+            let again = CellProcess::in_folder(root.path());
+            *cell.process.lock().unwrap() = again;
+        }
+        if fault == Fault::AnotherCell {
+            let refused = holdpoint(&["site", "check", &site], Path::new("/nowhere"));
+            let told = String::from_utf8_lossy(&refused.stderr);
+            assert!(!refused.status.success() && told.contains("description"), "{told}");
+            cell.relay.orders.lock().unwrap().lies = false;
+        }
+        cell.front = start_engine(&site, &store);
+    }
+    let is_further =
+        |kind: &EventKind| matches!(kind, EventKind::Progress { stage: Stage::Sandbox, done: 1.., .. });
+    cell.front.until(is_further);
+    cell.front.host.stop(PATIENCE).unwrap();
+    let verified = holdpoint(&["audit", "verify"], &store);
     assert!(verified.status.success(), "{}", String::from_utf8_lossy(&verified.stdout));
 }

@@ -114,14 +114,20 @@ impl WireCell {
         Ok(())
     }
 
-    /// As [`Self::start`], on a new connection if the one before is lost.
-    fn start_again(&mut self, call: Call, block: Option<&[u8]>, within: Duration) -> Result<(), CellError> {
+    /// Connects again if the connection is lost.
+    fn reconnect(&mut self) -> Result<(), CellError> {
         if self.peer.borrow().is_lost() {
             let peer = self.shared.join(self.role).map_err(|error| self.shared.cell_error(error))?;
             self.peer = RefCell::new(peer);
             self.guard.set(None);
             self.is_untold.set(false);
         }
+        Ok(())
+    }
+
+    /// As [`Self::start`], on a new connection if the one before is lost.
+    fn start_again(&mut self, call: Call, block: Option<&[u8]>, within: Duration) -> Result<(), CellError> {
+        self.reconnect()?;
         self.start(call, block, within).map_err(|error| self.shared.cell_error(error))
     }
 
@@ -321,6 +327,8 @@ impl TrialCell for WireCell {
     }
 
     fn go_on_from(&mut self, copy: &CellCopy) -> Result<(), CellError> {
+        // The session is known before the handle is compared with it.
+        self.reconnect()?;
         match (copy.memory::<WireFork>(), copy.image()) {
             (Some(fork), _)
                 if Arc::ptr_eq(&fork.shared, &self.shared)

@@ -178,18 +178,13 @@ pub fn item(
     index: u64,
 ) -> Option<RefereeObservation> {
     let seed = seed(channel, index);
-    let task = judged.version.bundle.task();
     let observed = match channel {
         Channel::Episodes => episode(worker, cell, judged, conditions(index), seed),
         Channel::Sequences => sequence(worker, cell, judged, team, seed),
         Channel::Stops => stop(worker, cell, judged, seed),
         Channel::Rollbacks => rollback(worker, cell, judged, team, seed),
     };
-    if observed.is_err() {
-        // A world that diverged is not used again.
-        worker.failed(task, seed);
-    }
-    observed.ok()
+    observed.map_err(|error| worker.note_failure(error)).ok()
 }
 
 fn episode(

@@ -344,11 +344,7 @@ pub(crate) fn episode(
 ) -> Option<SensorRow> {
     let seed = referee_runs::seed(Channel::Episodes, index);
     let observed = observe(worker, cell, version, (referee_runs::conditions(index), seed));
-    if observed.is_err() {
-        // A world that diverged is not used again.
-        worker.failed(version.judged.version.bundle.task(), seed);
-    }
-    observed.ok().flatten()
+    observed.map_err(|error| worker.note_failure(error)).ok().flatten()
 }
 
 fn observe(

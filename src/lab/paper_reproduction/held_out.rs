@@ -83,11 +83,13 @@ pub fn evaluate(
         .collect();
     let mut found = Vec::new();
     for index in from..from + sequences {
-        let Ok((seen, records)) = observe_sequence(worker, &setup.cell, &team, index) else {
-            // A world that diverged is not used again.
-            worker.failed(holdpoint_body::TaskKind::Grasp, index);
-            found.push(None);
-            continue;
+        let (seen, records) = match observe_sequence(worker, &setup.cell, &team, index) {
+            Ok(observed) => observed,
+            Err(error) => {
+                worker.note_failure(error);
+                found.push(None);
+                continue;
+            }
         };
         found.push(Some(HeldOutSequence {
             done: seen.done,

@@ -138,7 +138,10 @@ impl TrialPairing {
                 let trial = table.active.trial(&table.cell, Conditions::Canonical, seed);
                 let trace = UndisturbedRun::begin(worker, &trial, None)
                     .and_then(|mut work| Ok(work.trace(worker, &trial)?.phases_present()));
-                JobOutcome::Phases(trace.unwrap_or_default())
+                JobOutcome::Phases(trace.unwrap_or_else(|error| {
+                    worker.note_failure(error);
+                    Vec::new()
+                }))
             }),
         }
     }
