@@ -71,6 +71,20 @@ impl TriggerKind {
             | Self::Unreviewed => true,
         }
     }
+
+    /// Whether the drift monitor decided on the rollback, so that it is about the version's conduct. One by a person, or
+    /// by an engine that came up, is not.
+    #[must_use]
+    pub const fn is_by_monitor(self) -> bool {
+        match self {
+            Self::SafetyEvent
+            | Self::RateTrip
+            | Self::EscalationUnanswered
+            | Self::TelemetrySilence
+            | Self::OpenDoubt => true,
+            Self::Operator | Self::Restart | Self::ProfileNotAdmitted | Self::Unreviewed => false,
+        }
+    }
 }
 
 crate::closed_set! {

@@ -6,7 +6,6 @@
 use super::time_mark::TimeMark;
 use crate::look::ThemeRole;
 use holdpoint_governance::ids::CapabilityId;
-use holdpoint_governance::rollback::TriggerKind;
 use holdpoint_protocol::event::{Event, EventKind};
 use holdpoint_recordings::recording::Recording;
 
@@ -97,17 +96,7 @@ fn decides(kind: &EventKind, version: &CapabilityId) -> bool {
 /// no failure of the version.
 fn blames(kind: &EventKind) -> bool {
     let EventKind::RolledBack { record, .. } = kind else { return true };
-    match record.trigger.kind {
-        TriggerKind::SafetyEvent
-        | TriggerKind::RateTrip
-        | TriggerKind::EscalationUnanswered
-        | TriggerKind::TelemetrySilence
-        | TriggerKind::OpenDoubt => true,
-        TriggerKind::Operator
-        | TriggerKind::Restart
-        | TriggerKind::ProfileNotAdmitted
-        | TriggerKind::Unreviewed => false,
-    }
+    record.trigger.kind.is_by_monitor()
 }
 
 /// Whether a task of the version violated a limit in the live cell.

@@ -24,7 +24,7 @@ use holdpoint_governance::notice::NoticeOrText;
 use holdpoint_governance::outcome::{ActivationMode, Basis, CheckResult, StageOutcome};
 use holdpoint_governance::permission::PermissionUse;
 use holdpoint_governance::record::{AuditRecord, RecordKind};
-use holdpoint_governance::rollback::{PostStatus, RollbackRecord, TriggerKind};
+use holdpoint_governance::rollback::{PostStatus, RollbackRecord};
 use holdpoint_governance::version_status::{StatusFacts, VersionCondition, VersionStatus, next_stage};
 use holdpoint_governance::wall_time::WallTime;
 use holdpoint_protocol::explanation::{PeopleRuling, Ruling};
@@ -191,7 +191,7 @@ impl<'a> SummaryReader<'a> {
         };
         let since = (decision.record, decision.at_ms);
         if let Some(rollback) = self.rollback(decision) {
-            let by_monitor = is_by_monitor(rollback.trigger.kind);
+            let by_monitor = rollback.trigger.kind.is_by_monitor();
             let position = VersionPosition::RolledBack {
                 status: rollback.post_status,
                 target: rollback.predecessor,
@@ -488,21 +488,6 @@ const fn is_adverse(position: &VersionPosition) -> bool {
 /// Whether a change of the version, or of what surrounds it, would have led to another result.
 const fn changes_by_remedies(position: &VersionPosition) -> bool {
     is_adverse(position) || matches!(position, VersionPosition::Waiting(PendingStep::Gate))
-}
-
-/// Whether the drift monitor decided on the rollback.
-const fn is_by_monitor(trigger: TriggerKind) -> bool {
-    match trigger {
-        TriggerKind::SafetyEvent
-        | TriggerKind::RateTrip
-        | TriggerKind::EscalationUnanswered
-        | TriggerKind::TelemetrySilence
-        | TriggerKind::OpenDoubt => true,
-        TriggerKind::Operator
-        | TriggerKind::Restart
-        | TriggerKind::ProfileNotAdmitted
-        | TriggerKind::Unreviewed => false,
-    }
 }
 
 /// The stage whose rule decided; `None` for the monitor, the ladder and people.
