@@ -163,7 +163,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let file = folder.path().join("rows");
         std::fs::write(&file, "{\"decided_by\":\"x\",\"setting\":1,\"result\":2}\n{}\n").unwrap();
-        let Err(ExperimentError::Text(problem)) = read::<u64, u64>(&[file.clone()]) else {
+        let Err(ExperimentError::Text(problem)) = read::<u64, u64>(std::slice::from_ref(&file)) else {
             panic!("it is read")
         };
         assert!(problem.contains("line 2"), "{problem}");

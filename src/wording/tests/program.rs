@@ -8,7 +8,7 @@ use crate::program::audit::{checkpoints, sound};
 use crate::program::candidate::{CheckSummary, check_summary, static_verdict};
 use crate::program::engine::{RecordingContradiction, recording_contradiction};
 use crate::program::metrics::{covered, omitted_batches};
-use crate::program::recordings::{checked, checked_all, missing};
+use crate::program::recordings::{RecordingCheck, checked, checked_all, missing};
 use crate::program::replay::rerun_totals;
 use crate::program::run::{startup_progress, verifying};
 use crate::program::status::{ApprovalLine, ApprovalProgress, approval_request, provisional};
@@ -106,9 +106,9 @@ fn a_request_names_its_approvals_its_permissions_and_its_deadline() {
 
 #[test]
 fn a_recording_has_its_mark_and_what_differs() {
-    assert_eq!(checked("a.rrd", "matches", ""), "a.rrd  matches");
+    assert_eq!(checked("a.rrd", RecordingCheck::Matches, ""), "a.rrd  matches");
     assert_eq!(
-        checked("a.rrd", "MISSING", &missing(Some("a folder"))),
+        checked("a.rrd", RecordingCheck::Missing, &missing(Some("a folder"))),
         "a.rrd  MISSING: it was recorded at closure, and no removal is on record; a folder has its name"
     );
     assert_eq!(checked_all(1, 0, 0), "sound: 1 recording, 0 not as recorded");
