@@ -42,6 +42,10 @@ use crate::stop::{STANDSTILL_TICKS_MAX, assert_accepted};
 /// What a busy machine may add to a declared time.
 const SLACK: Duration = Duration::from_secs(1);
 
+/// The same until a client has the engine's event: recorded, flushed and sent. After a cut it took .85 s with the machine to
+/// itself, in a build without optimization, and 1.5 s at a load of 14 on two cores.
+const EVENT_SLACK: Duration = Duration::from_secs(3);
+
 /// A joint that is faster moves, rad/s; and for how many ticks without a pause.
 const MOVES_RAD_S: f64 = 0.05;
 const MOVES_TICKS: u32 = 12;
@@ -369,7 +373,7 @@ impl FaultyCell {
         let fired = self.fired.recv_timeout(PATIENCE).unwrap();
         self.until_stopped(fault.reason());
         let stopped_after = fired.elapsed();
-        assert!(stopped_after <= fault.known_within() + SLACK, "{fault:?}: {stopped_after:?}");
+        assert!(stopped_after <= fault.known_within() + EVENT_SLACK, "{fault:?}: {stopped_after:?}");
         let (last, sequence) = self.last_sequence();
         assert!(
             sequence.len() == 2 && sequence[0] && !sequence[1],

@@ -110,7 +110,7 @@ impl Dots {
         }
     }
 
-    /// Whether one of that number of cells of a row has a dot, from a column on.
+    /// Whether one of the next `count` cells of a row has a dot, from a column on.
     #[must_use]
     pub fn covers(&self, column: usize, row: usize, count: usize) -> bool {
         let begin = row * self.columns + column.min(self.columns);
