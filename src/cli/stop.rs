@@ -5,7 +5,6 @@
 use clap::Args;
 
 use super::decide::{REASON_BYTES_MAX, SigningArgs, identity, parse_identity};
-use super::status::report::stopped_line;
 use super::verb_executor::{VerbExecutor, print_action_reply};
 use crate::cli::context::CliContext;
 use crate::cli::output::CommandOutput;
@@ -17,6 +16,7 @@ use holdpoint_store::Layout;
 use holdpoint_text::{ErrorReason, Untrusted};
 use holdpoint_wording::program::engine::stopped_by_mark;
 use holdpoint_wording::program::run as sentences;
+use holdpoint_wording::program::status::stopped as stopped_line;
 
 /// The arguments of `stop`.
 #[derive(Clone, Debug, PartialEq, Eq, Args)]
@@ -174,7 +174,7 @@ pub(super) fn start(
     let stops = args.stops.unwrap_or(u64::from(is_own));
     if !out.is_json() {
         if let Some(stopped) = &stopped {
-            let start = Some((by.as_str(), reason.as_str()));
+            let start = (by.as_str(), reason.as_str());
             out.line(&stopped_line(stopped, start, &|at_ms| snapshot.moment(at_ms)))?;
         }
         for prompt in snapshot.prompts.iter().filter(|prompt| prompt.granted) {

@@ -31,7 +31,7 @@ use holdpoint_record::context::ContextRecord;
 use holdpoint_registry::Views;
 use holdpoint_runtime::capability::shown;
 use holdpoint_service::control_socket::{ControlSocketError, UnverifiedOrigin};
-use holdpoint_store::{AuditFilter, FIRST_ADMINISTRATOR, Layout, VersionFilter, lock_owner};
+use holdpoint_store::{AuditFilter, Layout, VersionFilter, lock_owner};
 use holdpoint_text::Untrusted;
 use holdpoint_trials::site::StoreSite;
 use holdpoint_wording::counted_try;
@@ -267,7 +267,17 @@ impl StatusReport {
             reading: engine.and_then(|engine| engine.reading),
             holding: engine.and_then(|engine| engine.holding.clone()),
             people: person_acts(views, stopped.is_some()).map_err(CliError::usage)?,
-            stopped_line: stopped.as_ref().map(|stopped| stopped_line(stopped, None, &moment)),
+            stopped_line: stopped
+                .as_ref()
+                .map(|stopped| {
+                    let starter = starter(views)?;
+                    Ok::<_, CliError>(sentences::stopped(
+                        stopped,
+                        (&starter, sentences::CELL_IS_EMPTY),
+                        &moment,
+                    ))
+                })
+                .transpose()?,
             stopped,
             unauthorized: match engine {
                 Some(engine) => engine.unauthorized.clone(),
@@ -338,14 +348,11 @@ fn last_record_line(record: &AuditRecord) -> String {
     sentences::last_record(record.seq, &record.kind, subject, &clock_time(record.at_ms))
 }
 
-/// All persons who stopped the cell, and how to start it: as the person of this name with this reason, if they are known.
-/// `moment` has the times as the reader knows them.
-pub(in crate::cli) fn stopped_line(
-    stopped: &StoppedView,
-    start: Option<(&str, &str)>,
-    moment: &dyn Fn(u64) -> String,
-) -> String {
-    sentences::stopped(stopped, start.unwrap_or((FIRST_ADMINISTRATOR, sentences::CELL_IS_EMPTY)), moment)
+/// The name for the command that starts the cell: a person's whose role may, or else a place for one.
+fn starter(views: &Views) -> Result<String, CliError> {
+    let persons = views.persons().map_err(CliError::usage)?;
+    let person = persons.enrolled().find(|person| person.role.may_resume());
+    Ok(person.map_or_else(|| "NAME".to_owned(), |person| person.name.clone()))
 }
 
 impl From<UnverifiedOrigin> for UnverifiedAnswerRow {

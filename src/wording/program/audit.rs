@@ -134,7 +134,8 @@ pub fn root_of_tree(root: impl Display) -> String {
 #[must_use]
 pub fn seed_keys(committed: u64, revealed: u64, follow: u64, pending: u64) -> String {
     format!(
-        "keys of seeds      {committed}, {revealed} of them revealed, {pending} not yet; the seeds of {} follow from theirs",
+        "keys of seeds      {committed}, {revealed} of them revealed; seeds of {} follow from a revealed key, of {pending} from \
+         one that is not revealed yet",
         counted(follow, "evaluation")
     )
 }
