@@ -35,7 +35,7 @@ pub(crate) struct RowFile {
 }
 
 impl RowFile {
-    /// Opens a file with the rows of earlier runs. There need not be one, nor its folder.
+    /// Opens a file with the rows of earlier runs, if there is one. Makes its folder.
     ///
     /// # Errors
     /// If the file cannot be read, or the folder cannot be made.
@@ -130,7 +130,7 @@ mod tests {
         let files = ["one", "two"].map(|name| folder.path().join(name));
         for (file, rows) in files.iter().zip([[(400, 1), (400, 2)], [(400, 2), (9, 3)]]) {
             for (setting, result) in rows {
-                // Each row is added by a run of its own, and once more.
+                // Reopens the file for each row, and adds each row twice.
                 let open = RowFile::open(file.clone()).unwrap();
                 open.add(&setting, &result).unwrap();
                 open.add(&setting, &result).unwrap();

@@ -100,7 +100,7 @@ impl DrillCase<'_> {
         let (mut from, is_begun) = (None, shared.is_some());
         let mut worked = self.work(worker, shared, &mut from);
         if is_begun && matches!(worked, Err(CellError::Snapshot(_))) {
-            // A cell that was started again has none of the states that it gave before.
+            // A restarted cell has lost the states of the shared run.
             (*shared, from) = (None, None);
             worked = self.work(worker, shared, &mut from);
         }

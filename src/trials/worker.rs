@@ -18,7 +18,7 @@ pub struct Worker {
     /// The arm in its world, and the digest of the cell it was built from.
     built: Option<(Digest, TrialArm)>,
     films: bool,
-    /// Why its cell does not answer any more: nothing that the job gave is a result.
+    /// Why the cell was lost; the results of the job do not count then.
     lost: Option<CellError>,
 }
 
@@ -102,7 +102,7 @@ impl Worker {
         TaskRecord::invalid(task, seed)
     }
 
-    /// Notes that the world failed. One that diverged is not used again.
+    /// Notes why the world failed. The next episode builds another one.
     pub fn note_failure(&mut self, error: CellError) {
         self.built = None;
         if matches!(error, CellError::Body(BodyError::Lost(_))) {
@@ -110,7 +110,7 @@ impl Worker {
         }
     }
 
-    /// Why its cell did not answer any more since the last call, if that happened.
+    /// Takes why the cell was lost, if it was since the last call.
     pub(super) fn take_lost(&mut self) -> Option<CellError> {
         self.lost.take()
     }

@@ -35,7 +35,7 @@ pub struct PoolJob<R> {
 enum JobFault {
     /// Its worker panicked, with this message.
     Panic(String),
-    /// The cell of its worker does not answer any more.
+    /// The cell of its worker was lost.
     Lost(CellError),
 }
 
@@ -225,7 +225,7 @@ impl<R> WorkerPoolShared<R> {
         };
         let mut books = self.lock();
         books.running.remove(&key);
-        // Who asks later may find the cell started again.
+        // A later request runs the job again: the cell may have been restarted.
         let is_forgotten = matches!(worked, Err(JobFault::Lost(_))) && books.unasked.remove(&key);
         if !is_forgotten {
             books.done.insert(key, worked);
@@ -360,10 +360,11 @@ mod tests {
             assert!(matches!(&failed, TrialFault::Cell(error) if *error == lost()), "{failed}");
             let again = (20..24).map(|number| job(number, &run)).collect();
             worker_pool.expect(Vec::new()).unwrap();
-            let until_idle = std::time::Instant::now();
-            while !worker_pool.shared.lock().running.is_empty() && until_idle.elapsed().as_secs() < 20 {
-                std::thread::yield_now();
+            let mut books = worker_pool.shared.lock();
+            while !books.running.is_empty() {
+                books = worker_pool.shared.changed.wait(books).unwrap();
             }
+            drop(books);
             assert_eq!(worker_pool.run_jobs(again, &AtomicBool::new(false)).unwrap(), squares(20..24));
         }
     }

@@ -164,8 +164,8 @@ fn a_stop_does_not_wait_for_earlier_requests() {
     }
 }
 
-/// As many attached consoles as there may be change nothing of an evaluation, and one that reads nothing gets the newest data
-/// once it reads.
+/// An evaluation has the same results beside the most consoles that an engine admits. A console that reads nothing gets the
+/// newest data once it reads.
 #[test]
 fn as_many_observers_as_allowed_and_a_sleeping_one_change_no_evaluation() {
     let folder = quick_folder();

@@ -244,7 +244,9 @@ fn decisions_name_the_verb_that_was_meant_as_a_whole_command() {
     assert_eq!(commands.last().unwrap(), "holdpoint start --stops 1 --as mara --reason empty");
     let status = succeeds(&data, &["status"]);
     let stopped = status.lines().find(|line| line.starts_with("STOPPED")).unwrap();
-    assert_eq!(commands_in(stopped).len(), 1, "{stopped}");
+    let starts = commands_in(stopped);
+    assert_eq!(starts.len(), 1, "{stopped}");
+    assert!(starts[0].contains(" --as mara "), "a person whose role may start the cell: {stopped}");
     succeeds(&data, &[&start[..], &["--stops", "1"]].concat());
 }
 

@@ -327,7 +327,7 @@ impl TrialCell for WireCell {
     }
 
     fn go_on_from(&mut self, copy: &CellCopy) -> Result<(), CellError> {
-        // The session is known before the handle is compared with it.
+        // A new connection can have a new session, in which the handle means nothing.
         self.reconnect()?;
         match (copy.memory::<WireFork>(), copy.image()) {
             (Some(fork), _)

@@ -348,7 +348,7 @@ fn last_record_line(record: &AuditRecord) -> String {
     sentences::last_record(record.seq, &record.kind, subject, &clock_time(record.at_ms))
 }
 
-/// The name for the command that starts the cell: a person's whose role may, or else a place for one.
+/// A person whose role may start the cell, for the command that does so; `NAME` if there is none.
 fn starter(views: &Views) -> Result<String, CliError> {
     let persons = views.persons().map_err(CliError::usage)?;
     let person = persons.enrolled().find(|person| person.role.may_resume());

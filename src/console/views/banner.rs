@@ -167,8 +167,8 @@ fn seeking(model: &ConsoleModel) -> String {
     }
 }
 
-/// Operator, other consoles, seed and site file, the most important first; the consoles in as many words as fit into so many
-/// columns.
+/// Operator, other consoles, seed and site file, the most important first. The other consoles get the longest words that fit
+/// into `room` columns.
 fn identity(model: &ConsoleModel, room: usize) -> Vec<Row> {
     let who = match &model.session.operator {
         Some(who) => Row::of(ThemeRole::Text, &format!("  {} ({})", super::short(&who.name, 24), who.role)),
@@ -176,7 +176,7 @@ fn identity(model: &ConsoleModel, room: usize) -> Vec<Row> {
     };
     let room = room.saturating_sub(who.width());
     let mut pieces = vec![who];
-    // Where the views' line has no room for them.
+    // The line of the views has no room for them.
     if model.size.0 < OTHERS_NAMED_FROM {
         let others = tabs::other_consoles(model).into_iter();
         let mut others = others.map(|text| Row::of(ThemeRole::Text, &format!("  {text}")));

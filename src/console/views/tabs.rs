@@ -24,7 +24,7 @@ pub fn views(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
     let width = usize::from(area.width);
     let short = View::ALL.map(|view| (key(view), view.description().brief_title));
     let tight = close(&short, model.view_state.view as usize);
-    // The other consoles, in the longest words that fit: their names, and that one does not read, before the names of views.
+    // The names of consoles, and the mark of one that does not read, have precedence over the names of views.
     let fits = |tabs: &Row, least: usize| {
         let room = width.saturating_sub(tabs.width());
         let texts = others.iter().enumerate().filter(|(at, _)| *at <= least);
@@ -95,8 +95,8 @@ pub fn draw_panes(model: &ConsoleModel, right: Row, pen: &mut Pen<'_>, area: Rec
     clicks(line, &tabs, model.view_state.pane(), |at| Some(Hit::Pane(at)), pen, area);
 }
 
-/// The other consoles at this engine, in ever shorter words; empty if there are none. The last alone hides that one does not
-/// read.
+/// The other consoles at this engine, in ever shorter words; empty if there are none. Only the last omits the mark of a console
+/// that does not read.
 pub(super) fn other_consoles(model: &ConsoleModel) -> Vec<String> {
     let others: Vec<_> = model.engine_data.other_consoles().collect();
     if others.is_empty() {

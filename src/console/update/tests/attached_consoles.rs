@@ -212,7 +212,7 @@ fn a_console_not_reading_is_marked() {
         let screen = screen(&console, size.0, size.1);
         assert!(screen.contains("NOT READING"), "{size:?}: {screen}");
     }
-    // Where their names have no room.
+    // These names do not fit.
     let others = ["bartholomew", "bernadette", "constantine"].into_iter().zip(3..);
     let mut all: Vec<AttachedConsoleView> =
         others.map(|(name, seat)| console_view(seat, Some(name), None)).collect();
