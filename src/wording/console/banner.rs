@@ -63,9 +63,5 @@ pub fn looks_again(tries: u32, most: u32) -> String {
 
 #[must_use]
 pub fn others(count: usize, not_reading: usize) -> String {
-    if not_reading > 0 {
-        format!("+{count}, {not_reading} NOT READING")
-    } else {
-        format!("and {count} more")
-    }
+    if not_reading > 0 { format!("+{count}, {not_reading} NOT READING") } else { format!("and {count} more") }
 }
