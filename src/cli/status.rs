@@ -33,8 +33,11 @@ const HELLO_PATIENCE: Duration = Duration::from_millis(700);
 /// The time limit for its snapshot, which comes between two slices of its work.
 const LOOK_PATIENCE: Duration = Duration::from_secs(5);
 
-/// The interval between reads of the store without a notification.
+/// The shortest interval between two looks at the engine. Its events of this time are read together.
 const LOOK_EVERY: Duration = Duration::from_millis(250);
+
+/// The longest interval between two looks while a running engine sends no event.
+const LOOK_AT_LEAST_EVERY: Duration = Duration::from_secs(1);
 
 /// The arguments of `status`.
 #[derive(Clone, Debug, PartialEq, Eq, Args)]
@@ -364,13 +367,24 @@ impl ReportSource<'_> {
         }
     }
 
-    /// Waits for a notification of the engine, or for a while.
+    /// Waits for events of the engine, or for a while. The next read shows what they are about, so that a look, which costs
+    /// the engine a snapshot, is not made for each of them.
     fn pause(&mut self) {
-        match self.events.as_mut().map(|events| events.next(LOOK_EVERY)) {
-            // No notification, or one that the next read of the store will show.
-            Some(Ok(_)) => {}
-            Some(Err(_)) => self.events = None,
-            None => std::thread::sleep(LOOK_EVERY),
+        let Some(events) = &mut self.events else { return std::thread::sleep(LOOK_EVERY) };
+        let begun = Instant::now();
+        let mut until = begun + LOOK_AT_LEAST_EVERY;
+        loop {
+            match events.next(until.saturating_duration_since(Instant::now())) {
+                Ok(Some(_)) => until = begun + LOOK_EVERY,
+                Ok(None) => return,
+                Err(_) => {
+                    self.events = None;
+                    return;
+                }
+            }
+            if Instant::now() >= until {
+                return;
+            }
         }
     }
 }
