@@ -41,7 +41,7 @@ pub struct GraspParams {
     pub close_speed_m_s: f64,
     /// Force per finger, N.
     pub grip_force_n: f64,
-    /// Seconds from the first contact until the lift.
+    /// Seconds from the command that closes the fingers until the lift, at least.
     pub settle_secs: f64,
     /// How far the tool rises.
     pub lift_height_m: f64,
