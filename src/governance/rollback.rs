@@ -72,6 +72,13 @@ impl TriggerKind {
         }
     }
 
+    /// Whether only a difference from the rollback target in a fork of the task ends the version for good. Without a
+    /// difference, or without a comparison, the version is demoted.
+    #[must_use]
+    pub const fn needs_difference(self) -> bool {
+        matches!(self, Self::SafetyEvent)
+    }
+
     /// Whether the drift monitor decided on the rollback, so that it is about the version's conduct. One by a person, or
     /// by an engine that came up, is not.
     #[must_use]
@@ -246,7 +253,8 @@ pub struct RollbackRecord {
     /// The safety event, where the rollback target has the same in a fork of the same task: the version is demoted then.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub shared: Option<SharedEvent>,
-    /// Why the rollback target was not compared on the task of the safety event: the event counts as the version's own.
+    /// Why the rollback target was not compared on the task of the safety event: the version is demoted then, too.
+    /// In older records it was rolled back for good.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub uncompared: Option<UncomparedReason>,
 }

@@ -31,16 +31,20 @@ crate::closed_set! {
 }
 
 crate::closed_set! {
-    /// Why the rollback target did not work the scene of a live event, which then counts as the version's own.
+    /// Why the rollback target did not work the scene of a live event. No difference is shown, and the version is demoted.
     UncomparedReason, "reason without a comparison", {
         /// The live cell exports no state, so a live task has no fork.
         NoExport = "no-export",
         /// The state at the start of the task was not kept.
         NoStart = "no-start",
+        /// The record of the task names no event to look for.
+        NoEvent = "no-event",
         /// No trial cell took the state at the start of the task.
         NoFork = "no-fork",
         /// The task of the rollback target in the fork was invalid.
         InvalidFork = "invalid-fork",
+        /// The engine ended before the comparison, and a later one finished the rollback.
+        Interrupted = "interrupted",
     }
 }
 

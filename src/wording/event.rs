@@ -222,9 +222,9 @@ fn text(kind: &EventKind) -> String {
             let after =
                 |ms: &Option<u64>| ms.map_or_else(|| "never".to_owned(), |ms| format!("after {ms} ms"));
             let restored = restored.as_ref().map_or_else(|| "no version".to_owned(), ToString::to_string);
-            let own = record.uncompared.map_or_else(String::new, |why| format!("; {}", uncompared(why)));
+            let unproven = record.uncompared.map_or_else(String::new, |why| format!("; {}", uncompared(why)));
             format!(
-                "rollback {version} -> {restored}: {}{}; safe {}, restored {}, {}{own}",
+                "rollback {version} -> {restored}: {}{}; safe {}, restored {}, {}{unproven}",
                 notice(trigger),
                 after_event(record.trigger.measured.as_ref()),
                 after(time_to_safe_ms),

@@ -21,20 +21,26 @@ pub(crate) fn outputs_alone(permitted: &str, missing: &[CellAbility]) -> String 
     format!("shadow rests on outputs alone, {permitted}: the cell cannot {}", missing.join(" or "))
 }
 
-/// That the rollback target was not compared on the task of a safety event, and why.
+/// That no comparison with the rollback target shows a difference, and why.
 pub(crate) const fn uncompared(reason: UncomparedReason) -> &'static str {
     match reason {
         UncomparedReason::NoExport => {
-            "the event counts as its own, because the live cell cannot export its state for a comparison"
+            "no difference from the rollback target is shown, because the live cell cannot export its state"
         }
         UncomparedReason::NoStart => {
-            "the event counts as its own, because no state at the start of the task was kept for a comparison"
+            "no difference from the rollback target is shown, because no state at the start of the task was kept"
+        }
+        UncomparedReason::NoEvent => {
+            "no difference from the rollback target is shown, because the task's record names no safety event"
         }
         UncomparedReason::NoFork => {
-            "the event counts as its own, because no trial cell took the state at the start of the task"
+            "no difference from the rollback target is shown, because no trial cell took the state at the start"
         }
         UncomparedReason::InvalidFork => {
-            "the event counts as its own, because the task of the rollback target in the fork was invalid"
+            "no difference from the rollback target is shown, because its task in the fork was invalid"
+        }
+        UncomparedReason::Interrupted => {
+            "no difference from the rollback target is shown, because the engine ended before the comparison"
         }
     }
 }

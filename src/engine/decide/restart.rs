@@ -15,16 +15,21 @@ use holdpoint_governance::decision::Decision;
 use holdpoint_governance::gate::GateOutcome;
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::lifecycle::{DeactivationKind, LifecycleEvent, Stage, State};
+use holdpoint_governance::monitor::MonitorOutcome;
 use holdpoint_governance::notice::{AdmissionRefusal, Notice};
-use holdpoint_governance::rollback::TriggerKind;
+use holdpoint_governance::record::RecordKind;
+use holdpoint_governance::rollback::{Trigger, TriggerKind};
 use holdpoint_protocol::event::EventKind;
 use holdpoint_record::context::Context;
 use holdpoint_record::evidence_binding::not_admitted;
 use holdpoint_record::evidence_file::{EvidenceFile, EvidenceFiles};
+use holdpoint_record::rationale::lenient_bodies::{MonitorRecord, ReasonRecord};
 use holdpoint_record::version_concern::VersionConcern;
 use holdpoint_record::version_table::TransitionNote;
 use holdpoint_runtime::capability::Capability;
-use holdpoint_store::{EvidenceEntry, EvidenceKind, InterruptedWork, QuarantinedFile, StartupTelemetry};
+use holdpoint_store::{
+    AuditFilter, EvidenceEntry, EvidenceKind, InterruptedWork, QuarantinedFile, StartupTelemetry,
+};
 
 /// Finishes or undoes the interrupted work of an earlier engine.
 pub(crate) fn recover(live: &mut LiveMonitoring<'_>, approvals: &mut Approvals) -> Result<(), EngineFault> {
@@ -45,7 +50,7 @@ pub(crate) fn recover(live: &mut LiveMonitoring<'_>, approvals: &mut Approvals) 
         match work {
             InterruptedWork::RollbackPending { version } => {
                 report_recovered(live.record, &version, Notice::RollbackContinued);
-                let trigger = trigger(live.record, TriggerKind::Restart, Notice::RollbackInterrupted);
+                let trigger = interrupted_trigger(live.record, &version)?;
                 live.deactivate(&version, trigger, None, DeactivationKind::RolledBack)?;
             }
             InterruptedWork::Stage { version, .. } => {
@@ -61,6 +66,29 @@ pub(crate) fn recover(live: &mut LiveMonitoring<'_>, approvals: &mut Approvals) 
     }
     deactivate_unadmitted(live)?;
     resume_questions(live, approvals)
+}
+
+/// The trigger of an interrupted rollback: the safety event of its monitor, if that began it; any other trigger becomes the
+/// restart.
+fn interrupted_trigger(record: &EngineRecorder, version: &CapabilityId) -> Result<Trigger, EngineFault> {
+    let views = record.version_table().store().views()?;
+    let newest =
+        |kind, limit| AuditFilter { subject: Some(version.to_string()), limit, ..AuditFilter::newest(kind) };
+    // The newest flags began the rollback. An action before those that they replaced has had its effect.
+    let flags = views.audit(&newest(RecordKind::FlagsSet, 2))?;
+    let replaced = flags.get(1).map_or(0, |flags| flags.seq);
+    let action = views.audit(&newest(RecordKind::Monitor, 1))?.into_iter().find(|one| one.seq > replaced);
+    let began = action
+        .and_then(|action| serde_json::from_str::<MonitorRecord>(&action.body).ok())
+        .filter(|action| action.action == MonitorOutcome::Rollback);
+    if let Some(action) = began {
+        let reason = action.reasons.first().and_then(ReasonRecord::known);
+        let kind = TriggerKind::of(reason.as_slice(), false);
+        if kind.needs_difference() {
+            return Ok(trigger(record, kind, Notice::decided(reason.as_ref())));
+        }
+    }
+    Ok(trigger(record, TriggerKind::Restart, Notice::RollbackInterrupted))
 }
 
 /// Records the state of telemetry since the last engine before anything else: seals unsealed batches as found, and reports

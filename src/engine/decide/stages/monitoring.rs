@@ -345,7 +345,7 @@ impl LiveMonitoring<'_> {
                 self.evidence_files.edit(id).reasons.clone_from(&decision.reasons);
                 let kind = TriggerKind::of(&decision.reasons, silent);
                 let event = trip.and_then(|trip| trip.event);
-                let scene_of_event = scene.filter(|_| kind == TriggerKind::SafetyEvent);
+                let scene_of_event = scene.filter(|_| kind.needs_difference());
                 let trigger = Trigger {
                     kind,
                     event,
@@ -374,7 +374,7 @@ impl LiveMonitoring<'_> {
     }
 
     /// The same after a safety event in a live task. Once the arm is safe, the rollback target works a fork of the task.
-    /// Where it has the same event, the version is demoted and not rolled back for good.
+    /// Where it has the same event, or cannot work the fork, the version is demoted and not rolled back for good.
     fn deactivate_after(
         &mut self,
         id: &CapabilityId,
@@ -459,7 +459,7 @@ fn escalated(
     Ok(())
 }
 
-fn tell_monitor(
+pub(super) fn tell_monitor(
     record: &mut EngineRecorder,
     id: &CapabilityId,
     action: MonitorAction,

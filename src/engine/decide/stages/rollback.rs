@@ -78,8 +78,8 @@ impl Rollback<'_> {
         if lifecycle.state != State::Active {
             return Ok(None);
         }
-        let target = lifecycle.predecessor;
-        if !lifecycle.flags.rollback_pending {
+        let (target, is_continued) = (lifecycle.predecessor, lifecycle.flags.rollback_pending);
+        if !is_continued {
             let note =
                 TransitionNote::because(Notice::AuthorityRevoked { trigger: Box::new(trigger.text.clone()) });
             self.record.transition(&id.family, LifecycleEvent::BeginRollback { version }, note)?;
@@ -118,11 +118,20 @@ impl Rollback<'_> {
             rung(self.record, &mut record, Rung::ReadyPredecessor, failed, notice);
             return self.safe_stop(id, version, record).map(|()| None);
         };
-        (record.shared, record.uncompared) = match self.shared_event(scene, &record.trigger, &predecessor) {
-            Ok(shared) => (shared, None),
-            Err(uncompared) => (None, Some(uncompared)),
-        };
-        let leave = if record.shared.is_some() { DeactivationKind::Demoted } else { leave };
+        if record.trigger.kind.needs_difference() {
+            // The scene ended with the engine that began the rollback.
+            let compared = if is_continued {
+                Err(UncomparedReason::Interrupted)
+            } else {
+                self.shared_event(scene, &record.trigger, &predecessor)
+            };
+            match compared {
+                Ok(shared) => record.shared = shared,
+                Err(why) => record.uncompared = Some(why),
+            }
+        }
+        let is_unproven = record.shared.is_some() || record.uncompared.is_some();
+        let leave = if is_unproven { DeactivationKind::Demoted } else { leave };
         record.post_status = leave.into();
         record.predecessor = Some(predecessor.id());
         record.time_to_restored_ticks = Some(restored_ticks);
@@ -163,22 +172,19 @@ impl Rollback<'_> {
     /// too, and every other one of the task.
     ///
     /// # Errors
-    /// If the target could not run it: then the event counts as the version's own.
+    /// If the target could not run it: then no difference is shown.
     fn shared_event(
         &self,
         scene: Option<LiveScene<'_>>,
         trigger: &Trigger,
         target: &Capability,
     ) -> Result<Option<SharedEvent>, UncomparedReason> {
-        if trigger.kind != TriggerKind::SafetyEvent {
-            return Ok(None);
-        }
         let Some(scene) = scene else {
             let exports = self.context.cell.spec.abilities.export_state;
             return Err(if exports { UncomparedReason::NoStart } else { UncomparedReason::NoExport });
         };
         let events = stopping_events(scene.task.record, &self.context.profile);
-        let Some(event) = trigger.event.or_else(|| events.first().copied()) else { return Ok(None) };
+        let event = trigger.event.or_else(|| events.first().copied()).ok_or(UncomparedReason::NoEvent)?;
         let mut fork = self.context.cell.trial().map_err(|_| UncomparedReason::NoFork)?;
         fork.go_on_from(scene.start).map_err(|_| UncomparedReason::NoFork)?;
         let (task, seed) = (scene.task.record.task, scene.task.record.seed);

@@ -1,20 +1,26 @@
-//! An event that stops a version: where the version compared with has the same, it speaks against neither.
+//! An event that stops a version: where the version compared with has the same, it speaks against neither. A live event
+//! without a comparison is not final.
 
 use std::path::Path;
 
 use holdpoint_governance::alarms::AlarmKey;
+use holdpoint_governance::decision::{Dimension, Reason};
+use holdpoint_governance::finding::Finding;
 use holdpoint_governance::ids::CapabilityId;
-use holdpoint_governance::lifecycle::{LifecycleEvent, Stage, State};
+use holdpoint_governance::lifecycle::{DeactivationKind, LifecycleEvent, Stage, State};
+use holdpoint_governance::monitor::{MonitorDecision, Rate, SafetyEvent, roll_back, safety_trip};
 use holdpoint_governance::notice::Notice;
 use holdpoint_governance::rollback::{PostStatus, RollbackRecord, TriggerKind};
-use holdpoint_governance::shared_event::{SceneKind, StoppingEvent};
+use holdpoint_governance::shared_event::{SceneKind, StoppingEvent, UncomparedReason};
 use holdpoint_governance::submission::Package;
 use holdpoint_protocol::command::{Command, Operation, Reply};
 use holdpoint_protocol::event::EventKind;
 use holdpoint_runtime::capability::{self, Capability};
 
 use crate::decide::pipeline::SliceOutcome;
+use crate::decide::stages::monitoring::tell_monitor;
 use crate::decide::stages::rollback::tests::RollbackBench;
+use crate::decide::stages::rollback::trigger;
 use holdpoint_record::version_table::TransitionNote;
 
 /// A version under the next number, with nothing else changed.
@@ -35,7 +41,6 @@ fn confirm(bench: &mut RollbackBench, id: &CapabilityId) {
 /// Runs until a version is rolled back.
 fn rollback_of(bench: &mut RollbackBench, id: &CapabilityId) -> RollbackRecord {
     for _ in 0..60 {
-        assert_eq!(bench.pipeline.advance(), SliceOutcome::Ran);
         for event in bench.pipeline.drain_events() {
             if let EventKind::RolledBack { version, record, .. } = event
                 && version == *id
@@ -43,6 +48,7 @@ fn rollback_of(bench: &mut RollbackBench, id: &CapabilityId) -> RollbackRecord {
                 return *record;
             }
         }
+        assert_eq!(bench.pipeline.advance(), SliceOutcome::Ran);
     }
     panic!("{id} was not rolled back");
 }
@@ -81,6 +87,66 @@ fn version_whose_rollback_target_is_safe_in_the_same_task_is_rolled_back() {
     assert_eq!((record.post_status, record.shared), (PostStatus::RolledBack, None));
     assert_eq!(bench.pipeline.record().version_table().version(&id).unwrap().1.state, State::RolledBack);
     assert!(!may_retry(&mut bench, &id), "an event of its own is final");
+}
+
+#[test]
+fn version_is_on_hold_where_its_rollback_target_is_not_compared() {
+    let (mut bench, id) = RollbackBench::with_active("align-improved");
+    // No state at the start of a task comes with it.
+    let cause = trigger(bench.pipeline.record(), TriggerKind::SafetyEvent, Notice::StageBegins);
+    bench.pipeline.live().deactivate(&id, cause, None, DeactivationKind::RolledBack).unwrap();
+    let record = rollback_of(&mut bench, &id);
+    assert_eq!((record.post_status, record.shared), (PostStatus::Demoted, None));
+    assert_eq!(record.uncompared, Some(UncomparedReason::NoStart));
+    let version_table = bench.pipeline.record().version_table();
+    assert_eq!(version_table.version(&id).unwrap().1.state, State::Demoted);
+    let active = bench.pipeline.record().active_of(&id.family).map(|active| active.id());
+    assert_eq!(active, record.predecessor, "the rollback target has control");
+    assert!(may_retry(&mut bench, &id), "an event without a difference is not final");
+}
+
+/// Begins a rollback by the monitor or by a person, ends the engine in the ladder, and starts the next one.
+fn interrupted(mut bench: RollbackBench, id: &CapabilityId, by: Option<&MonitorDecision>) -> RollbackBench {
+    let version = bench.pipeline.record().version_table().version(id).unwrap().0;
+    let live = bench.pipeline.live();
+    if let Some(decision) = by {
+        tell_monitor(live.record, id, decision.action, &decision.reasons).unwrap();
+    }
+    let note = TransitionNote::because(Notice::StageBegins);
+    live.record.transition(&id.family, LifecycleEvent::BeginRollback { version }, note).unwrap();
+    bench.restart()
+}
+
+#[test]
+fn interrupted_rollback_for_a_safety_event_is_not_final() {
+    let event = safety_trip(SafetyEvent::ForceLimit, 0);
+    let rate =
+        roll_back(vec![Reason::new(Dimension::Monitor, Finding::RateWorse { rate: Rate::Failure })], 0);
+    for (by, kind, status, uncompared) in [
+        (Some(&event), TriggerKind::SafetyEvent, PostStatus::Demoted, Some(UncomparedReason::Interrupted)),
+        (Some(&rate), TriggerKind::Restart, PostStatus::RolledBack, None),
+        (None, TriggerKind::Restart, PostStatus::RolledBack, None),
+    ] {
+        let (bench, id) = RollbackBench::with_active("align-improved");
+        let mut bench = interrupted(bench, &id, by);
+        let record = rollback_of(&mut bench, &id);
+        assert_eq!((record.trigger.kind, record.post_status, record.uncompared), (kind, status, uncompared));
+        assert_eq!(may_retry(&mut bench, &id), status == PostStatus::Demoted);
+    }
+}
+
+#[test]
+fn earlier_safety_event_did_not_begin_an_interrupted_rollback() {
+    let (mut bench, id) = RollbackBench::with_active("align-improved");
+    let version = bench.pipeline.record().version_table().version(&id).unwrap().0;
+    let earlier = safety_trip(SafetyEvent::ForceLimit, 0);
+    let live = bench.pipeline.live();
+    tell_monitor(live.record, &id, earlier.action, &earlier.reasons).unwrap();
+    let note = TransitionNote::because(Notice::StageBegins);
+    live.record.transition(&id.family, LifecycleEvent::Restrict { version }, note).unwrap();
+    let mut bench = interrupted(bench, &id, None);
+    let record = rollback_of(&mut bench, &id);
+    assert_eq!((record.trigger.kind, record.post_status), (TriggerKind::Restart, PostStatus::RolledBack));
 }
 
 /// Regression: on this run seed, a person reaches onto the arm in one of the episodes under stress, and the commissioned
