@@ -311,6 +311,32 @@ fn scenarios_and_robots() {
     }
 }
 
+/// Regression: an engine started with such a robot, every grasp failed, and a good candidate was rejected for good.
+#[test]
+fn a_robot_with_an_impossible_inertia_starts_no_engine() {
+    let fixture = BadInputStore::new();
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let changed = |file: &str, from: &str, to: &str| {
+        let text = fs::read_to_string(root.join(file)).unwrap();
+        assert!(text.contains(from), "{from:?} is not in {file}");
+        text.replacen(from, to, 1)
+    };
+    let urdf = changed("sim/assets/arm7.urdf", "ixy=\"-0.000139\"", "ixy=\"0.9\"");
+    let robot = fixture.file("arm.urdf", &urdf);
+    fixture.file("arm.toml", &fs::read_to_string(root.join("sim/assets/arm7.toml")).unwrap());
+    let site = fixture.file("site.toml", &changed("manifests/site.toml", "\"arm7\"", "\"arm.urdf\""));
+    for (file, arguments) in [
+        ("arm.urdf", ["run", "--plain", "--robot", &robot].as_slice()),
+        ("site.toml", &["run", "--plain", "--site", &site]),
+        ("site.toml", &["site", "check", &site]),
+    ] {
+        // Link, values, and what is allowed.
+        let values = ["arm.urdf", "link \"link1\"", "principal moments", "above 0"];
+        let error = fixture.refuses(&arguments.join(" "), arguments, "bad-file", &values);
+        assert!(is_about(&error, file), "{error}");
+    }
+}
+
 /// Pipes once kept the program waiting forever, and devices filled its memory.
 #[test]
 fn only_regular_files_are_read() {

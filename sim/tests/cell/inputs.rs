@@ -159,6 +159,14 @@ fn a_bad_robot_names_file_and_element() {
     }
 }
 
+/// No rigid body has a moment above the sum of the others, but files of real arms do. The mass matrix stays positive definite.
+#[test]
+fn a_moment_above_the_sum_of_the_others_is_simulated() {
+    let urdf = URDF.replacen("ixx=\"0.70337\"", "ixx=\"2.0\"", 1);
+    assert_ne!(urdf, URDF);
+    RobotModel::from_texts("r.urdf", &urdf, "r.toml", TOML).expect("each moment is above 0");
+}
+
 #[test]
 fn a_bad_scene_names_file_and_key() {
     let cases: [(&str, &str, &[&str]); 7] = [
