@@ -39,9 +39,6 @@ use super::profile::{BehaviorSettings, Profile};
 use super::worst_case_search::SearchFinding;
 use crate::stats::{self, PairedBound, PairedCounts};
 
-/// The error rate of the one-sided upper bounds that `compatible` asks for (design rule 3.4).
-pub const UPPER_ALPHA: f64 = 0.05;
-
 /// Non-zero differences from which Student's t is used for retries; below, a bound valid for any distribution.
 const STUDENT_FROM: usize = 20;
 
@@ -428,9 +425,10 @@ fn component(
 ) -> Result<(BehaviorComponent, Option<f64>), EvidenceGap> {
     let tolerance = (1.0 - profile.thresholds.behavior()) / name.cost(&profile.behavior);
     let success_loss_max = profile.behavior.success_loss_max;
+    let upper_alpha = profile.evaluation.upper_alpha;
     let both = |bound: &dyn Fn(f64) -> Result<PairedBound, stats::StatsError>| {
         let failed = EvidenceGap::ComponentUnbounded;
-        Ok::<_, EvidenceGap>((bound(each).map_err(|_| failed)?, bound(UPPER_ALPHA).map_err(|_| failed)?))
+        Ok::<_, EvidenceGap>((bound(each).map_err(|_| failed)?, bound(upper_alpha).map_err(|_| failed)?))
     };
     let (low, high) = match name {
         ComponentName::Success
@@ -457,6 +455,7 @@ fn component(
                     upper: None,
                     tolerance,
                     success_loss_max,
+                    upper_alpha,
                 };
                 return Ok((unbounded, None));
             }
@@ -464,7 +463,7 @@ fn component(
         }
     };
     let (worsening, lower, upper) = (low.mean, low.lower, Some(high.upper));
-    let found = BehaviorComponent { name, worsening, lower, upper, tolerance, success_loss_max };
+    let found = BehaviorComponent { name, worsening, lower, upper, tolerance, success_loss_max, upper_alpha };
     Ok((found, Some(low.upper)))
 }
 

@@ -57,7 +57,7 @@ impl ComparisonEvidence<'_> {
         let is_open =
             matches!(behavior.assessment.outcome, BehaviorOutcome::Compatible | BehaviorOutcome::Suspicious);
         if is_settling && is_open {
-            recovery::apply_settling(&mut recovery, drills);
+            recovery::apply_settling(&mut recovery, drills, &profile.recovery);
         }
         behavior::apply_sequences(&mut behavior, sequences, profile);
         if let Some(counted) = counted {

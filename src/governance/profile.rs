@@ -22,6 +22,7 @@ pub(crate) mod later_numbers;
 mod live_harm;
 pub mod name;
 mod reasons;
+mod recovery_settings;
 mod runtime_limits;
 
 pub use evaluation_settings::EvaluationSettings;
@@ -32,7 +33,8 @@ pub use live_harm::LiveHarmSettings;
 pub use name::{ClassRisk, ProfileName, ProfileNameError, SiteName, SiteNameError, titled};
 pub use reasons::ReasonedNumber;
 use reasons::Reasons;
-pub use runtime_limits::RuntimeLimits;
+pub use recovery_settings::RecoverySettings;
+pub use runtime_limits::{RuntimeLimits, WatcherTolerances};
 
 /// The largest profile text, bytes; checked before it is parsed.
 pub const PROFILE_BYTES_MAX: usize = 64 * 1024;
@@ -144,23 +146,6 @@ impl Thresholds {
     }
 }
 
-/// Tolerances beyond which the watcher raises a signal.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
-pub struct WatcherTolerances {
-    /// Motion of the object in the hand, m.
-    pub slip_max_m: f64,
-    /// Distance of a joint from its servo target, rad.
-    pub tracking_error_max_rad: f64,
-    /// Age of the camera frame acted on, ms.
-    pub picture_age_max_ms: f64,
-    /// Time in which a failure has to be named, ms.
-    pub detect_max_ms: f64,
-    /// Force from which a contact is noticed, N.
-    #[serde(default = "later::contact_noticed_n", skip_serializing_if = "later::is_contact_noticed_n")]
-    pub contact_noticed_n: f64,
-}
-
 crate::closed_set! {
     /// Whether shadow may rest on outputs alone.
     OutputsAlone, "answer to outputs alone", {
@@ -217,42 +202,6 @@ pub struct BehaviorSettings {
     /// Factor on the monitor's limits for a version with an open concern.
     #[serde(default = "later::concern_factor", skip_serializing_if = "later::is_concern_factor")]
     pub concern_factor: f64,
-}
-
-/// Floors, tolerances and weights of `rho` and `kappa_R`.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
-pub struct RecoverySettings {
-    /// Least `rho` that is not fragile; also the least pass rate of rollback drills.
-    pub rho_floor: f64,
-    /// Difference to the active version's `rho` that is still compatible.
-    pub rho_tolerance: f64,
-    /// Weight of `r_rollback` in `rho`.
-    pub weight_rollback: f64,
-    /// Weight of `r_fallback` in `rho`.
-    pub weight_fallback: f64,
-    /// Weight of `r_abort` in `rho`.
-    pub weight_abort: f64,
-    /// Weight of `r_detect` in `rho`.
-    pub weight_detect: f64,
-    /// Error rate at which a kind of drill leans toward worse, so that more drills settle it.
-    #[serde(default = "later::lean_alpha", skip_serializing_if = "later::is_lean_alpha")]
-    pub lean_alpha: f64,
-    /// Share of `rho_floor` below which recovery is unusable.
-    #[serde(default = "later::unusable_share", skip_serializing_if = "later::is_unusable_share")]
-    pub unusable_share: f64,
-    /// Farthest that the tool may move after a hook reports that it is done, m.
-    #[serde(default = "later::drill_done_max_m", skip_serializing_if = "later::is_drill_done_max_m")]
-    pub drill_done_max_m: f64,
-    /// Farthest that the object may fall in a drill, m.
-    #[serde(default = "later::drill_fall_max_m", skip_serializing_if = "later::is_drill_fall_max_m")]
-    pub drill_fall_max_m: f64,
-    /// Highest speed of the object when the hand loses it in a drill, m/s.
-    #[serde(default = "later::drill_throw_max_m_s", skip_serializing_if = "later::is_drill_throw_max_m_s")]
-    pub drill_throw_max_m_s: f64,
-    /// Highest speed at which the object is at rest after a drill, m/s.
-    #[serde(default = "later::drill_rest_max_m_s", skip_serializing_if = "later::is_drill_rest_max_m_s")]
-    pub drill_rest_max_m_s: f64,
 }
 
 /// The gate's requirements beyond the four dimensions, and the activation mode.

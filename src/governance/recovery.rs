@@ -14,8 +14,7 @@ pub use compare::{KindRates, RateInterval};
 pub use early::{assess_early_stop, end_reason, is_lost, is_lost_early};
 pub use phases::{PHASE_DRILLS_MIN, PhaseRates};
 pub use settle::{
-    CLEAN_DRILLS, DrillContrast, EXCESS_MAX, HELD_ALPHA, SAME_ALPHA, SETTLED_DRILLS_MAX, SETTLED_KINDS,
-    Settlement, WORSE_ALPHA, apply_settling,
+    DrillContrast, SETTLED_DRILLS_MAX, SETTLED_KINDS, Settlement, apply_settling, clean_drills,
 };
 
 use std::collections::BTreeSet;
@@ -66,9 +65,9 @@ impl RecoveryAssessment {
     /// Whether the version passed its rollback drills: none failed that the active version passed, in as many as are wanted.
     /// Records of older builds do not show it.
     #[must_use]
-    pub fn is_rollback_clean(&self) -> bool {
+    pub fn is_rollback_clean(&self, settings: &RecoverySettings) -> bool {
         let is_clean = |found: &DrillContrast| {
-            found.kind == DrillKind::Rollback && found.settlement() == Settlement::Clean
+            found.kind == DrillKind::Rollback && found.settlement(settings) == Settlement::Clean
         };
         self.settled.iter().any(is_clean)
     }

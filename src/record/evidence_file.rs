@@ -25,7 +25,7 @@ use holdpoint_governance::ids::{CapabilityId, Digest};
 use holdpoint_governance::monitor::normal_rates;
 use holdpoint_governance::outcome::{Assessment, Basis, DimensionOutcome};
 use holdpoint_governance::permission::PermissionUse;
-use holdpoint_governance::profile::{MonitorSettings, Profile, ProfileName};
+use holdpoint_governance::profile::{MonitorSettings, Profile, ProfileName, RecoverySettings};
 use holdpoint_governance::recovery::{DrillContrast, RecoveryAssessment};
 use holdpoint_governance::risk::RiskClass;
 use holdpoint_governance::shared_event::SharedEvent;
@@ -205,9 +205,9 @@ impl EvidenceFile {
     /// Whether the version passed its rollback drills in the sandbox, and failed none alone in those before its confirmation:
     /// only then is its rollback hook the first rung of a planned rollback.
     #[must_use]
-    pub fn has_passed_rollback_drills(&self) -> bool {
+    pub fn has_passed_rollback_drills(&self, settings: &RecoverySettings) -> bool {
         let has_passed = self.drills.as_ref().is_some_and(|(own, _)| own.rollback.passed > 0);
-        let is_clean = self.recovery.as_ref().is_some_and(RecoveryAssessment::is_rollback_clean);
+        let is_clean = self.recovery.as_ref().is_some_and(|found| found.is_rollback_clean(settings));
         let failed_again = self.confirmation.as_ref().is_some_and(|confirmation| {
             DrillContrast::of(DrillKind::Rollback, &confirmation.drills).failed() > 0
         });

@@ -29,9 +29,6 @@ pub struct CheckedCommand {
     pub hit: Option<PolicyHit>,
 }
 
-/// Ticks after which a contact is no transient any more: 50 ms.
-const TRANSIENT_TICKS: u32 = 12;
-
 /// The least predicted loss of clearance that counts as a motion toward contact, m.
 const CLEARANCE_LOSS_M: f64 = 1e-4;
 
@@ -274,12 +271,12 @@ impl Guard {
     }
 
     /// Holds one tick of telemetry against the envelope and the declared zones. Speed has to be over its limit for three
-    /// ticks, a force for `TRANSIENT_TICKS`, or for two ticks over the profile's `transient_factor` times it.
+    /// ticks, a force for the profile's `transient_max_s`, or for two ticks over its `transient_factor` times the limit.
     pub fn measure(&mut self, seen: &Telemetry) -> Option<PolicyHit> {
         let zone = self.zone_of(seen.tool.position);
         let entered = self.grant.as_mut().and_then(|grant| grant.measure(seen, zone));
         let e = &self.envelope;
-        let RuntimeLimits { measure_share, transient_factor, .. } = *self.limits();
+        let RuntimeLimits { measure_share, transient_factor, transient_max_s, .. } = *self.limits();
         let count = |over: bool, ticks: u32| if over { ticks.saturating_add(1) } else { 0 };
         // Written so that a value that is no number counts as over the limit.
         let fast = !(seen.tool_speed_m_s <= measure_share * e.tool_speed_max_m_s);
@@ -290,7 +287,7 @@ impl Guard {
         self.speed_over_ticks = count(fast, self.speed_over_ticks);
         self.force_over_ticks = count(over(1.0), self.force_over_ticks);
         self.transient_over_ticks = count(over(transient_factor), self.transient_over_ticks);
-        if self.force_over_ticks == TRANSIENT_TICKS || self.transient_over_ticks == 2 {
+        if self.force_over_ticks == RuntimeLimits::ticks(transient_max_s) || self.transient_over_ticks == 2 {
             return Some(PolicyHit::ForceMeasured);
         }
         if self.speed_over_ticks == 3 { Some(PolicyHit::SpeedMeasured) } else { entered }
@@ -442,6 +439,26 @@ mod tests {
         };
         assert_eq!(hit(shipped), Some(PolicyHit::ModeUncovered));
         assert_eq!(hit(&format!("{shipped}\n{press}")), None);
+    }
+
+    #[test]
+    fn force_above_its_limit_is_a_violation_once_it_lasts() {
+        use holdpoint_body::Body;
+        use holdpoint_governance::profile::{Profile, ProfileName};
+        let model = holdpoint_sim::RobotModel::builtin("arm7").unwrap();
+        let scene = holdpoint_sim::published::scene().unwrap();
+        let mut seen = Body::telemetry(&holdpoint_sim::world::World::new(&model, &scene).unwrap());
+        let (geometry, zones) = (Arc::new(model.geometry), Arc::<[zone::Zone]>::from(scene.zones));
+        for (transient_max_s, ticks) in [(0.05, 12), (0.1, 24)] {
+            let mut profile = Profile::builtin(ProfileName::Sim).unwrap();
+            profile.runtime.transient_max_s = transient_max_s;
+            seen.contact_force_n = 1.5 * profile.runtime.contact_force_max_n;
+            let table = Arc::new(PolicyTable::builtin(&profile).unwrap());
+            let mut guard = crate::terms::SkillTerms::new(&profile, table, geometry.clone(), zones.clone())
+                .own_guard(Authority::try_from(1).unwrap());
+            let first = (1..100).find_map(|tick| Some((tick, guard.measure(&seen)?)));
+            assert_eq!(first, Some((ticks, PolicyHit::ForceMeasured)));
+        }
     }
 
     #[test]

@@ -72,6 +72,14 @@ pub struct WatchLimits {
     pub grip_fault_ticks: u32,
     /// Duration from which a task counts as overrun, ticks.
     pub overrun_ticks: u64,
+    /// Tool speed above which the arm counts as moving on its camera frames, m/s.
+    pub moving_m_s: f64,
+    /// Grip force below which a hand that is commanded to close presses on nothing, N.
+    pub idle_force_n: f64,
+    /// Pad distance up to which the hand counts as closed, m.
+    pub closed_width_m: f64,
+    /// A commanded width that differs by less from the measured one, m, neither opens nor closes the hand.
+    pub width_step_m: f64,
 }
 
 impl Default for WatchLimits {
@@ -83,6 +91,10 @@ impl Default for WatchLimits {
             picture_age_max_ticks: RATE_HZ / 2,
             grip_fault_ticks: RATE_HZ,
             overrun_ticks: 12 * u64::from(RATE_HZ),
+            moving_m_s: 0.03,
+            idle_force_n: 0.5,
+            closed_width_m: 0.004,
+            width_step_m: 0.002,
         }
     }
 }

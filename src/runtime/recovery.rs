@@ -13,15 +13,13 @@ use super::guard::{Guard, PolicyHit};
 use super::skill::{Hook, Skill, next_command};
 use super::watcher::{Watcher, WatcherSignal};
 use holdpoint_body::Body;
+use holdpoint_governance::profile::RuntimeLimits;
 
 /// Ticks that a standstill has lasted when [`Standstill`] reports it.
 const STANDSTILL_TICKS: u64 = Standstill::TICKS as u64;
 
 /// After the interrupt the servo takes a quarter of a second at most to brake.
 const BRAKING_TICKS: u64 = RATE_HZ as u64 / 4;
-
-/// A braked arm that leans on something may creep by contact; further than this it is moved.
-const CREEP_MAX_M: f64 = 0.02;
 
 /// How a standstill was reached.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -32,7 +30,7 @@ pub enum StoppedBy {
     /// The skill's safe-abort hook.
     Hook,
     /// The interrupt, after the hook's time was over. A braked arm that is jammed may still tremble
-    /// or creep by contact, within 2 cm.
+    /// or creep by contact, within the profile's `creep_max_m`.
     Interrupt,
     /// Neither: the arm goes on.
     Nothing,
@@ -62,9 +60,6 @@ pub struct RollbackHookReport {
     /// Whether the safe-abort hook was called after it.
     pub then_safe_abort: bool,
 }
-
-/// After the hook's time the interrupt gets one second.
-const INTERRUPT_TICKS: u64 = RATE_HZ as u64;
 
 /// Longest time of a rollback hook until it says that it is done, ticks: the same in a drill and in a rollback.
 pub const ROLLBACK_HOOK_TICKS: u64 = 3 * RATE_HZ as u64;
@@ -174,7 +169,8 @@ impl AbortRun {
             // A hook whose code has failed is not waited for.
             self.hook_ticks = self.hook_ticks.min(tick);
         }
-        let give_up = self.hook_ticks + INTERRUPT_TICKS;
+        let RuntimeLimits { interrupt_max_s, creep_max_m, .. } = *guard.limits();
+        let give_up = self.hook_ticks + u64::from(RuntimeLimits::ticks(interrupt_max_s));
         if tick == self.hook_ticks && self.rollback.is_none() {
             handle.interrupt(Interrupt::Stop);
         }
@@ -221,7 +217,7 @@ impl AbortRun {
         if tick == self.hook_ticks + BRAKING_TICKS {
             self.braked_at = Some(after.tool);
         }
-        if tick + 1 == give_up && self.braked_at.is_some_and(|at| at.distance_m(&after.tool) <= CREEP_MAX_M) {
+        if tick + 1 == give_up && self.braked_at.is_some_and(|at| at.distance_m(&after.tool) <= creep_max_m) {
             report.stopped_by = StoppedBy::Interrupt;
         }
         self.tick += 1;

@@ -23,7 +23,7 @@ use super::harm::HarmMeter;
 use super::limits::WatchLimits;
 use super::recovery::RecoveryReport;
 use super::skill::{ConfinementReport, Skill};
-use super::watcher::{RaisedSignal, WIDTH_STEP_M, Watcher, WatcherSignal};
+use super::watcher::{RaisedSignal, Watcher, WatcherSignal};
 use holdpoint_body::Body;
 use holdpoint_governance::evidence::{Conduct, EpisodeValues, HardStop};
 use holdpoint_governance::failure_cause::FailureCause;
@@ -37,9 +37,6 @@ pub const PATH_EVERY_TICKS: u64 = (RATE_HZ / 20) as u64;
 
 /// Ticks between a skill's `Done` and the inspection.
 const INSPECT_AFTER_TICKS: u64 = 24;
-
-/// Denials in a row after which the recovery manager takes over.
-const DENIALS_MAX: u32 = 24;
 
 /// The most policy hits kept with their tick; all are counted.
 const HITS_KEPT: usize = 32;
@@ -245,19 +242,20 @@ const CORRECTION_M: f64 = 0.008;
 #[derive(Clone, Debug)]
 struct AttemptCounter {
     task: TaskKind,
+    width_step_m: f64,
     engaged: bool,
     attempts: u32,
 }
 
 impl AttemptCounter {
-    const fn new(task: TaskKind) -> Self {
-        Self { task, engaged: false, attempts: 0 }
+    const fn new(task: TaskKind, width_step_m: f64) -> Self {
+        Self { task, width_step_m, engaged: false, attempts: 0 }
     }
 
     fn note(&mut self, command: &Command, seen: &Telemetry) {
         let engages = match (self.task.declaration().attempt, command) {
             (AttemptMark::Close, Command::Gripper { width_m, .. }) => {
-                Some(*width_m < seen.gripper_width_m - WIDTH_STEP_M)
+                Some(*width_m < seen.gripper_width_m - self.width_step_m)
             }
             (AttemptMark::Descent, Command::ToolPose { pose, .. }) => {
                 let rise_m = pose.position[2] - seen.tool.position[2];

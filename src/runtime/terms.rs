@@ -15,24 +15,44 @@ use super::task::TaskTerms;
 use holdpoint_governance::manifest::Permissions;
 use holdpoint_governance::mode::Authority;
 use holdpoint_governance::policy::PolicyTable;
+use holdpoint_governance::profile::Profile;
 use holdpoint_governance::profile::fields::default_of;
-use holdpoint_governance::profile::{Profile, RuntimeLimits};
 
-/// The guard's margins that are not those of a profile that sets none; empty if all are.
-fn changed_margins(limits: &RuntimeLimits) -> String {
-    let margins = [
+/// The numbers by which a task runs that are not those of a profile that sets none; empty if all are.
+fn changed_numbers(profile: &Profile) -> String {
+    let (limits, watcher) = (&profile.runtime, &profile.watcher);
+    let numbers = [
         ("runtime.look_ahead_s", limits.look_ahead_s),
         ("runtime.clamp_share", limits.clamp_share),
         ("runtime.transient_factor", limits.transient_factor),
         ("runtime.measure_share", limits.measure_share),
+        ("runtime.interrupt_max_s", limits.interrupt_max_s),
+        ("runtime.creep_max_m", limits.creep_max_m),
+        ("runtime.transient_max_s", limits.transient_max_s),
+        ("runtime.denied_max_s", limits.denied_max_s),
+        ("watcher.moving_m_s", watcher.moving_m_s),
+        ("watcher.idle_force_n", watcher.idle_force_n),
+        ("watcher.closed_width_m", watcher.closed_width_m),
+        ("watcher.width_step_m", watcher.width_step_m),
     ];
     let mut changed = String::new();
-    for (path, value) in margins {
+    for (path, value) in numbers {
         if default_of(path) != Some(value) {
             changed.push_str(&format!("|{path}={value:?}"));
         }
     }
     changed
+}
+
+/// The watcher's limits that every profile sets, in the text by which results on record are found again.
+fn text_of_watch(limits: &WatchLimits) -> String {
+    let WatchLimits { slip_max_m, tracking_max_rad, contact_noticed_n, .. } = limits;
+    let WatchLimits { picture_age_max_ticks, grip_fault_ticks, overrun_ticks, .. } = limits;
+    format!(
+        "WatchLimits {{ slip_max_m: {slip_max_m:?}, tracking_max_rad: {tracking_max_rad:?}, \
+         contact_noticed_n: {contact_noticed_n:?}, picture_age_max_ticks: {picture_age_max_ticks}, \
+         grip_fault_ticks: {grip_fault_ticks}, overrun_ticks: {overrun_ticks} }}"
+    )
 }
 
 /// Everything around a skill but the skill.
@@ -92,6 +112,10 @@ impl SkillTerms {
             picture_age_max_ticks: u32::try_from(ticks(watcher.picture_age_max_ms / 1000.0))
                 .unwrap_or(u32::MAX),
             overrun_ticks: limit_ticks,
+            moving_m_s: watcher.moving_m_s,
+            idle_force_n: watcher.idle_force_n,
+            closed_width_m: watcher.closed_width_m,
+            width_step_m: watcher.width_step_m,
             ..WatchLimits::default()
         };
         let detect_ticks = ticks(watcher.detect_max_ms / 1000.0);
@@ -116,9 +140,10 @@ impl SkillTerms {
     #[must_use]
     pub fn in_full(&self) -> String {
         let Self { table, envelope, watch, limit_ticks, stress, reviewed, seeds, detect_ticks, .. } = self;
-        let (policy, seeds, margins) = (table.digest, seeds.name(), changed_margins(&self.profile.runtime));
+        let (policy, seeds, numbers) = (table.digest, seeds.name(), changed_numbers(&self.profile));
+        let watch = text_of_watch(watch);
         format!(
-            "{policy}|{envelope:?}|{watch:?}|{limit_ticks}|{stress:?}|{reviewed}|{seeds}|{detect_ticks}{margins}"
+            "{policy}|{envelope:?}|{watch}|{limit_ticks}|{stress:?}|{reviewed}|{seeds}|{detect_ticks}{numbers}"
         )
     }
 
@@ -246,15 +271,24 @@ mod tests {
     use super::*;
     use holdpoint_governance::profile::ProfileName;
 
-    /// Results on record are found again by this text, so the shipped margins leave it as it was.
+    /// Results on record are found again by this text, so the shipped numbers leave it as it was.
     #[test]
-    fn text_of_terms_names_margins_that_a_profile_changes() {
+    fn text_of_terms_names_numbers_that_a_profile_changes() {
         for name in ProfileName::ALL {
-            let mut limits = Profile::builtin(name).unwrap().runtime;
-            assert_eq!(changed_margins(&limits), "");
-            limits.look_ahead_s = 0.5;
-            limits.measure_share = 1.25;
-            assert_eq!(changed_margins(&limits), "|runtime.look_ahead_s=0.5|runtime.measure_share=1.25");
+            let mut profile = Profile::builtin(name).unwrap();
+            assert_eq!(changed_numbers(&profile), "");
+            profile.runtime.look_ahead_s = 0.5;
+            profile.runtime.measure_share = 1.25;
+            profile.watcher.moving_m_s = 0.25;
+            assert_eq!(
+                changed_numbers(&profile),
+                "|runtime.look_ahead_s=0.5|runtime.measure_share=1.25|watcher.moving_m_s=0.25"
+            );
         }
+        assert_eq!(
+            text_of_watch(&WatchLimits::default()),
+            "WatchLimits { slip_max_m: 0.005, tracking_max_rad: 0.05, contact_noticed_n: 2.0, \
+             picture_age_max_ticks: 120, grip_fault_ticks: 240, overrun_ticks: 2880 }"
+        );
     }
 }

@@ -11,18 +11,6 @@ use super::limits::WatchLimits;
 use holdpoint_governance::phase::WorkPhase;
 pub use holdpoint_governance::watcher_signal::WatcherSignal;
 
-/// A commanded width that differs by less from the measured one, m, neither opens nor closes the hand.
-pub(crate) const WIDTH_STEP_M: f64 = 0.002;
-
-/// Tool speed above which the arm counts as moving on its camera frames, m/s.
-const MOVING_M_S: f64 = 0.03;
-
-/// Grip force below which a hand that is commanded to close presses on nothing, N.
-const IDLE_FORCE_N: f64 = 0.5;
-
-/// Pad distance up to which the hand counts as closed, m.
-const CLOSED_WIDTH_M: f64 = 0.004;
-
 /// A signal and when it was established.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct RaisedSignal {
@@ -76,9 +64,9 @@ impl Watcher {
     /// Notes what passed the guard: what is commanded tells what is to be expected.
     pub fn note_command(&mut self, command: &Command, telemetry: &Telemetry) {
         if let Command::Gripper { width_m, .. } = command {
-            let opens = *width_m > telemetry.gripper_width_m + WIDTH_STEP_M;
+            let opens = *width_m > telemetry.gripper_width_m + self.limits.width_step_m;
             self.releasing = opens;
-            self.closing = *width_m < telemetry.gripper_width_m - WIDTH_STEP_M;
+            self.closing = *width_m < telemetry.gripper_width_m - self.limits.width_step_m;
             if opens {
                 self.closed_on_object = false;
                 self.gripped_ticks = 0;
@@ -99,7 +87,7 @@ impl Watcher {
             .iter()
             .all(|v| v.is_finite())
             && telemetry.slip_m.is_none_or(f64::is_finite);
-        self.moving = telemetry.tool_speed_m_s > MOVING_M_S;
+        self.moving = telemetry.tool_speed_m_s > self.limits.moving_m_s;
         if telemetry.contacts.pad_object && telemetry.gripper_force_n > WorkPhase::HELD_FROM_N {
             self.gripped_ticks = self.gripped_ticks.saturating_add(1);
             // In a task that starts with an empty hand, pads that touch before they close hold nothing yet.
@@ -154,9 +142,9 @@ impl Watcher {
             }
             WatcherSignal::ToolLost => (!seen.tool_available, 24),
             WatcherSignal::GripFault => {
-                let stuck = self.closing && seen.tool_available && seen.gripper_force_n < IDLE_FORCE_N;
+                let stuck = self.closing && seen.tool_available && seen.gripper_force_n < limits.idle_force_n;
                 (
-                    stuck && seen.gripper_width_m > CLOSED_WIDTH_M && !contacts.pad_object,
+                    stuck && seen.gripper_width_m > limits.closed_width_m && !contacts.pad_object,
                     limits.grip_fault_ticks,
                 )
             }
@@ -228,6 +216,37 @@ mod tests {
         ];
         for (index, (change, expected)) in table.into_iter().enumerate() {
             assert_eq!(run(TaskKind::Align, change), expected, "row {index}");
+        }
+    }
+
+    /// The limits of hand and motion are those of the profile.
+    #[test]
+    fn signals_depend_on_the_limits_of_hand_and_motion() {
+        let raised = |limits: WatchLimits| {
+            let mut watcher = Watcher::new(TaskKind::Grasp, limits);
+            let close = Command::Gripper { width_m: 0.0, speed_m_s: 0.1, force_n: 10.0 };
+            watcher.note_command(&close, &quiet());
+            for tick in 0..400 {
+                let contacts = Contacts { pad_object: false, ..Contacts::default() };
+                watcher.observe(&Telemetry {
+                    tick,
+                    gripper_force_n: 0.2,
+                    picture_age_ticks: None,
+                    contacts,
+                    ..quiet()
+                });
+            }
+            [WatcherSignal::StaleInput, WatcherSignal::GripFault].map(|signal| watcher.has(signal))
+        };
+        let shipped = WatchLimits::default();
+        for (limits, expected) in [
+            (shipped, [true, true]),
+            (WatchLimits { moving_m_s: 0.25, ..shipped }, [false, true]),
+            (WatchLimits { idle_force_n: 0.1, ..shipped }, [true, false]),
+            (WatchLimits { closed_width_m: 0.06, ..shipped }, [true, false]),
+            (WatchLimits { width_step_m: 0.06, ..shipped }, [true, false]),
+        ] {
+            assert_eq!(raised(limits), expected, "{limits:?}");
         }
     }
 

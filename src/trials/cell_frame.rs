@@ -15,6 +15,7 @@ use holdpoint_protocol::video_frame::{
     ArmView, BlockRole, CONTACTS_MAX, Contact, EnvelopeView, NO_TURN, Orientation, Region, SceneBlock,
     Scenery, WorldPoint,
 };
+use holdpoint_runtime::agent::dispatcher::is_holding;
 use holdpoint_runtime::limits;
 
 /// Name of the zone in which the tool may be anywhere on its way.
@@ -72,7 +73,7 @@ pub fn drawn(robot: &RobotSpec, seen: &Telemetry, object: &Isometry3<f64>, objec
         object: point(&object.translation.vector),
         object_turn: turn(&object.rotation),
         object_half_m: narrow(object_half_m),
-        held: seen.contacts.pad_object && seen.gripper_force_n > 1.0,
+        held: is_holding(seen),
     }
 }
 

@@ -5,7 +5,7 @@
 //! Joints, contacts and pose show whether a rung passed; the result of a hook does not count. Decides nothing about the
 //! versions; the first rung that fails ends the ladder, and the arm stays stopped.
 
-use holdpoint_body::{Body, BodyError, Command, GuardVerdict, Interrupt, RATE_HZ, Standstill};
+use holdpoint_body::{Body, BodyError, Command, GuardVerdict, Interrupt, Standstill};
 use holdpoint_cell::CellError;
 
 use super::instrumented::InstrumentedWorld;
@@ -21,12 +21,6 @@ use holdpoint_runtime::handover;
 use holdpoint_runtime::recovery::{AbortRun, RecoveryReport, StoppedBy};
 use holdpoint_runtime::terms::SkillTerms;
 use holdpoint_runtime::watcher::Watcher;
-
-/// Time within which the interrupt must bring every joint to a standstill, ticks.
-const HOLD_TICKS: u64 = RATE_HZ as u64;
-
-/// How long the retreat may take, ticks.
-const RETREAT_TICKS: u64 = 4 * RATE_HZ as u64;
 
 /// The distance from the end of the retreat at which it ends early, m. What counts as clear is the profile's.
 const ARRIVED_M: f64 = 0.01;
@@ -94,7 +88,7 @@ impl Rig {
             rung_ticks: 0,
             motion_ticks: report.map_or(0, |report| report.motion_ticks),
         };
-        let (hold, standstill_tick) = hold(&mut handle)?;
+        let (hold, standstill_tick) = hold(&mut handle, guard.limits())?;
         let is_at_standstill = hold.failure.is_none();
         let hold_ticks = hold.ticks;
         motion.rungs.push(hold);
@@ -164,10 +158,14 @@ fn hook_rungs(report: &RecoveryReport) -> Vec<RungRecord> {
 ///
 /// # Errors
 /// If the body fails.
-pub fn hold<B: Body>(handle: &mut ActuatorHandle<'_, B>) -> Result<(RungRecord, u64), BodyError> {
+pub fn hold<B: Body>(
+    handle: &mut ActuatorHandle<'_, B>,
+    limits: &RuntimeLimits,
+) -> Result<(RungRecord, u64), BodyError> {
+    let ticks_max = u64::from(RuntimeLimits::ticks(limits.interrupt_max_s));
     handle.interrupt(Interrupt::Stop);
     let mut standstill = Standstill::default();
-    for tick in 1..=HOLD_TICKS {
+    for tick in 1..=ticks_max {
         handle.step(&Command::Hold)?;
         if standstill.observe(&handle.telemetry()) {
             let began_at = tick.saturating_sub(Standstill::TICKS as u64);
@@ -175,7 +173,7 @@ pub fn hold<B: Body>(handle: &mut ActuatorHandle<'_, B>) -> Result<(RungRecord, 
         }
     }
     let failure = Some(RungFailure::NoStandstill);
-    Ok((RungRecord::new(Rung::Hold, failure, HOLD_TICKS, Notice::StillMoving), HOLD_TICKS))
+    Ok((RungRecord::new(Rung::Hold, failure, ticks_max, Notice::StillMoving), ticks_max))
 }
 
 /// Raises the tool clear of everything, within the envelope of the version that leaves. The heights are the profile's; in
@@ -190,7 +188,8 @@ pub fn retract<B: Body>(
     tallest_m: f64,
     is_halted: &dyn Fn(&B) -> bool,
 ) -> Result<RungRecord, BodyError> {
-    let RuntimeLimits { retreat_height_m, retreat_clear_m, retreat_speed_m_s, .. } = *guard.limits();
+    let RuntimeLimits { retreat_height_m, retreat_clear_m, retreat_speed_m_s, retreat_max_s, .. } =
+        *guard.limits();
     let taller_m = (tallest_m - retreat_clear_m).max(0.0);
     let (retreat_height_m, retreat_clear_m) = (retreat_height_m + taller_m, retreat_clear_m + taller_m);
     handle.interrupt(Interrupt::Release);
@@ -203,7 +202,7 @@ pub fn retract<B: Body>(
     let mut standstill = Standstill::default();
     let mut ticks = 1;
     let mut is_at_standstill = false;
-    while ticks < RETREAT_TICKS {
+    while ticks < u64::from(RuntimeLimits::ticks(retreat_max_s)) {
         handle.step(&Command::Hold)?;
         ticks += 1;
         telemetry = handle.telemetry();
@@ -283,5 +282,23 @@ mod tests {
             let risen_m = rise(tallest_m);
             assert!((risen_m - expected_m).abs() <= ARRIVED_M, "{risen_m} of {expected_m}");
         }
+    }
+    /// Longer than the profile's times neither takes: an arm at rest has not shown it by then.
+    #[test]
+    fn hold_and_retreat_end_at_the_times_of_the_profile() {
+        let cell = Cell::of(&SimCells, None).unwrap();
+        let mut profile = Profile::builtin(ProfileName::Sim).unwrap();
+        (profile.runtime.interrupt_max_s, profile.runtime.retreat_max_s) = (1.0 / 240.0, 6.0 / 240.0);
+        let table = Arc::new(PolicyTable::builtin(&profile).unwrap());
+        let terms = SkillTerms::new(&profile, table, cell.geometry.clone(), cell.zones.clone());
+        let mut world = cell.trial().unwrap();
+        world.reset(&EpisodeSetup::sample(TaskKind::Grasp, &cell.scene, &cell.canonical, 100)).unwrap();
+        let mut arm = Arm::new(world);
+        let mut handle = arm.handle();
+        let (held, _) = hold(&mut handle, &profile.runtime).unwrap();
+        assert_eq!((held.failure, held.ticks), (Some(RungFailure::NoStandstill), 1));
+        let mut guard = terms.own_guard(Authority::try_from(1_u8).unwrap());
+        let retreat = retract(&mut handle, &mut guard, cell.scene.tallest_m(), &|_| false).unwrap();
+        assert_eq!((retreat.failure, retreat.ticks), (Some(RungFailure::RetreatBlocked), 6));
     }
 }

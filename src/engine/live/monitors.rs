@@ -78,7 +78,8 @@ impl ActivationMonitor {
             lived: Vec::new(),
             restricted: false,
             confirmed: false,
-            rollback_rehearsed: evidence_file.is_some_and(EvidenceFile::has_passed_rollback_drills),
+            rollback_rehearsed: evidence_file
+                .is_some_and(|file| file.has_passed_rollback_drills(&context.profile.recovery)),
             announced: MonitorAction::Continue,
             escalation_reason: None,
             question: Vec::new(),

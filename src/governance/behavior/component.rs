@@ -114,13 +114,16 @@ pub struct BehaviorComponent {
     pub worsening: f64,
     /// One-sided lower bound at `alpha / 6`; above 0 the worsening is significant.
     pub lower: f64,
-    /// One-sided upper bound at .05; absent if the pairs cannot bound it.
+    /// One-sided upper bound at `upper_alpha`; absent if the pairs cannot bound it.
     pub upper: Option<f64>,
     /// `(1 - threshold) / c_j`: the worsening that alone brings `kappa_B` to the threshold.
     pub tolerance: f64,
     /// The profile's loss of success that rejects by itself.
     #[serde(default = "later::success_loss_max", skip_serializing_if = "later::is_success_loss_max")]
     pub success_loss_max: f64,
+    /// The profile's error rate of the upper bound.
+    #[serde(default = "later::upper_alpha", skip_serializing_if = "later::is_upper_alpha")]
+    pub upper_alpha: f64,
 }
 
 impl BehaviorComponent {

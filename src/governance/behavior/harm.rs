@@ -9,12 +9,12 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::{STUDENT_FROM, UPPER_ALPHA, real_pairs, reason};
+use super::{STUDENT_FROM, real_pairs, reason};
 use crate::decision::{Dimension, Reason, ReasonCode};
 use crate::evidence::{Pair, ShadowSequence};
 use crate::finding::{EvidenceGap, Finding};
 use crate::harm::{HarmKind, HarmMeasures};
-use crate::profile::{HarmSettings, Profile};
+use crate::profile::Profile;
 use crate::stats::{self, PairedCounts};
 
 /// How often a measure is past its limit, of both versions.
@@ -176,17 +176,17 @@ pub(super) fn compare(pairs: &[Pair], profile: &Profile) -> Result<Vec<HarmCompa
     };
     let both: Option<Vec<MeasuredPair>> = pairs.iter().map(measured).collect();
     let both = both.ok_or(EvidenceGap::HarmPartlyMeasured)?;
-    compare_all(&both, profile.evaluation.alpha, &profile.harm)
+    compare_all(&both, profile.evaluation.alpha, profile)
 }
 
 /// Every measure, in its mean and in its rare episodes; `alpha` is shared by all of them.
 fn compare_all(
     both: &[MeasuredPair],
     alpha: f64,
-    settings: &HarmSettings,
+    profile: &Profile,
 ) -> Result<Vec<HarmComparison>, EvidenceGap> {
     let each = alpha / (2 * HarmKind::ALL.len()) as f64;
-    HarmKind::ALL.into_iter().map(|kind| one(kind, both, each, settings)).collect()
+    HarmKind::ALL.into_iter().map(|kind| one(kind, both, each, profile)).collect()
 }
 
 /// What is established as worse in the twins, for shadow to fail by: the same tolerances, `alpha` for all of it. What
@@ -197,7 +197,7 @@ pub(crate) fn in_shadow(sequences: &[ShadowSequence], alpha: f64, profile: &Prof
         Some(MeasuredPair { new: sequence.twin_conduct.harm?, old: sequence.live_conduct.harm?, done })
     };
     let both: Vec<MeasuredPair> = sequences.iter().filter_map(measured).collect();
-    let compared = compare_all(&both, alpha, &profile.harm).unwrap_or_default();
+    let compared = compare_all(&both, alpha, profile).unwrap_or_default();
     let established = verdict(&compared).established.into_iter();
     established
         .map(|reason| Reason {
@@ -212,20 +212,20 @@ fn one(
     kind: HarmKind,
     both: &[MeasuredPair],
     each: f64,
-    settings: &HarmSettings,
+    profile: &Profile,
 ) -> Result<HarmComparison, EvidenceGap> {
     const FAILED: EvidenceGap = EvidenceGap::HarmUnbounded;
-    let tolerances = settings.of(kind);
+    let (tolerances, upper_alpha) = (profile.harm.of(kind), profile.evaluation.upper_alpha);
     let done: Vec<_> = both.iter().filter(|pair| pair.done).map(|pair| (pair.new, pair.old)).collect();
     let worse: Vec<f64> = done.iter().map(|(new, old)| kind.worsening(new.of(kind), old.of(kind))).collect();
     let bound = |alpha| real_pairs(&worse, tolerances.mean, alpha).map_err(|_| FAILED);
-    let high = || upper_mean(&worse, tolerances.mean).ok_or(FAILED);
+    let high = || upper_mean(&worse, tolerances.mean, upper_alpha).ok_or(FAILED);
     // Nothing to compare: not worse as far as known, and not bounded either.
     let means = if done.len() < 2 { None } else { Some((bound(each)?, high()?)) };
     let is_past = |measures: &HarmMeasures| kind.is_past(measures.of(kind), tolerances.limit);
     let counts = PairedCounts::of(both.iter().map(|pair| (is_past(&pair.new), is_past(&pair.old))));
     let share = |alpha| stats::binary_pairs(counts, alpha).map_err(|_| FAILED);
-    let (rare_low, rare_high) = (share(each)?, share(UPPER_ALPHA)?);
+    let (rare_low, rare_high) = (share(each)?, share(upper_alpha)?);
     let mean = |values: &mut dyn Iterator<Item = f64>| {
         let (sum, n) = values.fold((0.0, 0.0_f64), |(sum, n), value| (sum + value, n + 1.0));
         sum / n.max(1.0)
@@ -245,20 +245,20 @@ fn one(
             candidate: mean(&mut both.iter().map(|pair| past(&pair.new))),
             lower: rare_low.lower,
             upper: rare_high.upper,
-            tolerance: settings.past_tolerance,
+            tolerance: profile.harm.past_tolerance,
         },
     })
 }
 
-/// One-sided upper bound of the mean worsening at .05. Where hardly a pair differs the mean is at most the share of worse
+/// One-sided upper bound of the mean worsening at `alpha`. Where hardly a pair differs the mean is at most the share of worse
 /// pairs, bounded from above, times the largest worsening seen, which is taken for the tolerance at least; what got
 /// better makes up for none of it.
-fn upper_mean(worse: &[f64], tolerance: f64) -> Option<f64> {
+fn upper_mean(worse: &[f64], tolerance: f64, alpha: f64) -> Option<f64> {
     if worse.iter().filter(|d| **d != 0.0).count() >= STUDENT_FROM {
-        return Some(real_pairs(worse, tolerance, UPPER_ALPHA).ok()?.upper);
+        return Some(real_pairs(worse, tolerance, alpha).ok()?.upper);
     }
     let count = worse.iter().filter(|d| **d > 0.0).count() as u64;
-    let share = stats::clopper_pearson_upper(count, worse.len() as u64, UPPER_ALPHA).ok()?;
+    let share = stats::clopper_pearson_upper(count, worse.len() as u64, alpha).ok()?;
     Some(share * worse.iter().copied().fold(tolerance, f64::max))
 }
 
@@ -287,7 +287,7 @@ pub(super) fn limit_request_concern(pairs: &[Pair], profile: &Profile) -> Option
     let beyond = |measures: HarmMeasures| measures.excess_depth > 0.0;
     let excess_episodes = pairs.iter().filter(|pair| pair.candidate.harm.is_some_and(beyond)).count() as u64;
     let episodes = pairs.len() as u64;
-    let lower = stats::wilson_lower(excess_episodes, episodes, UPPER_ALPHA).ok()?;
+    let lower = stats::wilson_lower(excess_episodes, episodes, profile.evaluation.upper_alpha).ok()?;
     let allowed = profile.harm.asking_share_max;
     (lower > allowed)
         .then(|| reason(Finding::AsksMore { asked: excess_episodes, episodes }).with(lower, allowed))

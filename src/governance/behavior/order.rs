@@ -77,6 +77,7 @@ mod tests {
             upper,
             tolerance,
             success_loss_max: 0.05,
+            upper_alpha: 0.05,
         }
     }
 

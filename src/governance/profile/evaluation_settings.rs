@@ -79,4 +79,7 @@ pub struct EvaluationSettings {
     /// Processor time of a median tick up to which no version is too slow, microseconds.
     #[serde(default = "later::tick_us_min", skip_serializing_if = "later::is_tick_us_min")]
     pub tick_us_min: f64,
+    /// Error rate of the one-sided upper bounds by which a version counts as compatible.
+    #[serde(default = "later::upper_alpha", skip_serializing_if = "later::is_upper_alpha")]
+    pub upper_alpha: f64,
 }

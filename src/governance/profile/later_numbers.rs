@@ -31,7 +31,16 @@ later_numbers! {
     "runtime.retreat_height_m" = 0.2, retreat_height_m, is_retreat_height_m;
     "runtime.retreat_clear_m" = 0.15, retreat_clear_m, is_retreat_clear_m;
     "runtime.retreat_speed_m_s" = 0.2, retreat_speed_m_s, is_retreat_speed_m_s;
+    "runtime.retreat_max_s" = 4.0, retreat_max_s, is_retreat_max_s;
+    "runtime.interrupt_max_s" = 1.0, interrupt_max_s, is_interrupt_max_s;
+    "runtime.creep_max_m" = 0.02, creep_max_m, is_creep_max_m;
+    "runtime.transient_max_s" = 0.05, transient_max_s, is_transient_max_s;
+    "runtime.denied_max_s" = 0.1, denied_max_s, is_denied_max_s;
     "watcher.contact_noticed_n" = 2.0, contact_noticed_n, is_contact_noticed_n;
+    "watcher.moving_m_s" = 0.03, moving_m_s, is_moving_m_s;
+    "watcher.idle_force_n" = 0.5, idle_force_n, is_idle_force_n;
+    "watcher.closed_width_m" = 0.004, closed_width_m, is_closed_width_m;
+    "watcher.width_step_m" = 0.002, width_step_m, is_width_step_m;
     "evaluation.search_alpha" = 0.01, search_alpha, is_search_alpha;
     "evaluation.stress_share_max" = 0.2, stress_share_max, is_stress_share_max;
     "evaluation.stress_tightened_share" = 0.7, stress_tightened_share, is_stress_tightened_share;
@@ -41,6 +50,7 @@ later_numbers! {
     "evaluation.divergence_full_m" = 0.2, divergence_full_m, is_divergence_full_m;
     "evaluation.tube_radius_m" = 0.03, tube_radius_m, is_tube_radius_m;
     "evaluation.tick_us_min" = 200.0, tick_us_min, is_tick_us_min;
+    "evaluation.upper_alpha" = 0.05, upper_alpha, is_upper_alpha;
     "behavior.success_loss_max" = 0.05, success_loss_max, is_success_loss_max;
     "behavior.concern_factor" = 0.5, concern_factor, is_concern_factor;
     "live_harm.normal_alpha" = 0.1, live_normal_alpha, is_live_normal_alpha;
@@ -50,6 +60,10 @@ later_numbers! {
     "recovery.drill_fall_max_m" = 0.01, drill_fall_max_m, is_drill_fall_max_m;
     "recovery.drill_throw_max_m_s" = 0.25, drill_throw_max_m_s, is_drill_throw_max_m_s;
     "recovery.drill_rest_max_m_s" = 0.05, drill_rest_max_m_s, is_drill_rest_max_m_s;
+    "recovery.settle_excess_max" = 0.02, settle_excess_max, is_settle_excess_max;
+    "recovery.settle_worse_alpha" = 0.025, settle_worse_alpha, is_settle_worse_alpha;
+    "recovery.settle_same_alpha" = 0.05, settle_same_alpha, is_settle_same_alpha;
+    "recovery.settle_held_alpha" = 0.1, settle_held_alpha, is_settle_held_alpha;
     "monitor.normal_alpha" = 0.1, monitor_normal_alpha, is_monitor_normal_alpha;
     "monitor.slow_share" = 0.12, slow_share, is_slow_share;
     "monitor.harm_share" = 0.05, harm_share, is_harm_share;

@@ -1,4 +1,4 @@
-//! The limits of a profile that the runtime enforces, whatever a manifest declares.
+//! The limits of a profile that guard, watcher and recovery enforce, whatever a manifest declares.
 
 use std::collections::BTreeSet;
 
@@ -66,13 +66,63 @@ pub struct RuntimeLimits {
     /// Speed of the retreat, m/s.
     #[serde(default = "later::retreat_speed_m_s", skip_serializing_if = "later::is_retreat_speed_m_s")]
     pub retreat_speed_m_s: f64,
+    /// Longest time of the retreat, s.
+    #[serde(default = "later::retreat_max_s", skip_serializing_if = "later::is_retreat_max_s")]
+    pub retreat_max_s: f64,
+    /// Longest time from the interrupt to the standstill of every joint, s.
+    #[serde(default = "later::interrupt_max_s", skip_serializing_if = "later::is_interrupt_max_s")]
+    pub interrupt_max_s: f64,
+    /// Farthest that the tool of a braked arm may creep by contact, m; an arm that creeps farther moves.
+    #[serde(default = "later::creep_max_m", skip_serializing_if = "later::is_creep_max_m")]
+    pub creep_max_m: f64,
+    /// Time for which a measured force may be above its limit, s.
+    #[serde(default = "later::transient_max_s", skip_serializing_if = "later::is_transient_max_s")]
+    pub transient_max_s: f64,
+    /// Time for which every command of a version may be denied, s; then its task ends in recovery.
+    #[serde(default = "later::denied_max_s", skip_serializing_if = "later::is_denied_max_s")]
+    pub denied_max_s: f64,
+}
+
+/// Tolerances beyond which the watcher raises a signal.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct WatcherTolerances {
+    /// Motion of the object in the hand, m.
+    pub slip_max_m: f64,
+    /// Distance of a joint from its servo target, rad.
+    pub tracking_error_max_rad: f64,
+    /// Age of the camera frame acted on, ms.
+    pub picture_age_max_ms: f64,
+    /// Time in which a failure has to be named, ms.
+    pub detect_max_ms: f64,
+    /// Force from which a contact is noticed, N.
+    #[serde(default = "later::contact_noticed_n", skip_serializing_if = "later::is_contact_noticed_n")]
+    pub contact_noticed_n: f64,
+    /// Tool speed above which the arm counts as moving on its camera frames, m/s.
+    #[serde(default = "later::moving_m_s", skip_serializing_if = "later::is_moving_m_s")]
+    pub moving_m_s: f64,
+    /// Grip force below which a hand that is commanded to close presses on nothing, N.
+    #[serde(default = "later::idle_force_n", skip_serializing_if = "later::is_idle_force_n")]
+    pub idle_force_n: f64,
+    /// Pad distance up to which the hand counts as closed, m.
+    #[serde(default = "later::closed_width_m", skip_serializing_if = "later::is_closed_width_m")]
+    pub closed_width_m: f64,
+    /// Difference to the measured width from which a commanded one opens or closes the hand, m.
+    #[serde(default = "later::width_step_m", skip_serializing_if = "later::is_width_step_m")]
+    pub width_step_m: f64,
 }
 
 impl RuntimeLimits {
-    /// Ticks of the longest episode; also the most commands a task can send, one a tick.
+    /// The ticks of one of these times.
     #[must_use]
     #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "at most 600 s, checked")]
+    pub fn ticks(secs: f64) -> u32 {
+        libm::round(secs * f64::from(holdpoint_body::RATE_HZ)) as u32
+    }
+
+    /// Ticks of the longest episode; also the most commands a task can send, one a tick.
+    #[must_use]
     pub fn ticks_max(&self) -> u32 {
-        libm::round(self.episode_max_s * f64::from(holdpoint_body::RATE_HZ)) as u32
+        Self::ticks(self.episode_max_s)
     }
 }

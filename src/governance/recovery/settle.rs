@@ -6,13 +6,14 @@
 //! as its mean, so that looking after every drill costs nothing (Ville):
 //!
 //! - *Worse*: under equal hooks a place where only one failed is as often the one's as the other's. The likelihood ratio
-//!   of 19 to 1 against 1 to 1 over the drills of both reaches `1 / WORSE_ALPHA` with probability at most `WORSE_ALPHA`.
-//! - *Not worse*: if the candidate alone fails at least [`EXCESS_MAX`] more often than the active version alone,
-//!   `prod(1 + BET (EXCESS_MAX - d))` over all drills, `d` being 1, -1 or 0, reaches `1 / SAME_ALPHA` with probability
-//!   at most `SAME_ALPHA`. Without any failure of the candidate alone, [`CLEAN_DRILLS`] drills are enough: one failure
-//!   in 50 would have shown there with probability .9.
+//!   of 19 to 1 against 1 to 1 over the drills of both reaches `1 / alpha` with probability at most `alpha`, the
+//!   profile's `settle_worse_alpha`.
+//! - *Not worse*: if the candidate alone fails at least `settle_excess_max` more often than the active version alone,
+//!   `prod(1 + BET (settle_excess_max - d))` over all drills, `d` being 1, -1 or 0, reaches `1 / alpha` with probability
+//!   at most `alpha`, the profile's `settle_same_alpha`. Without any failure of the candidate alone, [`clean_drills`]
+//!   are enough: that excess would have shown there with probability .9.
 //! - Neither at [`SETTLED_DRILLS_MAX`] drills: on hold if a sign test of the places where only one failed leans toward
-//!   the candidate at [`HELD_ALPHA`], and otherwise not worse.
+//!   the candidate at `settle_held_alpha`, and otherwise not worse.
 
 use serde::{Deserialize, Serialize};
 
@@ -21,31 +22,31 @@ use crate::decision::ReasonCode;
 use crate::evidence::{DrillKind, DrillTally, RecoveryEvidence};
 use crate::finding::{DrillSide, EvidenceGap, Finding};
 use crate::outcome::RecoveryOutcome;
+use crate::profile::RecoverySettings;
 use crate::stats;
 
 /// The kinds that are settled: how a version is stopped, and how it is replaced.
 pub const SETTLED_KINDS: [DrillKind; 2] = [DrillKind::Rollback, DrillKind::Abort];
 
-/// Drills of a settled kind of a version that never fails alone: `1 - .98^114 = .9`.
-pub const CLEAN_DRILLS: u32 = 114;
+/// The chance that the drills of a version that never fails alone do not show `settle_excess_max`.
+const UNSEEN_CHANCE: f64 = 0.1;
+
+/// Drills of a settled kind of a version that never fails alone: 114 for an excess of .02, as `1 - .98^114 = .9`.
+#[must_use]
+#[allow(
+    clippy::cast_possible_truncation,
+    clippy::cast_sign_loss,
+    reason = "from 11 to 460 by the field's range"
+)]
+pub fn clean_drills(settings: &RecoverySettings) -> u32 {
+    libm::ceil(libm::log(UNSEEN_CHANCE) / libm::log1p(-settings.settle_excess_max)) as u32
+}
 
 /// The most drills of a settled kind.
 pub const SETTLED_DRILLS_MAX: u32 = 500;
 
 /// More drills than this are no evidence: the base number of a profile is at most 10,000.
 const DRILLS_MAX: u32 = 20_000;
-
-/// How much more often the candidate alone may fail: once in 50 drills.
-pub const EXCESS_MAX: f64 = 0.02;
-
-/// Error rate of calling an equally good hook worse, for one kind.
-pub const WORSE_ALPHA: f64 = 0.025;
-
-/// Error rate of calling a hook settled whose excess is [`EXCESS_MAX`] or more, for one kind.
-pub const SAME_ALPHA: f64 = 0.05;
-
-/// Error rate of the hold of an equally good hook that the most drills have not settled, for one kind.
-pub const HELD_ALPHA: f64 = 0.1;
 
 /// Share of the one-sided failures that a worse hook has, in the likelihood ratio.
 const WORSE_SHARE: f64 = 0.95;
@@ -123,36 +124,41 @@ impl DrillContrast {
 
     /// How the contrast is settled by these drills.
     #[must_use]
-    pub fn settlement(&self) -> Settlement {
+    pub fn settlement(&self, settings: &RecoverySettings) -> Settlement {
         if self.failed() == 0 {
-            return if self.drills() >= CLEAN_DRILLS { Settlement::Clean } else { Settlement::Open };
+            return if self.drills() >= clean_drills(settings) {
+                Settlement::Clean
+            } else {
+                Settlement::Open
+            };
         }
         let (b, c) = (f64::from(self.candidate_failed), f64::from(self.active_failed));
         let worse = b * libm::log(2.0 * WORSE_SHARE) + c * libm::log(2.0 * (1.0 - WORSE_SHARE));
-        if worse >= -libm::log(WORSE_ALPHA) {
+        if worse >= -libm::log(settings.settle_worse_alpha) {
             return Settlement::Worse;
         }
         // Where the candidate did a drill alone and passed, the difference is 0 at most: counted as 0, the product is lower.
         let b = f64::from(self.failed());
         let even = (f64::from(self.drills()) - b - c).max(0.0);
-        let same = even * libm::log1p(BET * EXCESS_MAX)
-            + b * libm::log1p(BET * (EXCESS_MAX - 1.0))
-            + c * libm::log1p(BET * (EXCESS_MAX + 1.0));
-        if same >= -libm::log(SAME_ALPHA) {
+        let excess_max = settings.settle_excess_max;
+        let same = even * libm::log1p(BET * excess_max)
+            + b * libm::log1p(BET * (excess_max - 1.0))
+            + c * libm::log1p(BET * (excess_max + 1.0));
+        if same >= -libm::log(settings.settle_same_alpha) {
             Settlement::NotWorse
         } else if self.drills() < SETTLED_DRILLS_MAX {
             Settlement::Open
-        } else if self.leans() {
+        } else if self.leans(settings.settle_held_alpha) {
             Settlement::Held
         } else {
             Settlement::NotWorse
         }
     }
 
-    /// Whether the candidate alone failed more often by a sign test at [`HELD_ALPHA`].
-    fn leans(&self) -> bool {
+    /// Whether the candidate alone failed more often by a sign test at `alpha`.
+    fn leans(&self, alpha: f64) -> bool {
         let places = u64::from(self.candidate_failed) + u64::from(self.active_failed);
-        stats::clopper_pearson_lower(u64::from(self.candidate_failed), places, HELD_ALPHA)
+        stats::clopper_pearson_lower(u64::from(self.candidate_failed), places, alpha)
             .is_ok_and(|share| share >= 0.5)
     }
 
@@ -164,9 +170,9 @@ impl DrillContrast {
 
     /// How many drills of the candidate are wanted by what is known so far.
     #[must_use]
-    pub fn drills_wanted(&self) -> u32 {
-        match self.settlement() {
-            Settlement::Open if self.failed() == 0 => CLEAN_DRILLS,
+    pub fn drills_wanted(&self, settings: &RecoverySettings) -> u32 {
+        match self.settlement(settings) {
+            Settlement::Open if self.failed() == 0 => clean_drills(settings),
             Settlement::Open => SETTLED_DRILLS_MAX,
             Settlement::Clean | Settlement::Worse | Settlement::NotWorse | Settlement::Held => self.drills(),
         }
@@ -181,7 +187,11 @@ impl DrillContrast {
 
 /// Adds to an assessment of the whole number of drills what settling them found. It rejects a worse hook, and puts one
 /// that is not settled on hold; where it is, the failures of the candidate alone stand among the reasons.
-pub fn apply_settling(result: &mut RecoveryAssessment, evidence: &RecoveryEvidence) {
+pub fn apply_settling(
+    result: &mut RecoveryAssessment,
+    evidence: &RecoveryEvidence,
+    settings: &RecoverySettings,
+) {
     if matches!(result.assessment.outcome, RecoveryOutcome::Incompatible | RecoveryOutcome::NoData) {
         return;
     }
@@ -196,17 +206,17 @@ pub fn apply_settling(result: &mut RecoveryAssessment, evidence: &RecoveryEviden
     }
     result.settled = contrasts.to_vec();
     // Drills of one kind end as soon as another kind rejects.
-    let is_rejected = contrasts.iter().any(|found| found.settlement() == Settlement::Worse);
+    let is_rejected = contrasts.iter().any(|found| found.settlement(settings) == Settlement::Worse);
     for found in contrasts {
         let DrillContrast { kind: drill, active_failed: active, .. } = found;
         let (failed, drills) = (found.failed(), found.drills());
         let assessment = &mut result.assessment;
-        let (finding, outcome) = match found.settlement() {
+        let (finding, outcome) = match found.settlement(settings) {
             Settlement::Clean => continue,
             Settlement::Open if is_rejected => continue,
             Settlement::NotWorse => {
                 let settled = reason(Finding::DrillsSettled { drill, failed, drills, active });
-                assessment.reasons.push(settled.with(found.excess(), EXCESS_MAX));
+                assessment.reasons.push(settled.with(found.excess(), settings.settle_excess_max));
                 continue;
             }
             Settlement::Worse => {
@@ -224,6 +234,6 @@ pub fn apply_settling(result: &mut RecoveryAssessment, evidence: &RecoveryEviden
         }
         assessment.conditions.clear();
         assessment.reasons.retain(|reason| reason.code != ReasonCode::RecoveryCompatible);
-        assessment.reasons.insert(0, reason(finding).with(found.excess(), EXCESS_MAX));
+        assessment.reasons.insert(0, reason(finding).with(found.excess(), settings.settle_excess_max));
     }
 }

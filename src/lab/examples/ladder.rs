@@ -171,7 +171,7 @@ fn climb(
         }
         FirstRung::Interrupt => true,
     };
-    let stands = hold(&mut handle)?.0.failure.is_none();
+    let stands = hold(&mut handle, guard.limits())?.0.failure.is_none();
     let standstill_ticks = handle.body().rest_since.filter(|_| stands);
     let mut clear_ticks = None;
     if stands {

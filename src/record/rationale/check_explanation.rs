@@ -457,7 +457,15 @@ mod tests {
         (lower, upper): (f64, Option<f64>),
         tolerance: f64,
     ) -> BehaviorComponent {
-        BehaviorComponent { name, worsening, lower, upper, tolerance, success_loss_max: 0.05 }
+        BehaviorComponent {
+            name,
+            worsening,
+            lower,
+            upper,
+            tolerance,
+            success_loss_max: 0.05,
+            upper_alpha: 0.05,
+        }
     }
 
     #[test]

@@ -6,7 +6,7 @@
 use super::lenient_bodies::{EvidenceFileRecord, ReasonRecord};
 use crate::evidence_file::EvidenceFile;
 use holdpoint_governance::behavior::{
-    BehaviorAssessment, BehaviorComponent, ComponentName, HarmComparison, UPPER_ALPHA, component_of,
+    BehaviorAssessment, BehaviorComponent, ComponentName, HarmComparison, component_of,
 };
 use holdpoint_governance::decision::{Dimension, Reason, ReasonCode};
 use holdpoint_governance::evidence::{DrillKind, DrillTally};
@@ -364,7 +364,7 @@ fn fewer(component: &BehaviorComponent, evidence_file: &EvidenceFileRecord) -> O
     let counts = PairedCounts::of(pairs.filter_map(|pair| component.name.is_bad_in(pair)));
     let fits = |fewer: u64| {
         let counts = PairedCounts { candidate_only: counts.candidate_only.checked_sub(fewer)?, ..counts };
-        let bound = binary_pairs(counts, UPPER_ALPHA).ok()?;
+        let bound = binary_pairs(counts, component.upper_alpha).ok()?;
         let is_alone = component.name == ComponentName::Success && component.decides_alone();
         Some(if is_alone { bound.mean < component.limit() } else { bound.upper <= component.tolerance })
     };

@@ -17,6 +17,7 @@ use crate::terms::SkillTerms;
 use holdpoint_body::Body;
 use holdpoint_governance::ids::{CapabilityId, Family};
 use holdpoint_governance::manifest::{Manifest, ObservableBound};
+use holdpoint_governance::phase::WorkPhase;
 use holdpoint_governance::start_domain::{DomainMiss, StartObservation};
 
 /// Why a task was not started.
@@ -76,7 +77,7 @@ pub fn observable(name: &str, seen: &Telemetry) -> Option<f64> {
 /// Whether the hand holds something.
 #[must_use]
 pub fn is_holding(seen: &Telemetry) -> bool {
-    seen.contacts.pad_object && seen.gripper_force_n > 1.0
+    seen.contacts.pad_object && seen.gripper_force_n > WorkPhase::HELD_FROM_N
 }
 
 /// Two numbers that differ by less are equal: rounding of a decimal in a manifest.

@@ -5,11 +5,12 @@
 
 use holdpoint_body::{Body, BodyError, CodeFault, Command, GuardVerdict, Observation, Telemetry};
 use holdpoint_governance::evidence::HardStop;
+use holdpoint_governance::profile::RuntimeLimits;
 
 use super::senses::SensesMeter;
 use super::{
-    AttemptCounter, DENIALS_MAX, INSPECT_AFTER_TICKS, Supervision, Supervisor, TaskRecord, TaskTerms, Tick,
-    close, measure_tick, note_budget, note_continuation, note_hit, note_path, tick_secs,
+    AttemptCounter, INSPECT_AFTER_TICKS, Supervision, Supervisor, TaskRecord, TaskTerms, Tick, close,
+    measure_tick, note_budget, note_continuation, note_hit, note_path, tick_secs,
 };
 use crate::agent::dispatcher::is_holding;
 use crate::arm::ActuatorHandle;
@@ -104,7 +105,7 @@ impl TaskRun {
         let progress = TaskProgress {
             record,
             watcher: Watcher::new(terms.task, terms.watch),
-            attempts: AttemptCounter::new(terms.task),
+            attempts: AttemptCounter::new(terms.task, terms.watch.width_step_m),
             senses: SensesMeter::default(),
             harm: HarmMeter::default(),
             start: None,
@@ -328,6 +329,7 @@ impl TaskRun {
         let Self { terms, skill, guard, progress: p } = self;
         let seen = handle.telemetry();
         p.tick += 1;
+        let denials_max = RuntimeLimits::ticks(guard.limits().denied_max_s);
         let (raised, measured) =
             measure_tick(&mut p.record, &mut p.watcher, (guard, &mut p.harm), &seen, p.tick);
         let measured = measured.or_else(|| note_budget(&mut p.record, guard, p.tick));
@@ -355,7 +357,7 @@ impl TaskRun {
             wants_recovery = true;
         }
         wants_recovery |= raised.iter().any(|signal| signal.needs_recovery());
-        wants_recovery |= p.denials >= DENIALS_MAX || p.record.hard_stop.is_some();
+        wants_recovery |= p.denials >= denials_max || p.record.hard_stop.is_some();
         if done || wants_recovery || p.tick >= terms.limit_ticks {
             self.leave(done, wants_recovery, called);
         }

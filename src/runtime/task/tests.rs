@@ -244,7 +244,7 @@ fn timeout_is_an_anomaly() {
         close(
             &mut record,
             &watcher,
-            &AttemptCounter::new(TaskKind::Grasp),
+            &AttemptCounter::new(TaskKind::Grasp, WatchLimits::default().width_step_m),
             (&guard(), ConfinementReport::default()),
             9,
         );

@@ -19,8 +19,8 @@ const OFF_TICKS: usize = 6;
 /// How many times the watcher's limit a joint has to travel: a part of it the rest of the arm makes up for when it sticks.
 const OFF_SHARE: f64 = 2.0;
 
-/// Speed from which the arm counts as moving on its camera frames, m/s: the watcher's, with room for noise.
-const MOVING_M_S: f64 = 0.04;
+/// How much faster than the watcher's limit the arm has to move for a lost camera to be noticed, m/s: room for noise.
+const NOISE_M_S: f64 = 0.01;
 
 /// A fault, and the signals that name it.
 pub type NamedFault = (InjectedFault, &'static [WatcherSignal]);
@@ -54,7 +54,7 @@ impl DetectionWindow<'_> {
             faults.push((InjectedFault::JointStuck { joint }, &[WatcherSignal::TrackingError]));
         }
         let stale = u64::from(limits.picture_age_max_ticks);
-        if trace.moving_ticks(point, stale, within, MOVING_M_S) >= LASTING {
+        if trace.moving_ticks(point, stale, within, limits.moving_m_s + NOISE_M_S) >= LASTING {
             faults.push((InjectedFault::CameraLost, &[WatcherSignal::StaleInput]));
         }
         if !held && within > LASTING as u64 {

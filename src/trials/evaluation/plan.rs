@@ -6,8 +6,8 @@ use crate::seeds::SeedPurpose;
 use holdpoint_cell::rng::Stream;
 use holdpoint_governance::behavior::live_like_pairs;
 use holdpoint_governance::evidence::{DrillKind, RecoveryEvidence};
-use holdpoint_governance::profile::Profile;
-use holdpoint_governance::recovery::{CLEAN_DRILLS, DrillContrast, SETTLED_KINDS};
+use holdpoint_governance::profile::{Profile, RecoverySettings};
+use holdpoint_governance::recovery::{DrillContrast, SETTLED_KINDS, clean_drills};
 use holdpoint_protocol::work_unit::PartCount;
 
 /// Pairs in one slice of work.
@@ -26,7 +26,7 @@ const ATTEMPTS_FACTOR: u64 = 2;
 const SEQUENCES_A_SLICE: u64 = 10;
 
 /// The jobs and their seeds.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct EvaluationPlan {
     pub pairs: u32,
     /// Of them, those from live starts.
@@ -45,6 +45,8 @@ pub struct EvaluationPlan {
     pub has_anchor: bool,
     /// Failed stops and rollbacks are settled by more drills, likewise.
     pub is_settling: bool,
+    /// By which numbers they are settled.
+    pub recovery: RecoverySettings,
 }
 
 impl EvaluationPlan {
@@ -61,6 +63,7 @@ impl EvaluationPlan {
             sequence_seeds: SeedPurpose::Sequence,
             has_anchor: false,
             is_settling: true,
+            recovery: profile.recovery,
         }
     }
 
@@ -126,7 +129,7 @@ impl EvaluationPlan {
     /// Drills of a settled kind past the base number, if none of them fails.
     pub(super) fn settling_drills(&self) -> u64 {
         let is_settled = self.is_settling && self.drills > 0;
-        if is_settled { u64::from(CLEAN_DRILLS.saturating_sub(self.drills)) } else { 0 }
+        if is_settled { u64::from(clean_drills(&self.recovery).saturating_sub(self.drills)) } else { 0 }
     }
 }
 
@@ -203,7 +206,7 @@ impl EvaluationProgress {
     fn settling(&self, plan: &EvaluationPlan) -> Option<NextSlice> {
         let is_wanted = |kind: &DrillKind| {
             let contrast = DrillContrast::of(*kind, &self.drills);
-            let wanted = contrast.drills_wanted();
+            let wanted = contrast.drills_wanted(&plan.recovery);
             contrast.drills() < wanted
                 && self.drills_tried[*kind as usize] < ATTEMPTS_FACTOR * u64::from(wanted)
         };
@@ -242,7 +245,7 @@ impl EvaluationProgress {
             }
             NextSlice::Settling(kind) => {
                 let contrast = DrillContrast::of(kind, &self.drills);
-                (u64::from(contrast.drills()), u64::from(contrast.drills_wanted()))
+                (u64::from(contrast.drills()), u64::from(contrast.drills_wanted(&plan.recovery)))
             }
             NextSlice::Sequences => (self.sequences, u64::from(plan.sequences)),
         };

@@ -102,6 +102,7 @@ fn component(upper: Option<f64>) -> BehaviorComponent {
         upper,
         tolerance: 0.05,
         success_loss_max: 0.05,
+        upper_alpha: 0.05,
     }
 }
 
@@ -114,6 +115,7 @@ fn improved() -> BehaviorComponent {
         upper: Some(-0.204),
         tolerance: 0.15,
         success_loss_max: 0.05,
+        upper_alpha: 0.05,
     }
 }
 

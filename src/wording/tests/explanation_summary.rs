@@ -51,6 +51,7 @@ const VIOLATION: BehaviorComponent = BehaviorComponent {
     upper: Some(0.341),
     tolerance: 0.05,
     success_loss_max: 0.05,
+    upper_alpha: 0.05,
 };
 
 #[test]

@@ -33,7 +33,7 @@ use crate::live::station::Rig;
 use crate::live::supervisor::Trip;
 use holdpoint_record::context::Context;
 use holdpoint_record::evidence_binding::not_admitted;
-use holdpoint_record::evidence_file::{EvidenceFile, EvidenceFiles};
+use holdpoint_record::evidence_file::EvidenceFiles;
 use holdpoint_record::version_table::{TransitionNote, VersionTableError};
 use holdpoint_runtime::safety_event::stopping_events;
 use holdpoint_trials::cell_frame;
@@ -209,7 +209,9 @@ impl Rollback<'_> {
     ) -> Result<LadderMotion, EngineFault> {
         let leaving = self.record.capability(id)?;
         let terms = self.terms(&leaving);
-        let is_rehearsed = self.evidence_files.of(id).is_some_and(EvidenceFile::has_passed_rollback_drills);
+        let settings = &self.context.profile.recovery;
+        let is_rehearsed =
+            self.evidence_files.of(id).is_some_and(|file| file.has_passed_rollback_drills(settings));
         let cause = (record.trigger.kind, is_rehearsed);
         let outcome =
             self.run_drawn(&leaving, &terms, |rig| rig.run_motion_rungs(&leaving, &terms, trip, cause));

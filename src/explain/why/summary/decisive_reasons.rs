@@ -194,8 +194,9 @@ mod tests {
     #[test]
     fn a_component_within_its_limit_comes_after_one_past_it() {
         let of = |name, worsening, tolerance| {
-            let (lower, upper, success_loss_max) = (0.01, None, 0.05);
-            let component = BehaviorComponent { name, worsening, lower, upper, tolerance, success_loss_max };
+            let (lower, upper, success_loss_max, upper_alpha) = (0.01, None, 0.05, 0.05);
+            let component =
+                BehaviorComponent { name, worsening, lower, upper, tolerance, success_loss_max, upper_alpha };
             let DecisionReason::Rule { reason, .. } =
                 reason("behavior-established-worse", "behavior", "worse", None)
             else {

@@ -10,9 +10,9 @@ use holdpoint_governance::evidence::{
     AnchorEpisode, AnchorEvidence, DrillKind, EpisodeValues, PairedEvidence, RecoveryEvidence,
 };
 use holdpoint_governance::outcome::{BehaviorOutcome, RecoveryOutcome};
-use holdpoint_governance::profile::{Profile, ProfileName};
+use holdpoint_governance::profile::{Profile, ProfileName, RecoverySettings};
 use holdpoint_governance::recovery::{
-    CLEAN_DRILLS, DrillContrast, HELD_ALPHA, SETTLED_DRILLS_MAX, SETTLED_KINDS, Settlement, WORSE_ALPHA,
+    DrillContrast, SETTLED_DRILLS_MAX, SETTLED_KINDS, Settlement, clean_drills,
 };
 use holdpoint_governance::stats::{PairedCounts, binary_pairs};
 
@@ -101,12 +101,15 @@ fn contrast(paired: u32, candidate_failed: u32, active_failed: u32) -> DrillCont
 
 #[test]
 fn drills_are_settled() {
+    let profile = profile(ProfileName::Sim);
+    let clean = clean_drills(&profile.recovery);
+    assert_eq!(clean, 114, "one failure in 50 has a chance of .9 to show");
     for (drills, candidate, active, settlement) in [
         (40, 0, 0, Settlement::Open),
-        (CLEAN_DRILLS, 0, 0, Settlement::Clean),
-        (CLEAN_DRILLS, 0, 9, Settlement::Clean),
+        (clean, 0, 0, Settlement::Clean),
+        (clean, 0, 9, Settlement::Clean),
         (40, 1, 0, Settlement::Open),
-        (CLEAN_DRILLS, 1, 0, Settlement::Open),
+        (clean, 1, 0, Settlement::Open),
         (60, 5, 0, Settlement::Open),
         (60, 6, 0, Settlement::Worse),
         (300, 1, 0, Settlement::NotWorse),
@@ -115,9 +118,8 @@ fn drills_are_settled() {
         (SETTLED_DRILLS_MAX, 9, 9, Settlement::NotWorse),
     ] {
         let found = contrast(drills, candidate, active);
-        assert_eq!(found.settlement(), settlement, "{found:?}");
+        assert_eq!(found.settlement(&profile.recovery), settlement, "{found:?}");
     }
-    let profile = profile(ProfileName::Sim);
     let evidence = pairs(&profile);
     let assess = |failed: u32, drills: u32| {
         let mut tallies: RecoveryEvidence = recovery([100; 4], [100; 4]);
@@ -132,10 +134,46 @@ fn drills_are_settled() {
         let (_, found) = all.assess(&binding(), EarlyStopReason::Full, &profile);
         (found.assessment.outcome, found.assessment.reasons[0].code)
     };
-    assert_eq!(assess(0, CLEAN_DRILLS).0, RecoveryOutcome::Compatible);
+    assert_eq!(assess(0, clean).0, RecoveryOutcome::Compatible);
     assert_eq!(assess(6, 120), (RecoveryOutcome::Incompatible, ReasonCode::RecoveryEstablishedWorse));
     assert_eq!(assess(5, SETTLED_DRILLS_MAX), (RecoveryOutcome::NoData, ReasonCode::RecoveryUnsettled));
     assert_eq!(assess(0, 40).0, RecoveryOutcome::NoData);
+}
+
+/// Each number by which failures are settled changes how they are.
+#[test]
+fn settling_depends_on_each_number_of_the_profile() {
+    let shipped = profile(ProfileName::Sim).recovery;
+    let changes: [(RecoverySettings, [u32; 3], Settlement, Settlement); 4] = [
+        (
+            RecoverySettings { settle_excess_max: 0.05, ..shipped },
+            [60, 0, 0],
+            Settlement::Open,
+            Settlement::Clean,
+        ),
+        (
+            RecoverySettings { settle_worse_alpha: 0.001, ..shipped },
+            [60, 6, 0],
+            Settlement::Worse,
+            Settlement::Open,
+        ),
+        (
+            RecoverySettings { settle_same_alpha: 0.001, ..shipped },
+            [300, 1, 0],
+            Settlement::NotWorse,
+            Settlement::Open,
+        ),
+        (
+            RecoverySettings { settle_held_alpha: 0.05, ..shipped },
+            [SETTLED_DRILLS_MAX, 4, 0],
+            Settlement::Held,
+            Settlement::NotWorse,
+        ),
+    ];
+    for (changed, [drills, candidate, active], before, after) in changes {
+        let found = contrast(drills, candidate, active);
+        assert_eq!([found.settlement(&shipped), found.settlement(&changed)], [before, after], "{found:?}");
+    }
 }
 
 /// Drills of one slice, and of the base number.
@@ -176,6 +214,7 @@ fn drilled(
 /// How drills of one kind end whose candidate alone fails with one probability and the active version alone with
 /// another: worse, held, settled with a failure, clean. Exact: every path of counts with its probability.
 fn ends(candidate: f64, active: f64) -> [f64; 4] {
+    let settings = profile(ProfileName::Sim).recovery;
     let mut open = BTreeMap::from([([0; 5], 1.0)]);
     for _ in 0..BASE {
         open = drilled(open, candidate, active, true);
@@ -190,7 +229,7 @@ fn ends(candidate: f64, active: f64) -> [f64; 4] {
                 alone_failed,
                 ..contrast(paired, candidate_failed, active_failed)
             };
-            match found.settlement() {
+            match found.settlement(&settings) {
                 Settlement::Open if found.is_paired_next() => drop(pairs.insert(counts, share)),
                 Settlement::Open => drop(alone.insert(counts, share)),
                 Settlement::Worse => ends[0] += share,
@@ -227,11 +266,26 @@ fn detection_curve_of_failing_hooks() {
     assert!(curve[0][0] > 0.999 && curve[1][0] > 0.99, "one in ten and in twenty are rejected: {curve:?}");
     assert!(curve[2][0] + curve[2][1] > 0.8, "one in fifty does not pass: {curve:?}");
     // Equal hooks: by the stated error rate.
+    let settings = profile(ProfileName::Sim).recovery;
     for rate in [0.0, 0.005, 0.01, 0.02, 0.05, 0.1] {
         let equal = ends(rate, rate);
         println!("equal hooks, {rate}: {equal:.4?}");
-        assert!(equal[0] <= WORSE_ALPHA && equal[1] <= HELD_ALPHA, "{rate}: {equal:?}");
+        let stated = [settings.settle_worse_alpha, settings.settle_held_alpha];
+        assert!(equal[0] <= stated[0] && equal[1] <= stated[1], "{rate}: {equal:?}");
     }
+}
+
+#[test]
+fn upper_bounds_have_the_error_rate_of_the_profile() {
+    let shipped = profile(ProfileName::Sim);
+    let mut strict = shipped.clone();
+    strict.evaluation.upper_alpha = 0.001;
+    let evidence = failing(&shipped, 0, 3);
+    let upper = |profile: &Profile| {
+        let found = behavior::assess(&evidence, &binding(), profile);
+        found.components.iter().find(|one| one.name == behavior::ComponentName::Success).unwrap().upper
+    };
+    assert!(upper(&strict).unwrap() > upper(&shipped).unwrap());
 }
 
 /// `behavior.success_loss_max` of the shipped profiles.

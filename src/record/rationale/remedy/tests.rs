@@ -24,7 +24,7 @@ fn file_with_violations(worse: usize) -> EvidenceFileRecord {
         .map(|i| serde_json::json!({ "seed": i, "candidate": values(i < worse), "active": values(false) }))
         .collect();
     let counts = PairedCounts { pairs: 120, candidate_only: worse as u64, active_only: 0 };
-    let bound = binary_pairs(counts, UPPER_ALPHA).unwrap();
+    let bound = binary_pairs(counts, 0.05).unwrap();
     let tally = |passed, failed| serde_json::json!({ "passed": passed, "failed": failed, "infeasible": 0 });
     let drills = |rollback: serde_json::Value| {
         serde_json::json!({
@@ -85,7 +85,7 @@ fn the_number_of_episodes_is_the_smallest_that_does() {
         let less = reduction.fewer;
         let upper = |worse: u64| {
             let counts = PairedCounts { pairs: 120, candidate_only: worse, active_only: 0 };
-            binary_pairs(counts, UPPER_ALPHA).unwrap().upper
+            binary_pairs(counts, 0.05).unwrap().upper
         };
         let left = worse as u64 - less;
         assert!(upper(left) <= 0.05, "{worse}: {left} are left");
@@ -108,6 +108,7 @@ fn a_worsening_within_its_margin_is_no_change_beside_others_that_decide() {
         upper: Some(0.3),
         tolerance,
         success_loss_max: 0.05,
+        upper_alpha: 0.05,
     };
     let worse = reason("behavior-established-worse", "behavior", "time is significantly worse", 0.243, 0.6);
     let add = |evidence_file: &mut EvidenceFileRecord, component| {
