@@ -12,6 +12,7 @@ use super::gate::ShadowAssessment;
 use super::outcome::{Assessment, Basis, BehaviorOutcome, CheckResult};
 use super::profile::Profile;
 
+/// Milliseconds in a minute.
 const MS_PER_MINUTE: f64 = 60_000.0;
 
 /// A time that is longer than allowed.

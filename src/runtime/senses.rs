@@ -44,6 +44,7 @@ impl Senses {
     }
 
     fn withhold(self, seen: &mut Observation) {
+        // What is withheld is no number.
         const NONE: [f64; 3] = [f64::NAN; 3];
         if !self.camera {
             seen.objects.clear();

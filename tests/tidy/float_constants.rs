@@ -3,6 +3,7 @@
 //! A new limit is a field of the profile. A new constant of another kind gets a line here and a reason in its comment.
 
 use std::collections::BTreeSet;
+use std::fs;
 
 use regex::Regex;
 
@@ -33,7 +34,6 @@ use ConstantKind::{Format, Measured, Method, Physical, Tolerance};
 const CONSTANTS: &[(&str, &str, ConstantKind)] = &[
     ("src/engine/live/ladder_motion.rs", "ARRIVED_M", Measured),
     ("src/engine/live/shadow.rs", "UNDECIDED_DIVERGENCE", Method),
-    ("src/governance/behavior.rs", "UPPER_ALPHA", Method),
     ("src/governance/behavior/sequences.rs", "NOT_DONE_PART", Method),
     ("src/governance/behavior/sequences.rs", "OTHER_PART", Method),
     ("src/governance/behavior/sequences.rs", "SHARING", Method),
@@ -50,10 +50,7 @@ const CONSTANTS: &[(&str, &str, ConstantKind)] = &[
     ("src/governance/phase.rs", "STILL_M_S", Measured),
     ("src/governance/profile/fields.rs", "SUM_WITHIN", Tolerance),
     ("src/governance/recovery/settle.rs", "BET", Method),
-    ("src/governance/recovery/settle.rs", "EXCESS_MAX", Method),
-    ("src/governance/recovery/settle.rs", "HELD_ALPHA", Method),
-    ("src/governance/recovery/settle.rs", "SAME_ALPHA", Method),
-    ("src/governance/recovery/settle.rs", "WORSE_ALPHA", Method),
+    ("src/governance/recovery/settle.rs", "UNSEEN_CHANCE", Method),
     ("src/governance/recovery/settle.rs", "WORSE_SHARE", Method),
     ("src/governance/stats.rs", "SHOWN_LEVEL", Method),
     ("src/governance/stats.rs", "STATISTIC_MAX", Tolerance),
@@ -77,19 +74,14 @@ const CONSTANTS: &[(&str, &str, ConstantKind)] = &[
     ("src/runtime/guard.rs", "PARALLEL_M", Tolerance),
     ("src/runtime/harm.rs", "GRAVITY_M_S2", Physical),
     ("src/runtime/limits.rs", "SHARE_MIN", Format),
-    ("src/runtime/recovery.rs", "CREEP_MAX_M", Measured),
     ("src/runtime/recovery.rs", "HOOK_SECS_MAX", Format),
     ("src/runtime/senses.rs", "NONE", Format),
     ("src/runtime/task.rs", "CORRECTION_M", Measured),
-    ("src/runtime/watcher.rs", "CLOSED_WIDTH_M", Measured),
-    ("src/runtime/watcher.rs", "IDLE_FORCE_N", Measured),
-    ("src/runtime/watcher.rs", "MOVING_M_S", Measured),
-    ("src/runtime/watcher.rs", "WIDTH_STEP_M", Measured),
     ("src/trials/cell/start_support.rs", "FRAME_ROUNDING_TICKS", Tolerance),
     ("src/trials/cell/start_support.rs", "GRAVITY_ROUNDED_M_S2", Physical),
     ("src/trials/cell/start_support.rs", "OUTSIDE_SHARE", Method),
     ("src/trials/cell/start_support.rs", "SENSOR_NOISE_SD", Measured),
-    ("src/trials/drills/faults.rs", "MOVING_M_S", Measured),
+    ("src/trials/drills/faults.rs", "NOISE_M_S", Measured),
     ("src/trials/drills/faults.rs", "OFF_SHARE", Method),
     ("src/trials/mode_metrics.rs", "WORST_SHARE", Method),
     ("src/trials/search.rs", "CROSSOVER_CHANCE", Method),
@@ -106,17 +98,28 @@ fn float_constants(code: &str) -> Vec<String> {
     constant.captures_iter(code).map(|found| found[1].to_owned()).collect()
 }
 
+/// Whether a line before that of the constant is its comment, which gives its reason; attributes may stand between.
+fn has_comment(text: &str, name: &str) -> bool {
+    let lines: Vec<&str> = text.lines().map(str::trim_start).collect();
+    let is_it = |line: &&str| line.contains(&format!("const {name}:"));
+    let at = lines.iter().position(is_it).unwrap_or_default();
+    let before = lines[..at].iter().rev().find(|line| !line.starts_with("#["));
+    before.is_some_and(|line| line.starts_with("//"))
+}
+
 /// The numbers that a program compares with, but 0, one half and 1, which are the middle and the ends of a share.
+/// A quantity with a unit is no share.
 fn compared_literals(code: &str) -> Vec<String> {
     let number = r"\d[\d_]*\.\d[\d_]*(?:e-?\d+)?|\d[\d_]*e-?\d+";
     let compared =
         Regex::new(&format!(r"(?:^|[^=<>-])[<>]=? *-?({number})|\b({number})(?:_f64|_f32)? *[<>]")).unwrap();
-    let found = compared.captures_iter(code).filter_map(|found| found.get(1).or(found.get(2)));
-    let is_limit = |text: &&str| {
-        let value: f64 = text.replace('_', "").parse().unwrap();
-        ![0.0, 0.5, 1.0].contains(&value)
-    };
-    found.map(|literal| literal.as_str()).filter(is_limit).map(ToOwned::to_owned).collect()
+    let quantity = Regex::new(&format!(r"_(?:m|n|s|ms|rad|m_s|rad_s)\b\)* *[<>]=? *-?({number})")).unwrap();
+    let value = |text: &str| text.replace('_', "").parse::<f64>().unwrap();
+    let compared = compared.captures_iter(code).filter_map(|found| found.get(1).or(found.get(2)));
+    let compared = compared.filter(|literal| ![0.0, 0.5, 1.0].contains(&value(literal.as_str())));
+    let quantities = quantity.captures_iter(code).filter_map(|found| found.get(1));
+    let quantities = quantities.filter(|literal| [0.5, 1.0].contains(&value(literal.as_str())));
+    compared.chain(quantities).map(|literal| literal.as_str().to_owned()).collect()
 }
 
 #[test]
@@ -129,7 +132,13 @@ fn float_constants_of_crates_that_decide_are_listed_with_their_kind() {
         for literal in compared_literals(&code) {
             problems.push(format!("{file} compares with {literal}: a limit is a field of the profile"));
         }
-        found.extend(float_constants(&code).into_iter().map(|name| (file.clone(), name)));
+        let text = fs::read_to_string(&path).unwrap();
+        for name in float_constants(&code) {
+            if !has_comment(&text, &name) {
+                problems.push(format!("{file}: {name} has no comment with its reason"));
+            }
+            found.insert((file.clone(), name));
+        }
     }
     let listed: BTreeSet<(String, String)> =
         CONSTANTS.iter().map(|(file, name, _)| ((*file).to_owned(), (*name).to_owned())).collect();
@@ -168,10 +177,18 @@ fn float_detectors_find_constants_and_comparisons() {
         ("if !(error <= 1e-9) {", &["1e-9"]),
         ("if 0.25 < share {", &["0.25"]),
         ("if share >= 0.5 && rate < 1.0 && rate > 0.0 {", &[]),
+        ("if seen.gripper_force_n > 1.0 && slip_m > 0.0 {", &["1.0"]),
         ("Self::Adaptable => 0.7,", &[]),
         ("fn low() -> Vec<f64> { 0.1 }", &[]),
         ("if count > 3 {", &[]),
     ] {
         assert_eq!(compared_literals(code), literals, "{code}");
+    }
+    for (text, is_explained) in [
+        ("/// Its reason.\npub const A: f64 = 0.2;", true),
+        ("// Its reason.\n#[allow(dead_code)]\n    const A: f64 = 0.2;", true),
+        ("/// Of another.\nconst B: f64 = 0.1;\nconst A: f64 = 0.2;", false),
+    ] {
+        assert_eq!(has_comment(text, "A"), is_explained, "{text}");
     }
 }

@@ -77,6 +77,7 @@ fn ln_beta(a: f64, b: f64) -> f64 {
 
 fn beta_fraction(x: f64, a: f64, b: f64) -> f64 {
     const STEPS_MAX: u32 = 5_000;
+    // Far below every term of the fraction: a quotient by 0 would end it.
     const TINY: f64 = 1e-300;
     // Below the distance of two neighboring numbers at 1 nothing changes any more.
     const CONVERGED: f64 = 1e-16;
