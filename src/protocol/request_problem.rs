@@ -220,6 +220,7 @@ mod tests {
 
     #[test]
     fn the_field_its_value_and_what_is_allowed_are_named() {
+        let classes = holdpoint_governance::profile::ProfileName::NAMES.join(", ");
         for (document, parts) in [
             (
                 ask(json!({ "command": "open-the-gate" })),
@@ -229,7 +230,7 @@ mod tests {
                 ask(
                     json!({ "command": "demote", "operation": operation(), "profiles": ["sim", "warehouse"] }),
                 ),
-                ["request.command.profiles.1\"", "\"warehouse\"", "sim, real, human"],
+                ["request.command.profiles.1\"", "\"warehouse\"", classes.as_str()],
             ),
             (
                 ask(json!({ "command": "repeat", "operation": operation(), "stage": "gate" })),

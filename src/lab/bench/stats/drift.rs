@@ -7,7 +7,7 @@ use super::{Study, missing};
 use holdpoint::bench::{BenchError, CLEAN};
 use holdpoint_governance::evidence::EpisodeValues;
 use holdpoint_governance::monitor::{Monitor, MonitorAction, normal_rates};
-use holdpoint_governance::profile::{Profile, ProfileName};
+use holdpoint_governance::profile::{ClassRisk, Profile};
 use holdpoint_governance::strictness::Strictness;
 use holdpoint_text::Hint;
 
@@ -118,10 +118,10 @@ fn unchanged(
     }
     let runs = u64::from(study.runs);
     // In simulation no operator has to answer, and an unanswered restriction ends in a rollback.
-    let stated = Some(StatedBound::AtMost(match profile.name {
-        ProfileName::Sim => 0.005,
-        ProfileName::Real => 0.02,
-        ProfileName::Human => 0.04,
+    let stated = Some(StatedBound::AtMost(match profile.name.declaration().risk {
+        ClassRisk::Nothing => 0.005,
+        ClassRisk::Machine => 0.02,
+        ClassRisk::People => 0.04,
     }));
     Ok(vec![
         rate(RULE, "unchanged: restricted within the window", under.clone(), (restricted, runs), stated)?,
