@@ -1,6 +1,5 @@
 //! The numbers guard and watcher work with, derived from a profile and a version's conditions.
 
-use holdpoint_body::RATE_HZ;
 use serde::{Deserialize, Serialize};
 
 /// The least share of speed and force that an envelope is tightened to, so that an arm can still be moved clear. It is the
@@ -82,26 +81,29 @@ pub struct WatchLimits {
     pub width_step_m: f64,
 }
 
-impl Default for WatchLimits {
-    fn default() -> Self {
-        Self {
-            slip_max_m: 0.005,
-            tracking_max_rad: 0.05,
-            contact_noticed_n: 2.0,
-            picture_age_max_ticks: RATE_HZ / 2,
-            grip_fault_ticks: RATE_HZ,
-            overrun_ticks: 12 * u64::from(RATE_HZ),
-            moving_m_s: 0.03,
-            idle_force_n: 0.5,
-            closed_width_m: 0.004,
-            width_step_m: 0.002,
-        }
-    }
-}
-
 #[cfg(test)]
 mod tests {
+    use holdpoint_body::RATE_HZ;
+
     use super::*;
+
+    /// The limits that tests use.
+    impl Default for WatchLimits {
+        fn default() -> Self {
+            Self {
+                slip_max_m: 0.005,
+                tracking_max_rad: 0.05,
+                contact_noticed_n: 2.0,
+                picture_age_max_ticks: RATE_HZ / 2,
+                grip_fault_ticks: RATE_HZ,
+                overrun_ticks: 12 * u64::from(RATE_HZ),
+                moving_m_s: 0.03,
+                idle_force_n: 0.5,
+                closed_width_m: 0.004,
+                width_step_m: 0.002,
+            }
+        }
+    }
 
     #[test]
     fn nan_share_gives_the_tightest_envelope() {

@@ -111,12 +111,13 @@ impl SkillTerms {
             contact_noticed_n: watcher.contact_noticed_n,
             picture_age_max_ticks: u32::try_from(ticks(watcher.picture_age_max_ms / 1000.0))
                 .unwrap_or(u32::MAX),
+            // One second.
+            grip_fault_ticks: RATE_HZ,
             overrun_ticks: limit_ticks,
             moving_m_s: watcher.moving_m_s,
             idle_force_n: watcher.idle_force_n,
             closed_width_m: watcher.closed_width_m,
             width_step_m: watcher.width_step_m,
-            ..WatchLimits::default()
         };
         let detect_ticks = ticks(watcher.detect_max_ms / 1000.0);
         let (meter, stress, reviewed, seeds) = (None, None, false, SeedKey::of_run(0));
