@@ -2,21 +2,29 @@
 //!
 //! A stop needs no identity, no key and no reason. A start needs an identity of the store and a reason.
 
+use std::collections::BTreeMap;
+
 use clap::Args;
 
+use super::data;
 use super::decide::{REASON_BYTES_MAX, SigningArgs, identity, parse_identity};
 use super::verb_executor::{VerbExecutor, print_action_reply};
 use crate::cli::context::CliContext;
 use crate::cli::output::CommandOutput;
 use crate::error::{CliError, Exit};
+use holdpoint_engine::decide::halt;
 use holdpoint_governance::profile::ProfileName;
+use holdpoint_governance::wall_time::WallTime;
+use holdpoint_protocol::clock::clock_time;
 use holdpoint_protocol::command::{Command, Reply, StopPersistence};
+use holdpoint_protocol::snapshot::Snapshot;
+use holdpoint_registry::Views;
 use holdpoint_service::control_socket::{NOT_CONFIRMED_HINT, StopCall, StopOutcome, not_confirmed};
-use holdpoint_store::Layout;
+use holdpoint_store::{Layout, StoreError};
 use holdpoint_text::{ErrorReason, Untrusted};
 use holdpoint_wording::program::engine::stopped_by_mark;
 use holdpoint_wording::program::run as sentences;
-use holdpoint_wording::program::status::stopped as stopped_line;
+use holdpoint_wording::program::status::{after_record, stopped as stopped_line};
 
 /// The arguments of `stop`.
 #[derive(Clone, Debug, PartialEq, Eq, Args)]
@@ -154,6 +162,32 @@ fn no_engine(context: &CliContext, and: &str) -> CliError {
         .with_details(ErrorReason::NoAnswer)
 }
 
+/// The wall times of stops: those of their records, which outlive the engine that was stopped.
+pub(super) struct StopTimes {
+    recorded: BTreeMap<u64, WallTime>,
+    /// The virtual and the wall time of the newest record. A stop that only a mark keeps came after it.
+    newest: Option<(u64, WallTime)>,
+}
+
+impl StopTimes {
+    pub(super) fn read(views: &Views) -> Result<Self, StoreError> {
+        let head = views.head()?;
+        let wall_ms = views.stamp(head.seq)?.and_then(|stamp| stamp.wall_ms);
+        let newest = wall_ms.map(|wall_ms| (head.at_ms, WallTime::from_ms(wall_ms)));
+        Ok(Self { recorded: halt::stop_times(views)?, newest })
+    }
+
+    /// A stop's time for people, by its virtual time.
+    pub(super) fn moment(&self, at_ms: u64, engine: Option<&Snapshot>) -> String {
+        match (self.recorded.get(&at_ms), engine, self.newest) {
+            (Some(time), ..) => time.label(),
+            (None, Some(engine), _) => engine.moment(at_ms),
+            (None, None, Some((newest_ms, time))) if newest_ms == at_ms => after_record(&time.label()),
+            (None, None, _) => clock_time(at_ms),
+        }
+    }
+}
+
 /// Starts the stopped cell.
 pub(super) fn start(
     context: &CliContext,
@@ -175,7 +209,8 @@ pub(super) fn start(
     if !out.is_json() {
         if let Some(stopped) = &stopped {
             let start = (by.as_str(), reason.as_str());
-            out.line(&stopped_line(stopped, start, &|at_ms| snapshot.moment(at_ms)))?;
+            let times = StopTimes::read(&data::open(&context.data)?).map_err(CliError::usage)?;
+            out.line(&stopped_line(stopped, start, &|at_ms| times.moment(at_ms, Some(&snapshot))))?;
         }
         for prompt in snapshot.prompts.iter().filter(|prompt| prompt.granted) {
             out.line(&sentences::takes_control(&prompt.version))?;
@@ -213,4 +248,40 @@ pub(super) fn goal(
     let (by, reason) = (signature.identity.clone(), signature.reason.raw().to_owned());
     let command = Command::Goal { goal: args.goal.clone(), by, reason };
     VerbExecutor::open(context)?.execute_as(context, &who, command, out)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use holdpoint_governance::record::RecordKind;
+    use holdpoint_registry::Store;
+    use holdpoint_store::{AuditBody, Transaction};
+
+    /// Without an engine a stop came with the engine's time, `00:00:17`, which reads as a time of day.
+    #[test]
+    fn stops_on_record_have_the_wall_time_of_their_records() {
+        let folder = tempfile::tempdir().unwrap();
+        let data = folder.path().join("store");
+        let store = Store::open(&data).unwrap();
+        let wall = |secs: i64| WallTime::from_ms(1_795_501_000_000 + secs * 1_000);
+        let released = RecordKind::CellReleased;
+        for (number, kind, at_ms, wall_ms) in [
+            (1, RecordKind::CellStopped, 5_000, wall(5).ms()),
+            (2, released, 6_000, wall(6).ms()),
+            (3, RecordKind::CellStopped, 17_000, wall(900).ms()),
+            (4, RecordKind::CellStopped, 18_000, 0),
+            (5, RecordKind::Decision, 19_000, wall(950).ms()),
+        ] {
+            let record = AuditBody { kind, subject: String::new(), body: "{}".to_owned() };
+            let command_id = format!("command {number}");
+            let (changes, audit) = (Vec::new(), vec![record]);
+            store.commit(Transaction { command_id, at_ms, wall_ms, changes, audit }).unwrap();
+        }
+        let times = StopTimes::read(&data::open(&data).unwrap()).unwrap();
+        assert_eq!(times.recorded, BTreeMap::from([(17_000, wall(900))]));
+        assert_eq!(times.moment(17_000, None), wall(900).label());
+        // A script's stop has virtual time alone, and that of a mark comes after the newest record.
+        assert_eq!(times.moment(18_000, None), clock_time(18_000));
+        assert_eq!(times.moment(19_000, None), after_record(&wall(950).label()));
+    }
 }

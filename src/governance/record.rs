@@ -11,6 +11,7 @@ use super::ids::{CapabilityId, Digest};
 use super::lifecycle::{State, VersionFlags};
 use super::rollback::PostStatus;
 use super::submission::{Provenance, Risk};
+use super::wall_time::WallTime;
 
 /// Domain tag of a record's hash.
 const DOMAIN: &str = "holdpoint/audit/v1";
@@ -302,6 +303,12 @@ pub struct AuditRecord {
 }
 
 impl AuditRecord {
+    /// The wall time at which it was written; absent in scripts.
+    #[must_use]
+    pub fn wall(&self) -> Option<WallTime> {
+        (self.wall_ms > 0).then(|| WallTime::from_ms(self.wall_ms))
+    }
+
     /// The hash that the record's fields must have; a verifier compares it with the stored one.
     #[must_use]
     pub fn expected_hash(&self) -> Digest {

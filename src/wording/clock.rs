@@ -1,6 +1,13 @@
-//! Mismatches of the machine's clock in words.
+//! Times of records, and mismatches of the machine's clock, in words.
 
-use holdpoint_governance::wall_time::ClockMismatch;
+use holdpoint_governance::wall_time::{ClockMismatch, WallTime};
+use holdpoint_protocol::clock::clock_time;
+
+/// The time of a record for people; virtual time where a script wrote it.
+#[must_use]
+pub fn record_time(at_ms: u64, wall: Option<WallTime>) -> String {
+    wall.map_or_else(|| clock_time(at_ms), WallTime::label)
+}
 
 /// How the machine's clock disagrees with the record, one sentence.
 #[must_use]

@@ -36,7 +36,7 @@ mod twin;
 pub mod version_diff;
 mod version_status;
 
-pub use clock::clock_mismatch;
+pub use clock::{clock_mismatch, record_time};
 pub use condition::condition_of_use;
 pub use count::counted;
 pub use counted_try::counted_try;

@@ -5,10 +5,8 @@ use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::lifecycle::Stage;
 use holdpoint_governance::notice::Notice;
 use holdpoint_governance::version_status::{ConditionEnd, Obstacle, VersionCondition, VersionStatus};
-use holdpoint_governance::wall_time::WallTime;
-use holdpoint_protocol::clock::clock_time;
 
-use crate::{line, notice};
+use crate::{line, notice, record_time};
 
 /// The whole status, as one sentence without a full stop. Parts may be a person's text.
 #[must_use]
@@ -28,9 +26,8 @@ pub fn status_cause(of: &VersionStatus) -> Option<String> {
     })
 }
 
-/// The time of a record for people.
 fn moment(RecordMoment { at_ms, wall, .. }: RecordMoment) -> String {
-    wall.map_or_else(|| clock_time(at_ms), WallTime::label)
+    record_time(at_ms, wall)
 }
 
 /// What a version is.

@@ -4,11 +4,11 @@
 
 use holdpoint_governance::record::RecordKind;
 use holdpoint_governance::wall_time::WallTime;
-use holdpoint_protocol::clock::clock_time;
 use holdpoint_registry::Views;
 use holdpoint_store::{AuditFilter, StoreError};
 use holdpoint_text::Untrusted;
 use holdpoint_wording::program::status::{CellAct, cell_act};
+use holdpoint_wording::record_time;
 use serde::{Deserialize, Serialize};
 
 /// One act of a person.
@@ -56,7 +56,7 @@ pub(super) fn person_acts(views: &Views, is_stopped: bool) -> Result<Vec<PersonA
             reason: reason.into(),
             record: record.seq,
             at_ms: record.at_ms,
-            wall: (record.wall_ms > 0).then(|| WallTime::from_ms(record.wall_ms)),
+            wall: record.wall(),
         });
     }
     Ok(acts)
@@ -64,7 +64,7 @@ pub(super) fn person_acts(views: &Views, is_stopped: bool) -> Result<Vec<PersonA
 
 impl PersonActRow {
     pub(super) fn line(&self) -> String {
-        let when = self.wall.map_or_else(|| clock_time(self.at_ms), WallTime::label);
+        let when = record_time(self.at_ms, self.wall);
         let (by, reason) = (self.by.line(), self.reason.line());
         match (self.kind, &self.goal) {
             (RecordKind::GoalSet, Some(goal)) => {

@@ -12,6 +12,7 @@ use super::pending_approval::PendingApprovalRow;
 use super::person_acts::{PersonActRow, person_acts};
 use crate::cli::profile_authorization;
 use crate::cli::prune::wall_ms;
+use crate::cli::stop::StopTimes;
 use crate::error::CliError;
 use holdpoint_engine::decide::halt;
 use holdpoint_governance::alarms::{AlarmState, Priority, Shelving};
@@ -24,7 +25,6 @@ use holdpoint_governance::record::{AuditRecord, VersionSummary};
 use holdpoint_governance::tries::CountedTry;
 use holdpoint_governance::version_status::{StatusFacts, VersionCondition, VersionStatus};
 use holdpoint_governance::wall_time::WallTime;
-use holdpoint_protocol::clock::clock_time;
 use holdpoint_protocol::snapshot::{EscalationView, RequestKind, Snapshot, StartupProgressView, StoppedView};
 use holdpoint_protocol::work_unit::PartCount;
 use holdpoint_record::context::ContextRecord;
@@ -250,7 +250,8 @@ impl StatusReport {
             Some(engine) => engine.stopped.clone(),
             None => halt::recall(views).map_err(CliError::usage)?,
         };
-        let moment = |at_ms| engine.map_or_else(|| clock_time(at_ms), |engine| engine.moment(at_ms));
+        let times = StopTimes::read(views).map_err(CliError::usage)?;
+        let moment = |at_ms| times.moment(at_ms, engine);
         let context = views.context().map_err(CliError::usage)?;
         let record =
             context.as_ref().and_then(|(_, _, json)| serde_json::from_str::<ContextRecord>(json).ok());
@@ -345,7 +346,8 @@ fn last_record(views: &Views) -> Result<Option<AuditRecord>, CliError> {
 
 fn last_record_line(record: &AuditRecord) -> String {
     let subject = Untrusted::new(record.subject.as_str()).line();
-    sentences::last_record(record.seq, &record.kind, subject, &clock_time(record.at_ms))
+    let at = holdpoint_wording::record_time(record.at_ms, record.wall());
+    sentences::last_record(record.seq, &record.kind, subject, &at)
 }
 
 /// A person whose role may start the cell, for the command that does so; `NAME` if there is none.

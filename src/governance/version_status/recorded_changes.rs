@@ -121,8 +121,7 @@ impl RecordedChanges {
     /// Takes in the next record of the version. What cannot be read explains nothing.
     pub fn note(&mut self, record: &AuditRecord) {
         let Some(kind) = record.kind.known() else { return };
-        let wall = (record.wall_ms > 0).then(|| WallTime::from_ms(record.wall_ms));
-        let since = RecordMoment { record: record.seq, at_ms: record.at_ms, wall };
+        let since = RecordMoment { record: record.seq, at_ms: record.at_ms, wall: record.wall() };
         let change = |cause: Option<NoticeOrText>| Some(RecordedChange { since, cause });
         let body = record.body.as_str();
         match kind {

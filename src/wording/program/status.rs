@@ -97,6 +97,12 @@ pub fn stopped(of: &StoppedView, (by, reason): (&str, &str), moment: &dyn Fn(u64
     line
 }
 
+/// The time of a stop that is not on record: after that of the newest record.
+#[must_use]
+pub fn after_record(time: &str) -> String {
+    format!("after {time}")
+}
+
 /// The reason of a start where the person gives none.
 pub const CELL_IS_EMPTY: &str = "the cell is empty";
 
