@@ -212,6 +212,9 @@ fn on_key(model: &mut ConsoleModel, key: KeyEvent) -> Vec<Effect> {
     if model.input.typing.is_some() {
         return text_entry::key(model, key);
     }
+    if belongs_to_refused_form(model, key, action) {
+        return Vec::new();
+    }
     match &model.input.overlay {
         Some(Overlay::Palette(_)) => overlays::palette_key(model, key),
         Some(Overlay::Approval(_)) => overlays::approval_key(model, key, action),
@@ -222,34 +225,48 @@ fn on_key(model: &mut ConsoleModel, key: KeyEvent) -> Vec<Effect> {
         Some(Overlay::KeyLog(_)) => key_log::log_key(model, action),
         Some(Overlay::Event(_)) => event_screen::key(model, action),
         None => {
-            if belongs_to_refused_form(model, key, action) {
-                return Vec::new();
-            }
+            // A key that decides says what it needs: a passphrase may follow it.
+            let action = action.or_else(|| model.keymap.action(key, true).filter(|action| action.decides()));
             action.map_or_else(Vec::new, |action| act(model, action))
         }
     }
 }
 
-/// Whether a letter was typed for a form that did not open. It goes nowhere, unless it stops the arm. The first key
-/// after a pause is a key again.
+/// Whether a key was typed for a field that did not open. It goes nowhere, unless it stops the arm. The first key after
+/// a pause is a key again, and so is any key that types nothing.
 fn belongs_to_refused_form(model: &mut ConsoleModel, key: KeyEvent, action: Option<Action>) -> bool {
+    let is_open = model.input.overlay.is_some();
+    if model.input.overlay.as_ref().is_some_and(Overlay::takes_text) {
+        return false;
+    }
     let Some(refused_form) = &mut model.input.refused_form else { return false };
-    if refused_form.key(model.now_ms) {
+    let is_typed = match key.code {
+        KeyCode::Char(_) | KeyCode::Enter | KeyCode::Backspace => true,
+        // In an open form it leads to a field.
+        KeyCode::Tab => !is_open,
+        _ => false,
+    };
+    if refused_form.key(model.now_ms) || !is_typed {
         model.input.refused_form = None;
         return false;
     }
-    matches!(key.code, KeyCode::Char(_)) && action != Some(Action::Stop)
+    action != Some(Action::Stop)
 }
 
-/// Carries out an action in this view. If the action asks for a reason and no form opened for it, letters go nowhere
-/// for a moment: they may be the reason.
+/// Carries out an action in this view. If the action asks for a reason or a passphrase and nothing opened for it,
+/// letters go nowhere for a moment: they may be that text.
 fn act(model: &mut ConsoleModel, action: Action) -> Vec<Effect> {
     model.key_log.note_action(action);
     let effects = carry_out(model, action);
-    if action.asks_for_reason() && model.input.overlay.is_none() {
-        model.input.refused_form = Some(DismissedForm::new(String::new(), model.now_ms));
+    if (action.asks_for_reason() || action.decides()) && model.input.overlay.is_none() {
+        swallow_text(model);
     }
     effects
+}
+
+/// Lets typed text go nowhere until a pause: the field for it did not open.
+fn swallow_text(model: &mut ConsoleModel) {
+    model.input.refused_form = Some(DismissedForm::new(String::new(), model.now_ms));
 }
 
 fn carry_out(model: &mut ConsoleModel, action: Action) -> Vec<Effect> {

@@ -220,6 +220,8 @@ pub struct EngineData {
     pub process: Option<i32>,
     /// Why the data's origin is unverified; absent if it is verified, or the engine is this process's own.
     pub unverified: Option<UnverifiedOrigin>,
+    /// Whether this console asked it to end.
+    pub is_ending: bool,
     /// The search for an engine; absent while one is connected.
     pub reconnect: Option<ReconnectStatus>,
     /// An unconfirmed stop.

@@ -1,7 +1,7 @@
 //! The input that has the keys instead of the view: a dialog over it, or a line at the foot of the screen.
 
 use super::engine_data::EventLogLine;
-use crate::approval_screen::{ApprovalScreen, VisibleRows};
+use crate::approval_screen::{ApprovalFocus, ApprovalScreen, VisibleRows};
 use crate::form::{DismissedForm, Form};
 use crate::line::EditLine;
 use crate::palette::Palette;
@@ -42,6 +42,22 @@ impl Overlay {
             | Self::Replay(_)
             | Self::KeyLog(_)
             | Self::Event(_) => None,
+        }
+    }
+
+    /// Whether typed letters are text here.
+    #[must_use]
+    pub fn takes_text(&self) -> bool {
+        match self {
+            Self::Palette(_) => true,
+            Self::Approval(prompt) => {
+                prompt.focus != ApprovalFocus::Later || prompt.signing.is_some() || prompt.dismissed.is_some()
+            }
+            Self::Form(form) => {
+                (form.void.is_some() && !form.is_one_key()) || form.types() || form.signing.is_some()
+            }
+            Self::Replay(replay) => replay.typing.is_some(),
+            Self::Why(_) | Self::Film(_) | Self::KeyLog(_) | Self::Event(_) => false,
         }
     }
 
@@ -142,6 +158,6 @@ pub struct InputState {
     pub menu: Option<CompletionMenu>,
     /// Command lines of this session, oldest first.
     pub history: Vec<String>,
-    /// A form that was asked for and did not open, while its reason may still be typed.
+    /// A field that was asked for and did not open, while its reason or passphrase may still be typed.
     pub refused_form: Option<DismissedForm>,
 }

@@ -91,8 +91,6 @@ pub(super) struct Session {
     engine_detached: bool,
     /// The engine keeps running without a console.
     keep_engine: bool,
-    /// This console has asked the engine to end.
-    end_requested: bool,
     /// The search for a running engine; absent while the console has one.
     seek: Option<ReconnectTimer>,
     /// Sends job results to the session.
@@ -166,7 +164,6 @@ impl Session {
             engine_started: false,
             engine_detached: false,
             keep_engine: false,
-            end_requested: false,
             seek: None,
             job_sender: sender,
         })
@@ -432,7 +429,7 @@ impl Session {
         }
         if self.leaving.is_none() {
             self.leaving = Some(Instant::now() + ENDING_MAX);
-            self.end_requested = true;
+            self.model.engine_data.is_ending = true;
             // A full queue is no reason to wait: the host is stopped in any case.
             drop(self.effects.send(&self.model, "console-ends".to_owned(), Command::Shutdown));
         }
@@ -486,10 +483,9 @@ impl Session {
             engine_started,
             engine_detached,
             keep_engine,
-            end_requested,
             ..
         } = self;
-        let attached = effects.host.is_attached();
+        let (attached, end_requested) = (effects.host.is_attached(), model.engine_data.is_ending);
         // The screen is already gone when the engine is asked, so its answer goes into the exit message.
         let reply = if keep_engine { effects.host.keep_engine_running() } else { Ok(()) };
         let elsewhere = effects.host.remote_engine();

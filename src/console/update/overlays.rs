@@ -2,7 +2,7 @@
 
 use ratatui::crossterm::event::{KeyCode, KeyEvent, KeyModifiers};
 
-use super::{act, engine_requests, operations, show_message, text_entry};
+use super::{act, engine_requests, operations, refuse, show_message, swallow_text, text_entry};
 use crate::action::Action;
 use crate::approval_screen::{ApprovalFocus, DecisionObstacle};
 use crate::effect::Effect;
@@ -112,6 +112,7 @@ fn approval_action(model: &mut ConsoleModel, action: Option<Action>) -> Vec<Effe
             Vec::new()
         }
         Some(action @ (Action::Abort | Action::Stop)) => act(model, action),
+        Some(Action::CommandLine) => refuse_command(model),
         Some(Action::Down) => {
             prompt.scroll_by(true, false);
             Vec::new()
@@ -125,11 +126,21 @@ fn approval_action(model: &mut ConsoleModel, action: Option<Action>) -> Vec<Effe
     }
 }
 
+/// Refuses a command over an open request or form, and the text of the command with it.
+fn refuse_command(model: &mut ConsoleModel) -> Vec<Effect> {
+    swallow_text(model);
+    refuse(model, wording::CLOSE_THIS_FIRST)
+}
+
+/// Whether the operator's key has a passphrase.
+fn is_protected(model: &ConsoleModel) -> bool {
+    model.session.operator.as_ref().is_some_and(|who| who.protection == Protection::Passphrase)
+}
+
 fn decide(model: &mut ConsoleModel, answer: ApprovalDecision) -> Vec<Effect> {
+    let is_protected = is_protected(model);
     let Some(Overlay::Approval(prompt)) = &mut model.input.overlay else { return Vec::new() };
     let made = prompt.decide(answer, model.session.operator.as_ref(), model.settings.read_only, model.now_ms);
-    let is_protected =
-        model.session.operator.as_ref().is_some_and(|who| who.protection == Protection::Passphrase);
     match made {
         // The decision is repeated when the passphrase is complete, from the state at that moment.
         Ok(_) if is_protected && prompt.signing.is_none() => {
@@ -150,6 +161,10 @@ fn decide(model: &mut ConsoleModel, answer: ApprovalDecision) -> Vec<Effect> {
         Err(block) => {
             prompt.refused = Some(block);
             prompt.signing = None;
+            // Its passphrase may be typed already.
+            if is_protected {
+                swallow_text(model);
+            }
             Vec::new()
         }
     }
@@ -281,8 +296,12 @@ pub(super) fn form_key(model: &mut ConsoleModel, key: KeyEvent, action: Option<A
             if let Some(line) = form.line_mut() {
                 text_entry::into_line(line, key);
                 form.problem = None;
-            } else if let Some(action @ (Action::Abort | Action::Stop)) = action {
-                return act(model, action);
+            } else {
+                match action {
+                    Some(action @ (Action::Abort | Action::Stop)) => return act(model, action),
+                    Some(Action::CommandLine) => return refuse_command(model),
+                    Some(_) | None => {}
+                }
             }
         }
     }
@@ -309,14 +328,14 @@ fn leave_undone(model: &mut ConsoleModel) {
 }
 
 fn confirm(model: &mut ConsoleModel) -> Vec<Effect> {
+    let is_protected = is_protected(model);
     let Some(Overlay::Form(form)) = &mut model.input.overlay else { return Vec::new() };
     if form.void.is_some() {
         return Vec::new();
     }
     // Keys typed for something else arrive in a burst.
     if form.signing.is_none() && form.is_guarded(model.now_ms) {
-        form.problem = Some(FormProblem::Guard);
-        return Vec::new();
+        return not_confirmed(model, FormProblem::Guard);
     }
     if form.intent == Intent::Quit {
         model.input.overlay = None;
@@ -330,16 +349,10 @@ fn confirm(model: &mut ConsoleModel) -> Vec<Effect> {
     }
     let confirmed = match form.confirm(model.session.operator.as_ref()) {
         Ok(confirmed) => confirmed,
-        Err(problem) => {
-            form.problem = Some(problem);
-            form.signing = None;
-            return Vec::new();
-        }
+        Err(problem) => return not_confirmed(model, problem),
     };
     let gives = confirmed.is_empty() || confirmed.iter().any(ConfirmedOperation::gives_authority);
     let signs = gives && form.signing.is_none() && is_signed(&model.engine_data);
-    let is_protected =
-        model.session.operator.as_ref().is_some_and(|who| who.protection == Protection::Passphrase);
     if signs && is_protected {
         // The form is confirmed again once the passphrase is complete, from the state at that moment.
         form.signing = Some(Signing::of(()));
@@ -349,6 +362,20 @@ fn confirm(model: &mut ConsoleModel) -> Vec<Effect> {
         Intent::Register(folder) => engine_requests::submit(model, folder),
         _ => operations::carry_out(model, confirmed),
     }
+}
+
+/// Says in the form and in the last line why the key confirmed nothing.
+fn not_confirmed(model: &mut ConsoleModel, problem: FormProblem) -> Vec<Effect> {
+    let may_sign = is_protected(model) && is_signed(&model.engine_data);
+    let Some(Overlay::Form(form)) = &mut model.input.overlay else { return Vec::new() };
+    let text = problem.to_string();
+    form.problem = Some(problem);
+    form.signing = None;
+    // Its passphrase may be typed already.
+    if may_sign && !form.intent.allows_unverified_engine() {
+        swallow_text(model);
+    }
+    refuse(model, &text)
 }
 
 /// Whether the engine asks for a signature under what gives authority.

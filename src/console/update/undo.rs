@@ -6,7 +6,6 @@
 use super::{engine_requests, operations, refuse, selection, show_message};
 use crate::action::Action;
 use crate::effect::{Effect, EngineQuery};
-use crate::form::DismissedForm;
 use crate::model::{ConsoleModel, ItemKey, UndoChange, UndoableAction};
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_protocol::command::Command;
@@ -93,7 +92,7 @@ pub(super) fn undo(model: &mut ConsoleModel) -> Vec<Effect> {
 /// Refuses aloud. A form may be expected, and its reason be typed already: letters go nowhere for a moment.
 fn not_undone(model: &mut ConsoleModel, action: &UndoableAction, why: &str) -> Vec<Effect> {
     if matches!(action, UndoableAction::Hold(_) | UndoableAction::Goal { .. }) {
-        model.input.refused_form = Some(DismissedForm::new(String::new(), model.now_ms));
+        super::swallow_text(model);
     }
     refuse(model, &wording::not_undone(why))
 }

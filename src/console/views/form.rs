@@ -143,11 +143,10 @@ fn footer(model: &ConsoleModel, form: &Form, pen: &Pen<'_>, width: usize) -> Vec
     rows.push(buttons);
     if form.is_one_key() {
         let key = if guarded { Row::of(ThemeRole::KeyOff, "[y]") } else { Row::of(ThemeRole::Key, "y") };
+        let does = if guarded { wording::DOES_IT_IN_A_MOMENT } else { " does it" };
         let row = key
-            .with(
-                ThemeRole::Text,
-                " does it · ".replace('·', if pen.look.ascii() { "|" } else { "·" }).as_str(),
-            )
+            .with(ThemeRole::Text, does)
+            .with(ThemeRole::Text, if pen.look.ascii() { " | " } else { " · " })
             .with(ThemeRole::Key, "n")
             .with(ThemeRole::Text, " or ")
             .with(ThemeRole::Key, "Esc")

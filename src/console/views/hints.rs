@@ -117,18 +117,7 @@ pub fn draw(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
 /// The key that stops the arm here and now: while text is typed, one that is not text.
 #[must_use]
 pub fn stop(model: &ConsoleModel) -> Row {
-    let types = model.input.typing.is_some()
-        || match &model.input.overlay {
-            Some(Overlay::Palette(_)) => true,
-            Some(Overlay::Approval(prompt)) => {
-                prompt.focus != ApprovalFocus::Later || prompt.signing.is_some() || prompt.dismissed.is_some()
-            }
-            Some(Overlay::Form(form)) => {
-                (form.void.is_some() && !form.is_one_key()) || form.types() || form.signing.is_some()
-            }
-            Some(Overlay::Replay(replay)) => replay.typing.is_some(),
-            Some(Overlay::Why(_) | Overlay::Film(_) | Overlay::KeyLog(_) | Overlay::Event(_)) | None => false,
-        };
+    let types = model.input.typing.is_some() || model.input.overlay.as_ref().is_some_and(Overlay::takes_text);
     let keys = model.keymap.keys(Action::Stop);
     let is_text = |key: &&String| key.chars().count() == 1;
     let key = if types { keys.iter().find(|key| !is_text(key)) } else { keys.first() };

@@ -24,6 +24,8 @@ use holdpoint_wording::console::state_line as wording;
 pub enum OverridingState {
     /// No engine answers here any more.
     Absent(EngineAbsence),
+    /// The engine ends, as this console asked it to.
+    Ending,
     /// The engine has sent nothing for a while.
     Silent,
     /// People stopped the cell.
@@ -46,6 +48,7 @@ pub fn overriding(model: &ConsoleModel) -> Option<OverridingState> {
     let now = model.engine_data.snapshot.as_deref()?;
     let facts = [
         model.absence().map(O::Absent),
+        model.engine_data.is_ending.then_some(O::Ending),
         model.stale_ms().map(|_| O::Silent),
         now.stopped.as_ref().map(|_| O::Stopped),
         now.reading.map(|_| O::Unverified),
@@ -80,7 +83,8 @@ pub fn draw(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
                 OverridingState::Absent(_) | OverridingState::Silent | OverridingState::Stopped => {
                     ThemeRole::Problem
                 }
-                OverridingState::Unverified
+                OverridingState::Ending
+                | OverridingState::Unverified
                 | OverridingState::Holding
                 | OverridingState::Unauthorized
                 | OverridingState::ClockDoubt => ThemeRole::Held,
@@ -108,6 +112,7 @@ fn text(model: &ConsoleModel, now: &Snapshot, state: OverridingState) -> String 
                 wording::gone(&seen)
             }
         }
+        OverridingState::Ending => wording::ending(&stop),
         OverridingState::Silent => wording::silent(&seen, &stop),
         OverridingState::Stopped => {
             let who = status::stopped(model).unwrap_or_default();
@@ -236,7 +241,12 @@ mod tests {
     fn the_most_uncertain_state_overrides_the_others() {
         let mut model = console();
         assert_eq!(line(&model), wording::gone("18:31:56"));
+        model.engine_data.engine = EngineState::Ended(Ok(()));
+        assert_eq!(line(&model), wording::ended("18:31:56"));
         model.engine_data.engine = EngineState::Running;
+        model.engine_data.is_ending = true;
+        assert_eq!(overriding(&model), Some(OverridingState::Ending), "it sends nothing while it ends");
+        model.engine_data.is_ending = false;
         assert_eq!(line(&model), wording::silent("18:31:56", "X"));
         model.now_ms = 0;
         let stopped = wording::starts_the_cell(&stopped_by("bert"), "W", ", \"noise\"");

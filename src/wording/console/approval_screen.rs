@@ -1,10 +1,10 @@
 //! The texts of an approval request on the screen.
 
-pub const NO_IDENTITY: &str = "say who you are: `:as NAME`";
+pub const NO_IDENTITY: &str = "say who you are: Esc, then `:as NAME`";
 pub const CLOSED: &str = "the question is closed: nothing is left to decide";
 pub const STALE: &str = "evidence changed: r reads it again";
-pub const OWN_WORK: &str = "you made it: another approver decides (`:as NAME`)";
-pub const APPROVED_ALREADY: &str = "you have approved: another approver is needed (`:as NAME`)";
+pub const OWN_WORK: &str = "you made it: another approver decides (Esc, then `:as NAME`)";
+pub const APPROVED_ALREADY: &str = "you have approved: another approver is needed (Esc, then `:as NAME`)";
 pub const QUORUM_COMPLETE: &str = "the quorum is complete: no approval is missing";
 pub const SHORT_ID_MISSING: &str = "type the short id (tab)";
 pub const REASON_MISSING: &str = "give a reason (tab)";

@@ -54,6 +54,7 @@ pub const NOT_SUBMITTED: &str = "not submitted";
 pub const ONLY_THIS_KEY_CLOSES: &str =
     " closes this, a moment after the last key; other keys do nothing here";
 pub const BACK_TO_THE_FORM: &str = " back to the form";
+pub const DOES_IT_IN_A_MOMENT: &str = " does it in a moment";
 pub const LEAVES_AS_IT_IS: &str = " leaves everything as it is";
 pub const TYPE_THE_PASSPHRASE: &str = "type the passphrase first, or Esc";
 

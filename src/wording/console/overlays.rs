@@ -2,6 +2,7 @@
 
 use holdpoint_governance::ids::CapabilityId;
 
+pub const CLOSE_THIS_FIRST: &str = "no command is typed here: Esc closes this, then type it again";
 pub const UNDECIDED: &str = "undecided: it waits, and is on hold from its deadline";
 
 #[must_use]

@@ -22,6 +22,11 @@ pub fn gone(seen: &str) -> String {
 }
 
 #[must_use]
+pub fn ending(stop: &str) -> String {
+    format!("ENGINE ENDING: the arm may move until it has ended; {stop} stops it")
+}
+
+#[must_use]
 pub fn silent(seen: &str, stop: &str) -> String {
     format!("ENGINE SILENT since {seen}: the arm may move; press {stop}, or its physical stop")
 }

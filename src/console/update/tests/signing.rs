@@ -72,6 +72,48 @@ fn a_protected_key_is_opened_to_sign_and_stays_hidden() {
     assert!(!visible_text(&console).contains("oak"));
 }
 
+/// `Y` was refused, and the passphrase typed next acted as keys of the request and of the view below it.
+#[test]
+fn a_passphrase_after_a_refused_key_goes_nowhere() {
+    let mut console = TestConsole::new(1);
+    console.sit_with("ana", Protection::Passphrase);
+    console.open_prompt();
+    console.keys("Y");
+    assert_eq!(console.block(), Some(DecisionObstacle::ShortId));
+    let before = (console.model.input.overlay.clone(), console.model.key_log.entries.clone());
+    for key in "Nr:xqY oak".chars().map(KeyCode::Char).chain([KeyCode::Backspace, KeyCode::Enter]) {
+        console.now_ms += GUARD_MS - 1;
+        assert!(console.press(key).is_empty(), "{key:?}");
+    }
+    // The request still says why the key did nothing.
+    assert_eq!((console.model.input.overlay.clone(), console.model.key_log.entries.clone()), before);
+    // The field is reached at once, and a key after a pause is a key.
+    console.fill("aaaa", "");
+    assert_eq!(field(&console), None);
+    console.now_ms += GUARD_MS;
+    console.keys("Y");
+    assert!(field(&console).is_some_and(|signing| signing.secret.is_empty()));
+}
+
+/// The same in a form: `y` came too early, and an `n` of the passphrase closed the form.
+#[test]
+fn a_passphrase_after_a_refused_form_goes_nowhere() {
+    let mut console = TestConsole::new(1);
+    console.sit_with("ana", Protection::Passphrase);
+    console.signs();
+    console.keys(":demo");
+    console.press(KeyCode::Enter);
+    console.keys("y");
+    assert_eq!(console.form().map(|form| form.problem.clone()), Some(Some(FormProblem::Guard)));
+    for key in "nYy oak".chars().map(KeyCode::Char).chain([KeyCode::Enter]) {
+        console.now_ms += GUARD_MS - 1;
+        assert!(console.press(key).is_empty(), "{key:?}");
+        assert!(console.form().is_some_and(|form| form.signing.is_none()), "{key:?}");
+    }
+    assert!(console.confirm().is_empty());
+    assert!(console.form().is_some_and(|form| form.signing.is_some()));
+}
+
 /// From Enter until the engine's answer no key is text, and the keys that stop still work.
 #[test]
 fn stops_work_while_a_passphrase_is_checked() {

@@ -96,6 +96,7 @@ fn a_confirmation_needs_its_own_key() {
     console.keys("xy");
     let Some(Overlay::Form(form)) = &console.model.input.overlay else { panic!("it stays open") };
     assert!(form.problem == Some(FormProblem::Guard), "{form:?}");
+    assert!(console.model.notice.as_ref().is_some_and(|notice| notice.bad), "the last line says so, too");
     console.now_ms += GUARD_MS - 1;
     assert!(gives_nothing(&console.keys("y")));
     console.now_ms += 1;
@@ -161,27 +162,52 @@ fn a_form_that_takes_authority_away_confirms_at_once() {
     }
 }
 
-/// `u` on a version that is not paused opened no form, and the reason that followed acted as keys.
+/// `u` on a version that is not paused opened no form, and the reason that followed acted as keys; so did the passphrase
+/// after a `Y` without an open request.
 #[test]
-fn a_reason_typed_for_a_refused_form_acts_as_no_key() {
-    let mut console = TestConsole::new(0);
-    console.keys("u");
-    assert!(console.model.notice.as_ref().is_some_and(|notice| notice.bad));
-    let before = console.model.view_state.clone();
-    for letter in "pump is new, Fixed by ana; exit".chars() {
-        console.now_ms += GUARD_MS - 1;
-        assert!(console.press(KeyCode::Char(letter)).is_empty(), "{letter:?}");
-        assert!(console.model.input.overlay.is_none() && console.model.input.typing.is_none(), "{letter:?}");
+fn text_typed_for_a_refused_form_acts_as_no_key() {
+    for refused in ["u", "Y", "N"] {
+        let mut console = TestConsole::new(0);
+        console.keys(refused);
+        assert!(console.model.notice.as_ref().is_some_and(|notice| notice.bad), "{refused}");
+        let before = (console.model.view_state.clone(), console.model.key_log.entries.clone());
+        let text = "pump is new, Fixed by ana; exit".chars().map(KeyCode::Char);
+        for key in text.chain([KeyCode::Enter, KeyCode::Tab, KeyCode::Char('q')]) {
+            console.now_ms += GUARD_MS - 1;
+            assert!(console.press(key).is_empty(), "{refused}, {key:?}");
+            let input = &console.model.input;
+            assert!(input.overlay.is_none() && input.typing.is_none(), "{refused}, {key:?}");
+        }
+        assert_eq!((console.model.view_state.clone(), console.model.key_log.entries.clone()), before);
+        // The arm is stopped at once, and a key after a pause is a key.
+        assert!(matches!(
+            &console.clone().keys("X")[..],
+            [Effect::Ask { question: EngineQuery::Stop { .. }, .. }]
+        ));
+        console.now_ms += GUARD_MS;
+        console.keys("F");
+        assert!(matches!(&console.model.input.overlay, Some(Overlay::Form(_))), "{refused}");
     }
-    assert_eq!(console.model.view_state, before);
-    // The arm is stopped at once, and a key after a pause is a key.
-    assert!(matches!(
-        &console.clone().keys("X")[..],
-        [Effect::Ask { question: EngineQuery::Stop { .. }, .. }]
-    ));
-    console.now_ms += GUARD_MS;
-    console.keys("F");
-    assert!(matches!(&console.model.input.overlay, Some(Overlay::Form(_))));
+}
+
+/// `:as cora` over an open request or form changed nothing and said nothing, and its letters acted as keys.
+#[test]
+fn a_command_over_an_open_request_or_form_is_refused_aloud() {
+    for opened in ["", "x"] {
+        let mut console = TestConsole::new(0);
+        if opened.is_empty() {
+            console.open_prompt();
+        } else {
+            console.keys(opened);
+        }
+        let before = console.model.input.overlay.clone();
+        console.keys(":as n cora");
+        assert!(console.press(KeyCode::Enter).is_empty());
+        assert!(console.model.notice.as_ref().is_some_and(|notice| notice.bad), "over {opened:?}");
+        assert_eq!(console.model.input.overlay, before, "over {opened:?}");
+        console.press(KeyCode::Esc);
+        assert!(console.model.input.overlay.is_none(), "over {opened:?}");
+    }
 }
 
 /// A letter in the field of minutes showed only at the end that the form refuses it.
