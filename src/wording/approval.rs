@@ -26,7 +26,7 @@ use crate::request::{drift_response, untested};
 use crate::version_diff;
 
 /// Version of the words below and of those in [`crate::request`].
-pub const RENDERER_VERSION: u32 = 4;
+pub const RENDERER_VERSION: u32 = 5;
 
 /// The longest line, columns; a screen wraps them.
 const WIDTH_MAX: usize = 400;

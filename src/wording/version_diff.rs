@@ -13,8 +13,8 @@ const VALUE_WIDTH_MAX: usize = 60;
 /// The most lines beside those of permissions; the text states how many more there are.
 const LINES_MAX: usize = 60;
 
-/// The most parameters with a line each; more are folded into one line, which has the first values.
-const PARAMETERS_MAX: usize = 3;
+/// The most parameters in an approval request; one more line counts the others.
+const PARAMETERS_MAX: usize = 12;
 
 /// The topic of a field, in the order of the lines.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -65,32 +65,21 @@ pub fn lines(of: &VersionDiff) -> Vec<String> {
     limited(of, changes(of).into_iter().map(|(topic, change)| (topic, line(topic, &change))).collect())
 }
 
-/// As [`lines`], with many parameters in one line: how many, and the values of the first.
+/// As [`lines`], with the first parameters alone: the last line of them counts the others.
 #[must_use]
 pub fn folded_lines(of: &VersionDiff) -> Vec<String> {
-    let changes = changes(of);
-    let parameters: Vec<&str> = changes
-        .iter()
-        .filter(|(topic, _)| *topic == DiffTopic::Parameter)
-        .map(|(_, change)| change.as_str())
-        .collect();
-    if parameters.len() <= PARAMETERS_MAX {
-        return lines(of);
+    let (mut lines, mut parameters) = (Vec::new(), 0_usize);
+    for (topic, change) in changes(of) {
+        parameters += usize::from(topic == DiffTopic::Parameter);
+        if topic != DiffTopic::Parameter || parameters <= PARAMETERS_MAX {
+            lines.push((topic, line(topic, &change)));
+        }
     }
-    let shown: Vec<&str> = parameters.iter().copied().take(PARAMETERS_MAX).collect();
-    let folded = format!(
-        "{} parameters: {}; {} more, which the candidate's view and the record have",
-        parameters.len(),
-        shown.join("; "),
-        parameters.len() - shown.len()
-    );
-    let mut lines: Vec<(DiffTopic, String)> = changes
-        .iter()
-        .filter(|(topic, _)| *topic != DiffTopic::Parameter)
-        .map(|(topic, change)| (*topic, line(*topic, change)))
-        .collect();
-    lines.push((DiffTopic::Parameter, folded));
-    lines.sort_by_key(|(topic, _)| *topic);
+    if let Some(more) = parameters.checked_sub(PARAMETERS_MAX).filter(|more| *more > 0) {
+        let text = format!("{more} more parameters, which the candidate's view and the record have");
+        lines.push((DiffTopic::Parameter, text));
+        lines.sort_by_key(|(topic, _)| *topic);
+    }
     limited(of, lines)
 }
 
@@ -176,7 +165,7 @@ mod tests {
     }
 
     #[test]
-    fn the_place_of_the_code_comes_first_and_many_parameters_fold_into_one_line() {
+    fn the_place_of_the_code_comes_first_and_a_request_counts_parameters_beyond_the_most() {
         let field = |field: &str, old: f64, new: f64| FieldDiff {
             field: field.to_owned(),
             old: Some(old.into()),
@@ -198,20 +187,15 @@ mod tests {
         let [code, force] =
             ["deployment bundle: native:grasp -> c-grasp.wasm", "permission max_force_n: 15.0 -> 20.0"];
         let rest = "recovery max_ms: 1.0 -> 2.0";
-        // A few have a line each.
-        let few = of(3);
-        assert_eq!(folded_lines(&few), lines(&few));
-        assert_eq!(lines(&few)[..3], [code, force, "parameter p0: 1.0 -> 2.0"]);
-        assert_eq!(
-            folded_lines(&of(20)),
-            [
-                code,
-                force,
-                "20 parameters: p0: 1.0 -> 2.0; p1: 1.0 -> 2.0; p2: 1.0 -> 2.0; 17 more, which the candidate's view and the \
-                 record have",
-                rest
-            ]
-        );
-        assert_eq!(lines(&of(20)).len(), 23, "the full difference folds nothing");
+        // Up to the most, each has a line: of four, one was left out.
+        for count in [4, 12] {
+            let few = of(count);
+            assert_eq!(folded_lines(&few), lines(&few));
+            assert_eq!(lines(&few)[..3], [code, force, "parameter p0: 1.0 -> 2.0"]);
+        }
+        let folded = folded_lines(&of(20));
+        assert_eq!(folded[..14], lines(&of(20))[..14]);
+        assert_eq!(folded[14..], ["8 more parameters, which the candidate's view and the record have", rest]);
+        assert_eq!(lines(&of(20)).len(), 23, "the full difference counts none");
     }
 }
