@@ -7,6 +7,7 @@ use std::collections::BTreeSet;
 use unicode_width::UnicodeWidthStr as _;
 
 use super::model::{ConsoleModel, View};
+use super::waiting_rows;
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::lifecycle::{State, VersionFlags};
 use holdpoint_governance::version_status::VersionCondition;
@@ -23,7 +24,7 @@ pub enum StateFilter {
     /// It continues when a person resumes it or has it evaluated again.
     Held,
     Rejected,
-    /// The operator submitted it, or it waits for the operator.
+    /// The operator is its author, or it waits for the operator.
     Mine,
 }
 
@@ -73,7 +74,7 @@ pub struct ListedVersion<'a> {
 pub struct StateFilterFacts<'a> {
     /// Versions that the gate or an unanswered request holds.
     held: BTreeSet<&'a CapabilityId>,
-    /// Versions whose open request or question the operator has not answered.
+    /// Versions whose open request or question the operator may answer.
     asked: BTreeSet<&'a CapabilityId>,
     /// Name of the operator; absent if none is named.
     operator: Option<&'a str>,
@@ -88,9 +89,9 @@ impl<'a> StateFilterFacts<'a> {
         let held = candidates.iter().filter(|one| one.held).map(|one| &one.version).collect();
         let (prompts, questions) =
             now.map_or((&[][..], &[][..]), |now| (&now.prompts[..], &now.questions[..]));
-        let is_open =
-            |approved_by: &[String]| operator.is_some_and(|name| approved_by.iter().all(|by| by != name));
-        let open = prompts.iter().filter(|prompt| !prompt.granted && is_open(&prompt.approved_by));
+        let open = prompts.iter().filter(|prompt| {
+            !prompt.granted && operator.is_some_and(|name| !waiting_rows::is_closed_to(prompt, name))
+        });
         let asked = questions.iter().filter(|_| operator.is_some()).map(|question| &question.version);
         Self { held, asked: open.map(|prompt| &prompt.version).chain(asked).collect(), operator }
     }

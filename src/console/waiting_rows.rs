@@ -4,6 +4,7 @@
 
 use super::action::Action;
 use super::model::{ConsoleModel, ItemKey};
+use holdpoint_governance::approval::Requester;
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::version_status::VersionCondition;
 use holdpoint_protocol::snapshot::{ApprovalRequestView, CandidateView, EscalationView};
@@ -39,6 +40,13 @@ impl WaitingRow<'_> {
             Self::Standing(candidate) => ItemKey::Version(candidate.version.clone()),
         }
     }
+}
+
+/// Whether no approval of this person counts: it is the requester or the author, or has approved.
+#[must_use]
+pub fn is_closed_to(prompt: &ApprovalRequestView, name: &str) -> bool {
+    let has_requested = matches!(&prompt.requester, Requester::Person { name: by, .. } if by == name);
+    has_requested || prompt.author == name || prompt.approved_by.iter().any(|by| by == name)
 }
 
 /// The word for a version that stands until a person acts, and the action that ends that; absent if it does not stand.

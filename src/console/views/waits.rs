@@ -28,6 +28,9 @@ use unicode_width::UnicodeWidthStr as _;
 /// The widest name of a version in its column.
 const SUBJECT_MAX: usize = 16;
 
+/// In place of the word for what the operator does: others do it.
+const OTHERS: &str = "others";
+
 /// Something that stands until a person acts.
 #[derive(Clone, Debug, PartialEq)]
 pub struct WaitingItem {
@@ -99,7 +102,10 @@ fn waiting_item(model: &ConsoleModel, now: &Snapshot, row: &WaitingRow<'_>) -> W
             ("answer", wording::or_rolled_back(&left, &why), Action::Show(View::Approvals))
         }
         WaitingRow::Approval(prompt) => {
-            (verb(prompt), signatures(model, prompt), Action::Show(View::Approvals))
+            let operator = model.session.operator.as_ref();
+            let is_closed = operator.is_some_and(|who| waiting_rows::is_closed_to(prompt, &who.name));
+            let what = if is_closed { OTHERS } else { verb(prompt) };
+            (what, signatures(model, prompt), Action::Show(View::Approvals))
         }
         WaitingRow::Standing(candidate) => {
             let status = now.status(candidate);
@@ -149,7 +155,12 @@ pub fn draw(model: &ConsoleModel, items: &[WaitingItem], pen: &mut Pen<'_>, area
         return;
     }
     let key = model.keymap.key(Action::Show(View::Approvals));
-    let inside = pen.pane(area, &wording::waits_for_you(items.len()), false, &format!("{key} opens"));
+    let of_others = items.iter().filter(|item| item.what == OTHERS).count();
+    let mut title = wording::waits_for_you(items.len() - of_others);
+    if of_others > 0 {
+        title.push_str(&wording::for_others(of_others));
+    }
+    let inside = pen.pane(area, &title, false, &format!("{key} opens"));
     let (width, height) = (usize::from(inside.width), usize::from(inside.height));
     let shown = if items.len() > height { height.saturating_sub(1) } else { items.len() };
     let subject_width = items.iter().map(|item| item.subject.width()).max().unwrap_or(0).min(SUBJECT_MAX);

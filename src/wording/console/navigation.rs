@@ -1,8 +1,7 @@
 //! Answers to keys that move, sort and filter.
 
 pub const ALL_LISTED: &str = "overview and registry list every version";
-pub const OWN_LISTED: &str =
-    "overview and registry list the versions that you submitted or that wait for you";
+pub const OWN_LISTED: &str = "overview and registry list the versions that you wrote or that wait for you";
 pub const NOT_FILTERED_BY_STATE: &str = "only the overview's pipeline and the registry are filtered by state";
 pub const EVERY_ALARM_ACKNOWLEDGED: &str = "every alarm is acknowledged";
 pub const TURNED_ROUND: &str = ", turned round";

@@ -16,6 +16,11 @@ pub fn waits_for_you(count: usize) -> String {
 }
 
 #[must_use]
+pub fn for_others(count: usize) -> String {
+    format!(", for others ({count})")
+}
+
+#[must_use]
 pub fn others(count: usize, kinds: &str) -> String {
     format!("and {count} more: {kinds}")
 }

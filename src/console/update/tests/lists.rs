@@ -4,10 +4,12 @@ use super::consistency::screen;
 use super::*;
 use crate::model::EventLogLine;
 use crate::state_filter::StateFilter;
+use holdpoint_governance::approval::Requester;
 use holdpoint_governance::lifecycle::{Stage, State, VersionFlags};
 use holdpoint_governance::record::VersionSummary;
 use holdpoint_protocol::command::Reply;
 use holdpoint_protocol::detail::RegistryPage;
+use holdpoint_protocol::snapshot::ApprovalRequestView;
 use holdpoint_wording::console as wording;
 
 /// A version of 60 characters.
@@ -144,15 +146,25 @@ fn the_filter_by_state_is_typed_removed_and_refused_where_no_version_is_listed()
 }
 
 #[test]
-fn an_answered_request_is_not_mine_any_more() {
-    let mut console = console_with(&versions());
-    let mut now = (**console.model.engine_data.snapshot.as_ref().unwrap()).clone();
-    now.prompts[0].approved_by = vec!["ana".to_owned()];
-    console.tell(MsgKind::Snapshot(Arc::new(now)));
-    console.model.view_state.state_filter = StateFilter::Mine;
-    assert_eq!(overview(&console), ["place@1.1.0"]);
-    console.model.session.operator = None;
-    assert!(overview(&console).is_empty(), "no operator is named");
+fn a_request_that_the_operator_may_not_answer_is_not_mine() {
+    type Answered = fn(&mut ApprovalRequestView);
+    let answered: [Answered; 2] = [
+        |prompt| prompt.approved_by = vec!["ana".to_owned()],
+        |prompt| prompt.requester = Requester::Person { name: "ana".to_owned(), key: String::new() },
+    ];
+    for answer in answered {
+        let mut console = console_with(&versions());
+        let mut now = (**console.model.engine_data.snapshot.as_ref().unwrap()).clone();
+        answer(&mut now.prompts[0]);
+        console.tell(MsgKind::Snapshot(Arc::new(now)));
+        let heading = wording::waits::for_others(1);
+        assert!(screen(&console, 120, 36).contains(&heading), "others answer it");
+        console.model.view_state.state_filter = StateFilter::Mine;
+        assert_eq!(overview(&console), ["place@1.1.0"]);
+        console.model.session.operator = None;
+        assert!(overview(&console).is_empty(), "no operator is named");
+        assert!(!screen(&console, 120, 36).contains(&heading), "it waits for anybody");
+    }
 }
 
 #[test]
