@@ -543,6 +543,20 @@ impl ApprovalScreen {
         self.text().iter().filter(|line| !self.reading.lines.contains(*line)).count()
     }
 
+    /// How many of these rows, wrapped to `width` columns, were not on the screen yet.
+    #[must_use]
+    pub fn unread_rows(&self, width: usize, rows: &[TextRow]) -> usize {
+        let text = self.text();
+        let is_unread = |row: &&TextRow| {
+            let (from, to) = row.lines;
+            let Some(lines) = text.get(from..to) else { return false };
+            let shown = self.reading.rows.get(&(width, lines.join("\n")));
+            !lines.iter().all(|line| self.reading.lines.contains(line))
+                && shown.is_none_or(|shown| !shown.contains(&row.at))
+        };
+        rows.iter().filter(is_unread).count()
+    }
+
     /// Scrolls by one row, or by as many rows as the screen shows without skipping one: a page counts once a frame. Behind
     /// the end, a page leads back to the top while anything is unread.
     pub fn scroll_by(&mut self, down: bool, page: bool) {

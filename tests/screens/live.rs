@@ -204,11 +204,19 @@ fn a_decision_shows_how_much_is_unread_and_the_key_for_it() {
     let mut model = support::at(View::Approvals);
     let snapshot = support::snapshot();
     let mut prompt = ApprovalScreen::open(&support::question(2), &snapshot, 0);
-    let all = prompt.text().len();
     model.input.overlay = Some(Overlay::Approval(Box::new(prompt.clone())));
+    let first = decision_on_screen(&model, &look(), Rect::new(0, 0, 80, 24)).unwrap();
+    let all = first.count;
     let text = shown(&model, (80, 24));
     assert!(text.contains(&format!("{all} of {all} lines unread: pagedown")), "{text}");
     assert!(text.contains("[Y Sign]"), "{text}");
+    // What is below the first page and what is unread are one number.
+    prompt.mark_read(&first);
+    model.input.overlay = Some(Overlay::Approval(Box::new(prompt.clone())));
+    let (text, below) = (shown(&model, (80, 24)), all - first.room);
+    for counted in [format!("{below} more below"), format!("{below} of {all} lines unread")] {
+        assert!(text.contains(&counted), "{counted}:\n{text}");
+    }
     // Page by page, as frames are drawn.
     for _ in 0..all {
         model.input.overlay = Some(Overlay::Approval(Box::new(prompt.clone())));
