@@ -8,6 +8,7 @@ use holdpoint_body::disturbance::{Drift, DriftKind, Magnitude, UnknownName};
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::profile::ProfileName;
 use holdpoint_protocol::command::PACE_ALLOWED;
+use holdpoint_trials::embedded;
 use holdpoint_wording::console::commands as wording;
 
 /// A command with an argument: name, argument, help.
@@ -87,7 +88,8 @@ pub fn parse(text: &str) -> Result<ConsoleCommand, String> {
         if rest.is_empty() { Err(format!(":{command} needs {what}")) } else { Ok(rest.to_owned()) }
     };
     match command {
-        "demo" => Ok(ConsoleCommand::Demo((!rest.is_empty()).then(|| rest.to_owned()))),
+        "demo" if rest.is_empty() => Ok(ConsoleCommand::Demo(None)),
+        "demo" => demonstration(rest),
         "register" => needs("a folder").map(ConsoleCommand::Register),
         "as" => needs(wording::NEEDS_IDENTITY).map(ConsoleCommand::As),
         "filter" if !rest.is_empty() => state_filter(rest),
@@ -135,6 +137,14 @@ pub fn pace(text: &str) -> Result<Option<f64>, String> {
 fn profile(name: &str, block: bool) -> Result<ConsoleCommand, String> {
     let parsed = name.parse::<ProfileName>();
     parsed.map(|profile| ConsoleCommand::Profile(profile, block)).map_err(|error| error.to_string())
+}
+
+fn demonstration(name: &str) -> Result<ConsoleCommand, String> {
+    if embedded::names().any(|known| known == name) {
+        return Ok(ConsoleCommand::Demo(Some(name.to_owned())));
+    }
+    let known: Vec<&str> = embedded::names().collect();
+    Err(wording::no_such_demonstration(name, &known.join(", ")))
 }
 
 fn state_filter(name: &str) -> Result<ConsoleCommand, String> {
@@ -209,7 +219,7 @@ pub fn complete(typed: &str, known: &KnownNames<'_>) -> Vec<String> {
         }
         return best(typed, commands.into_iter().map(|name| (name.to_owned(), name.to_owned())).collect());
     };
-    let demos: Vec<String> = holdpoint_trials::embedded::names().map(ToOwned::to_owned).collect();
+    let demos: Vec<String> = embedded::names().map(ToOwned::to_owned).collect();
     let profiles = ProfileName::ALL.map(|profile| profile.name().to_owned());
     let owned = |values: &[&str]| values.iter().map(|value| (*value).to_owned()).collect::<Vec<_>>();
     let (goals, paces, drifts) = (goals(), owned(&PACES), drifts());
@@ -276,6 +286,7 @@ mod tests {
             ("pace inf", wording::pace_not_allowed("inf", 0.1, 100.0)),
             ("as", wording::NEEDS_IDENTITY.to_owned()),
             ("goal", wording::NEEDS_GOAL.to_owned()),
+            ("demo grasp-low-flight", embedded::names().collect::<Vec<_>>().join(", ")),
             ("drift strong", "allowed are".to_owned()),
             ("filter moon", "running, waiting, held".to_owned()),
             ("close", wording::needs_profile()),

@@ -49,6 +49,11 @@ pub fn pace_not_allowed(text: &str, least: f64, most: f64) -> String {
 }
 
 #[must_use]
+pub fn no_such_demonstration(name: &str, known: &str) -> String {
+    format!("there is no demonstration {name:?}; there are {known}")
+}
+
+#[must_use]
 pub fn no_such_filter(name: &str, known: &str) -> String {
     format!("there is no filter {name:?}; there are {known}")
 }
