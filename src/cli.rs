@@ -68,6 +68,7 @@ pub mod witness;
 use std::ffi::OsString;
 use std::path::PathBuf;
 
+use clap::error::{ContextKind, ContextValue};
 use clap::{CommandFactory, Parser, Subcommand};
 use rustix::process::Signal;
 use tokio::signal::unix::{SignalKind, signal};
@@ -206,7 +207,7 @@ impl Cli {
     /// If the line is not one of the program's.
     pub fn parse_line(arguments: impl IntoIterator<Item = OsString>) -> Result<Self, clap::Error> {
         let arguments = with_present_names(arguments.into_iter().collect());
-        let matches = Self::program().try_get_matches_from(arguments)?;
+        let matches = Self::program().try_get_matches_from(arguments).map_err(with_near_names)?;
         <Self as clap::FromArgMatches>::from_arg_matches(&matches)
     }
 
@@ -215,6 +216,24 @@ impl Cli {
     pub fn program() -> clap::Command {
         Self::command().override_help(roles::help())
     }
+}
+
+/// Puts the most similar verb first, and takes out an option that is similar by its letters alone, as `--as` is to `--pase`.
+fn with_near_names(mut error: clap::Error) -> clap::Error {
+    if let Some(ContextValue::Strings(mut verbs)) = error.remove(ContextKind::SuggestedSubcommand) {
+        verbs.reverse();
+        error.insert(ContextKind::SuggestedSubcommand, ContextValue::Strings(verbs));
+    }
+    let is_far = match (error.get(ContextKind::InvalidArg), error.get(ContextKind::SuggestedArg)) {
+        (Some(ContextValue::String(given)), Some(ContextValue::String(known))) => {
+            !known.starts_with(given.as_str()) && given.len().abs_diff(known.len()) > 1
+        }
+        _ => false,
+    };
+    if is_far {
+        error.remove(ContextKind::SuggestedArg);
+    }
+    error
 }
 
 /// Runs the program: parses `arguments`, dispatches the verb, prints, and returns the exit code.

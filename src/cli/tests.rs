@@ -93,6 +93,25 @@ fn definitions_are_consistent() {
     Cli::command().debug_assert();
 }
 
+/// `statsu` offered `start` before `status`, and `--pase` offered `--as`.
+#[test]
+fn the_nearest_names_are_offered() {
+    let offered = |line: &[&str], kind| {
+        let line = std::iter::once("holdpoint").chain(line.iter().copied()).map(OsString::from);
+        match Cli::parse_line(line).unwrap_err().get(kind) {
+            Some(ContextValue::Strings(names)) => names.first().cloned(),
+            Some(ContextValue::String(name)) => Some(name.clone()),
+            _ => None,
+        }
+    };
+    assert_eq!(offered(&["statsu"], ContextKind::SuggestedSubcommand).as_deref(), Some("status"));
+    assert_ne!(offered(&["run", "--pase", "1"], ContextKind::SuggestedArg).as_deref(), Some("--as"));
+    for known in ["--timeout", "--until"] {
+        let typed = &known[..known.len() - 1];
+        assert_eq!(offered(&["status", typed], ContextKind::SuggestedArg).as_deref(), Some(known));
+    }
+}
+
 /// Splits as a shell would, as far as the examples need: single quotes, and nothing after `>`.
 fn shell_words(line: &str) -> Vec<String> {
     let line = line.split(" > ").next().unwrap_or(line);
