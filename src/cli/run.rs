@@ -153,7 +153,7 @@ impl SceneArgs {
 #[derive(Clone, Debug, Default, PartialEq, Eq, Args)]
 #[command(next_help_heading = "Console")]
 pub struct ConsoleArgs {
-    /// Refuses all changes; starts no engine and ends none. Without an engine it waits for one.
+    /// Refuses all changes but a stop; starts no engine and ends none. Without an engine it waits for one.
     #[arg(long)]
     pub read_only: bool,
     /// The name of the operator's identity.

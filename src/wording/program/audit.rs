@@ -130,13 +130,16 @@ pub fn root_of_tree(root: impl Display) -> String {
     format!("root of the tree   {root}")
 }
 
-/// The keys of secret seeds: all, the revealed ones, evaluations that follow from others, and the pending ones.
+/// The keys of secret seeds: all, the revealed ones and the others; then the evaluations that have their seeds from the
+/// former, and from the latter.
 #[must_use]
 pub fn seed_keys(committed: u64, revealed: u64, follow: u64, pending: u64) -> String {
     format!(
-        "keys of seeds      {committed}, {revealed} of them revealed; seeds of {} follow from a revealed key, of {pending} from \
-         one that is not revealed yet",
-        counted(follow, "evaluation")
+        "keys of seeds      {committed}: {revealed} revealed, which give the seeds of {}; {} not revealed yet, which give those \
+         of {}",
+        counted(follow, "evaluation"),
+        committed.saturating_sub(revealed),
+        counted(pending, "evaluation")
     )
 }
 

@@ -4,7 +4,7 @@ use std::collections::BTreeSet;
 
 use crate::counted;
 use crate::film::{recorded_part, title};
-use crate::program::audit::{checkpoints, sound};
+use crate::program::audit::{checkpoints, seed_keys, sound};
 use crate::program::candidate::{CheckSummary, check_summary, static_verdict};
 use crate::program::engine::{RecordingContradiction, recording_contradiction};
 use crate::program::metrics::{covered, omitted_batches};
@@ -33,6 +33,14 @@ fn one_thing_has_no_plural() {
     for (line, end) in approvals.iter().zip(ends) {
         assert_eq!(*line, format!("in sim     interface pass, policy pass, {end}"));
     }
+}
+
+/// Two keys, none revealed and none "not yet": the line counted evaluations among the keys.
+#[test]
+fn revealed_keys_and_the_others_are_all_keys() {
+    let line = seed_keys(5, 2, 1, 4);
+    let numbers = line.split(|sign: char| !sign.is_ascii_digit()).filter(|digits| !digits.is_empty());
+    assert_eq!(numbers.collect::<Vec<_>>(), ["5", "2", "1", "3", "4"], "{line}");
 }
 
 #[test]
