@@ -10,7 +10,6 @@ use crate::explanation::RecordMoment;
 use crate::monitor::{MonitorAction, MonitorAnswer};
 use crate::notice::{Notice, NoticeOrText, OperatorAct};
 use crate::record::{AuditRecord, RecordKind, UpgradeEnd};
-use crate::wall_time::WallTime;
 
 /// One change on record.
 #[derive(Clone, Debug, PartialEq)]

@@ -163,7 +163,7 @@ fn a_request_that_the_operator_may_not_answer_is_not_mine() {
         assert_eq!(overview(&console), ["place@1.1.0"]);
         console.model.session.operator = None;
         assert!(overview(&console).is_empty(), "no operator is named");
-        assert!(!screen(&console, 120, 36).contains(&heading), "it waits for anybody");
+        assert!(!screen(&console, 120, 36).contains(&heading), "it waits for any user");
     }
 }
 
