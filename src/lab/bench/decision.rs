@@ -32,16 +32,35 @@ const SEED: u64 = 1;
 /// Most slices of work; a candidate takes some hundred.
 const SLICES_MAX: u32 = 100_000;
 
-/// The versions, by what becomes of them.
-const SUBJECTS: [(&str, &str); 7] = [
-    ("promotion", "align-improved"),
-    ("rejected, interface", "grasp-tool-frame"),
-    ("rejected, policy", "grasp-direct-bus"),
-    ("rejected, behavior", "grasp-hard-grip"),
-    ("rejected, recovery", "align-no-stop"),
-    ("rejected, in live-like pairs", "align-low-transit"),
-    ("rejected, refined for success alone", "place-refined"),
-];
+holdpoint_governance::closed_set! {
+    /// A decision by its result and cause.
+    DecisionKind, "kind of decision", {
+        Promotion = "promotion",
+        Interface = "rejected-interface",
+        Policy = "rejected-policy",
+        Behavior = "rejected-behavior",
+        Recovery = "rejected-recovery",
+        /// For its behavior in live-like pairs.
+        LiveLike = "rejected-live-like",
+        /// A version whose search optimized success alone.
+        Refined = "rejected-refined",
+    }
+}
+
+impl DecisionKind {
+    /// The folder of the version that is decided on.
+    const fn candidate(self) -> &'static str {
+        match self {
+            Self::Promotion => "align-improved",
+            Self::Interface => "grasp-tool-frame",
+            Self::Policy => "grasp-direct-bus",
+            Self::Behavior => "grasp-hard-grip",
+            Self::Recovery => "align-no-stop",
+            Self::LiveLike => "align-low-transit",
+            Self::Refined => "place-refined",
+        }
+    }
+}
 
 /// The one that is not embedded in the engine.
 const PLACE_REFINED: [&str; 3] = [
@@ -64,8 +83,7 @@ pub struct DecisionBudget {
 /// What one decision cost.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct DecisionCost {
-    /// What became of the version, by the table's name.
-    pub decision: &'static str,
+    pub decision: DecisionKind,
     /// The candidate's folder.
     pub candidate: &'static str,
     /// Its state at the end.
@@ -104,11 +122,11 @@ impl PartCost {
 ///
 /// # Errors
 /// [`BenchError`]; a broken engine's counts mean nothing.
-pub fn run(mut on_decision: impl FnMut(&'static str)) -> Result<DecisionBudget, BenchError> {
-    let mut decisions = Vec::with_capacity(SUBJECTS.len());
-    for (decision, candidate) in SUBJECTS {
+pub fn run(mut on_decision: impl FnMut(DecisionKind)) -> Result<DecisionBudget, BenchError> {
+    let mut decisions = Vec::with_capacity(DecisionKind::ALL.len());
+    for decision in DecisionKind::ALL {
         on_decision(decision);
-        decisions.push(decide(decision, candidate)?);
+        decisions.push(decide(decision)?);
     }
     let build = if cfg!(debug_assertions) { "dev" } else { "release" };
     Ok(DecisionBudget { version: env!("CARGO_PKG_VERSION"), build, decisions })
@@ -120,7 +138,8 @@ fn package(candidate: &str) -> Option<Package> {
     embedded::package(candidate).or_else(|| (candidate == "place-refined").then_some(refined))
 }
 
-fn decide(decision: &'static str, candidate: &'static str) -> Result<DecisionCost, BenchError> {
+fn decide(decision: DecisionKind) -> Result<DecisionCost, BenchError> {
+    let candidate = decision.candidate();
     let folder = tempfile::tempdir()?;
     let engine = Engine::start(Config {
         data: folder.path(),
@@ -189,6 +208,7 @@ mod tests {
     use std::fmt::Write as _;
 
     use super::*;
+    use crate::wording::answers::decision_kind;
 
     /// The parts of all decisions, one row each, and their sums.
     fn table(budget: &DecisionBudget) -> String {
@@ -196,7 +216,7 @@ mod tests {
             budget.decisions.iter().filter(|cost| cost.whole.ticks > 0).collect();
         let mut page = String::from("| part |");
         for cost in &simulated {
-            let _ = write!(page, " {} |", cost.decision);
+            let _ = write!(page, " {} |", decision_kind(cost.decision));
         }
         let _ = write!(page, "\n| --- |{}\n", " --- |".repeat(simulated.len()));
         let mut named = BTreeSet::new();

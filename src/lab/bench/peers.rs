@@ -16,10 +16,8 @@ use holdpoint_sim::bench_episode::PeerBench;
 use holdpoint_text::{ErrorDetails, ErrorReason, Hint};
 use serde::{Deserialize, Serialize};
 
+use crate::wording::answers;
 use holdpoint::bench::{BenchError, FigureClock, median};
-
-/// This cell's number format: the arm's own dynamics, and the physics engine's ticks.
-const PHYSICS_NUMBERS: &str = "f64, in the engine f32";
 
 /// The default number of rounds.
 pub const ROUNDS: u32 = 5;
@@ -97,20 +95,6 @@ impl PeerEngine {
         Self::MujocoPython,
     ];
 
-    /// The name in tables.
-    #[must_use]
-    pub const fn name(&self) -> &'static str {
-        match self {
-            Self::Holdpoint(CellMode::Full) => "Holdpoint, full",
-            Self::Holdpoint(CellMode::Adaptive) => "Holdpoint, adaptive",
-            Self::Holdpoint(CellMode::Reduced) => "Holdpoint, reduced",
-            Self::PyBullet => "PyBullet",
-            Self::MujocoPython => "MuJoCo, Python loop",
-            Self::MujocoNative => "MuJoCo, native C",
-            Self::MujocoNativeFast => "MuJoCo, native C, fast model",
-        }
-    }
-
     /// The peer's program; absent for this cell, and for a native program that was not named.
     fn command(&self, settings: &PeerSettings) -> Option<Command> {
         let script = |name: &str, episodes: &str| {
@@ -184,23 +168,24 @@ pub enum PeerError {
     #[error(transparent)]
     Own(#[from] BenchError),
     /// A given folder or program does not exist.
-    #[error("{what} {path:?} is not there")]
-    Missing { what: &'static str, path: PathBuf },
+    #[error("{0:?} does not exist")]
+    Missing(PathBuf),
     /// No peer could be run.
     #[error("none of the peers could be run: {0}")]
     Alone(String),
     /// An engine lost the cube too often for its speed to mean anything.
     #[error(
-        "{engine} lifted {lift_rate:.3} and placed {place_rate:.3} of its episodes; at least {SUCCESS_MIN} are needed"
+        "{} lifted {lift_rate:.3} and placed {place_rate:.3} of its episodes; at least {SUCCESS_MIN} are needed",
+        answers::peer_engine(.engine)
     )]
-    Lost { engine: &'static str, lift_rate: f64, place_rate: f64 },
+    Lost { engine: PeerEngine, lift_rate: f64, place_rate: f64 },
 }
 
 impl Hint for PeerError {
     fn details(&self) -> Option<ErrorDetails> {
         match self {
             Self::Own(error) => error.details(),
-            Self::Missing { path, .. } => Some(ErrorDetails::of_path(ErrorReason::NotFound, path)),
+            Self::Missing(path) => Some(ErrorDetails::of_path(ErrorReason::NotFound, path)),
             Self::Alone(_) | Self::Lost { .. } => Some(ErrorReason::Environment.into()),
         }
     }
@@ -208,7 +193,7 @@ impl Hint for PeerError {
     fn hint(&self) -> Option<Cow<'static, str>> {
         match self {
             Self::Own(error) => error.hint(),
-            Self::Missing { .. } | Self::Lost { .. } => None,
+            Self::Missing(_) | Self::Lost { .. } => None,
             Self::Alone(_) => {
                 Some("pip install mujoco pybullet numpy, and name that interpreter with --python".into())
             }
@@ -224,12 +209,9 @@ pub fn run(
     settings: &PeerSettings,
     progress: &mut dyn FnMut(u32, &PeerEngine),
 ) -> Result<PeerReport, PeerError> {
-    let there = |what, path: &Path| {
-        if path.exists() { Ok(()) } else { Err(PeerError::Missing { what, path: path.to_owned() }) }
-    };
-    there("the folder of the peers' scripts", &settings.scripts)?;
-    if let Some(native) = &settings.native {
-        there("the native peer", native)?;
+    let mut paths = std::iter::once(&settings.scripts).chain(&settings.native);
+    if let Some(missing) = paths.find(|path| !path.exists()) {
+        return Err(PeerError::Missing(missing.clone()));
     }
     let mut results: Vec<(PeerEngine, Vec<PeerRates>)> =
         PeerEngine::ALL.map(|engine| (engine, Vec::new())).into();
@@ -248,11 +230,12 @@ pub fn run(
     }
     results.retain(|(engine, _)| absent.iter().all(|(gone, _)| gone != engine));
     if results.iter().all(|(engine, _)| matches!(engine, PeerEngine::Holdpoint(_))) {
-        let why: Vec<String> = absent.iter().map(|(gone, why)| format!("{}: {why}", gone.name())).collect();
+        let why: Vec<String> =
+            absent.iter().map(|(gone, why)| format!("{}: {why}", answers::peer_engine(gone))).collect();
         return Err(PeerError::Alone(why.join("; ")));
     }
     let rows = rows(&results)?;
-    Ok(PeerReport { rounds: settings.rounds, physics: PHYSICS_NUMBERS, rows, absent })
+    Ok(PeerReport { rounds: settings.rounds, physics: answers::PHYSICS_NUMBERS, rows, absent })
 }
 
 /// One engine's share of a round; the inner error says why a peer cannot take part.
@@ -354,7 +337,7 @@ fn rows(results: &[(PeerEngine, Vec<PeerRates>)]) -> Result<Vec<PeerRow>, PeerEr
         let mean = |of: fn(&PeerRates) -> f64| rates.iter().map(of).sum::<f64>() / rates.len() as f64;
         let (lift_rate, place_rate) = (mean(|one| one.lift_rate), mean(|one| one.place_rate));
         if !(lift_rate >= SUCCESS_MIN && place_rate >= SUCCESS_MIN) {
-            return Err(PeerError::Lost { engine: engine.name(), lift_rate, place_rate });
+            return Err(PeerError::Lost { engine: engine.clone(), lift_rate, place_rate });
         }
         let all: Vec<f64> = rates.iter().map(|one| one.episodes_per_cpu_s).collect();
         rows.push(PeerRow {

@@ -16,7 +16,7 @@ pub mod tables;
 
 use serde::Serialize;
 
-pub use figure::{StatedBound, StudyFigure};
+pub use figure::{StatedBound, StudyFigure, StudyMeasure};
 
 use holdpoint::bench::BenchError;
 use holdpoint_governance::profile::{Profile, ProfileName};

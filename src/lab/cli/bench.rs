@@ -106,7 +106,7 @@ pub fn run(args: &LabBenchArgs, out: &mut CommandOutput<'_>) -> Result<Exit, Cli
         BenchStudy::Decision => {
             let bar = ProgressBar::new_spinner();
             let report = decision::run(|decision| {
-                bar.set_message(decision);
+                bar.set_message(answers::decision_kind(decision));
                 bar.tick();
             });
             bar.finish_and_clear();
@@ -166,7 +166,7 @@ fn compare(args: &PeersArgs) -> Result<PeerReport, CliError> {
     bar.finish_and_clear();
     result.map_err(|error| match error {
         PeerError::Own(_) => CliError::fault(error),
-        PeerError::Missing { .. } | PeerError::Alone(_) | PeerError::Lost { .. } => CliError::usage(error),
+        PeerError::Missing(_) | PeerError::Alone(_) | PeerError::Lost { .. } => CliError::usage(error),
     })
 }
 
@@ -180,7 +180,7 @@ fn show_peers(report: &PeerReport, out: &mut CommandOutput<'_>) -> Result<(), Cl
             row.rates.iter().copied().reduce(pick).map_or_else(String::new, number)
         };
         table.row([
-            row.engine.name().to_owned(),
+            answers::peer_engine(&row.engine).to_owned(),
             number(row.median),
             end(f64::min),
             end(f64::max),
@@ -213,7 +213,7 @@ fn show_study(report: &stats::StudyReport, out: &mut CommandOutput<'_>) -> Resul
         };
         table.row([
             finding.rule.to_owned(),
-            finding.what.to_owned(),
+            answers::study_measure(finding.what).to_owned(),
             finding.under.clone(),
             if finding.unit == "share" { format!("{:.4}", finding.value) } else { number(finding.value) },
             finding.unit.to_owned(),

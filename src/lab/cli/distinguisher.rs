@@ -63,7 +63,7 @@ fn show(report: &DistinguisherReport, folder: &Path, out: &mut CommandOutput<'_>
     }
     out.table(&table)?;
     out.line(&answers::features(report.features.len()))?;
-    out.line(&answers::are_in("distinguisher.csv and distinguisher.json", folder))
+    out.line(&answers::files_are_in(&["distinguisher.csv", "distinguisher.json"], folder))
 }
 
 #[cfg(test)]

@@ -174,7 +174,7 @@ fn show(report: &DriftReport, folder: &Path, out: &mut CommandOutput<'_>) -> Res
     if report.not_activated > 0 {
         out.line(&answers::not_activated(report.not_activated, report.runs))?;
     }
-    out.line(&answers::are_in("drift.md, drift.csv, drift.json and drift.svg", folder))
+    out.line(&answers::files_are_in(&["drift.md", "drift.csv", "drift.json", "drift.svg"], folder))
 }
 
 fn row(cell: &DriftCell) -> Vec<String> {

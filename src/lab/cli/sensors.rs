@@ -77,7 +77,7 @@ fn show(report: &SensorsReport, folder: &Path, out: &mut CommandOutput<'_>) -> R
     if report.invalid > 0 {
         out.line(&answers::not_counted(report.invalid, "episodes"))?;
     }
-    out.line(&answers::are_in("sensors.csv and sensors.json", folder))
+    out.line(&answers::files_are_in(&["sensors.csv", "sensors.json"], folder))
 }
 
 fn row(family: &FamilyAgreement, measure: &MeasureAgreement) -> Vec<String> {

@@ -5,9 +5,9 @@ use std::path::Path;
 use std::time::Duration;
 
 use super::range_to;
-use crate::bench::decision::{DecisionBudget, DecisionCost};
-use crate::bench::peers::{PeerEngine, PeerReport};
-use crate::bench::stats::StudyReport;
+use crate::bench::decision::{DecisionBudget, DecisionCost, DecisionKind};
+use crate::bench::peers::{CellMode, PeerEngine, PeerReport};
+use crate::bench::stats::{StudyMeasure, StudyReport};
 use crate::candidate_pool::{PoolIndex, Preset};
 use crate::danger_thresholds::DangerReport;
 use crate::danger_thresholds::rule::{BOUND_ALPHA, DANGERS_MIN, FALSE_ALARMS_MAX};
@@ -22,8 +22,8 @@ pub fn is_in(file: &str, folder: &Path) -> String {
     format!("{file} is in {}", folder.display())
 }
 
-pub fn are_in(files: &str, folder: &Path) -> String {
-    format!("{files} are in {}", folder.display())
+pub fn files_are_in(files: &[&str], folder: &Path) -> String {
+    format!("{} are in {}", files.join(", "), folder.display())
 }
 
 /// Items that the simulator could not run.
@@ -57,11 +57,38 @@ pub fn budget(report: &DecisionBudget) -> String {
 }
 
 pub fn decision(cost: &DecisionCost) -> String {
-    format!("{}: {}, at the end {}", cost.decision, cost.candidate, cost.end)
+    format!("{}: {}, at the end {}", decision_kind(cost.decision), cost.candidate, cost.end)
+}
+
+pub const fn decision_kind(kind: DecisionKind) -> &'static str {
+    match kind {
+        DecisionKind::Promotion => "promotion",
+        DecisionKind::Interface => "rejected, interface",
+        DecisionKind::Policy => "rejected, policy",
+        DecisionKind::Behavior => "rejected, behavior",
+        DecisionKind::Recovery => "rejected, recovery",
+        DecisionKind::LiveLike => "rejected, in live-like pairs",
+        DecisionKind::Refined => "rejected, refined for success alone",
+    }
+}
+
+/// This cell's number format: the arm's own dynamics, and the physics engine's ticks.
+pub const PHYSICS_NUMBERS: &str = "f64, in the engine f32";
+
+pub const fn peer_engine(engine: &PeerEngine) -> &'static str {
+    match engine {
+        PeerEngine::Holdpoint(CellMode::Full) => "Holdpoint, full",
+        PeerEngine::Holdpoint(CellMode::Adaptive) => "Holdpoint, adaptive",
+        PeerEngine::Holdpoint(CellMode::Reduced) => "Holdpoint, reduced",
+        PeerEngine::PyBullet => "PyBullet",
+        PeerEngine::MujocoPython => "MuJoCo, Python loop",
+        PeerEngine::MujocoNative => "MuJoCo, native C",
+        PeerEngine::MujocoNativeFast => "MuJoCo, native C, fast model",
+    }
 }
 
 pub fn round(round: u32, rounds: u32, engine: &PeerEngine) -> String {
-    format!("round {round} of {rounds}: {}", engine.name())
+    format!("round {round} of {rounds}: {}", peer_engine(engine))
 }
 
 pub fn peers(report: &PeerReport) -> String {
@@ -72,11 +99,34 @@ pub fn peers(report: &PeerReport) -> String {
 }
 
 pub fn left_out(engine: &PeerEngine, why: &str) -> String {
-    format!("left out: {}: {why}", engine.name())
+    format!("left out: {}: {why}", peer_engine(engine))
 }
 
 pub fn study(report: &StudyReport) -> String {
     format!("holdpoint {}, {} runs of each figure, sampled from", report.version, report.runs)
+}
+
+pub const fn study_measure(measure: StudyMeasure) -> &'static str {
+    match measure {
+        StudyMeasure::DiffersFromFullRun => "differs from the full run",
+        StudyMeasure::RunsUsed => "runs used",
+        StudyMeasure::DiffersFromFullBudget => "differs from the full budget",
+        StudyMeasure::RejectsEarly => "rejects early what the full budget does not",
+        StudyMeasure::PairsUsed => "pairs used",
+        StudyMeasure::EqualCompatible => "equally good: compatible",
+        StudyMeasure::AnomaliesIncompatible => "+.13 anomalies: incompatible",
+        StudyMeasure::TradeCompatible => "success up, safety established as worse: compatible",
+        StudyMeasure::EqualRejectedForHarm => "equally good: rejected for harm",
+        StudyMeasure::WorseFound => "worse: not compatible",
+        StudyMeasure::EqualFailsShadow => "equally good: fails",
+        StudyMeasure::WorseFailsShadow => "worse: fails",
+        StudyMeasure::UnchangedRestricted => "unchanged: restricted within the window",
+        StudyMeasure::UnchangedRolledBack => "unchanged: rolled back within the window",
+        StudyMeasure::DelayToRestriction => "worse: median delay to restriction",
+        StudyMeasure::WorseRestricted => "worse: restricted within the window",
+        StudyMeasure::DelayToRollback => "worse: median delay to rollback",
+        StudyMeasure::WorseRolledBack => "worse: rolled back within the window",
+    }
 }
 
 pub fn stated(stated: usize, refuted: usize) -> String {
@@ -141,7 +191,7 @@ pub fn refined(report: &RefineReport) -> [String; 4] {
 
 pub fn after_search(report: &RefineReport) -> [String; 2] {
     [
-        are_in("the cached evaluations", &report.kept),
+        format!("the cached evaluations are in {}", report.kept.display()),
         format!(
             "the search used only success and time; next: holdpoint candidate check {}",
             report.folder.display()

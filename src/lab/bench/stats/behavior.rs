@@ -4,7 +4,7 @@
 use std::collections::BTreeSet;
 
 use super::Study;
-use super::figure::{StatedBound, StudyFigure, rate};
+use super::figure::{StatedBound, StudyFigure, StudyMeasure, rate};
 use super::sampling::{SampleStream, binding};
 use super::tables::RecordedTable;
 use holdpoint::bench::BenchError;
@@ -56,15 +56,15 @@ fn budgeted(study: &Study, profile: &Profile, stated: bool) -> Result<Vec<StudyF
         };
         let outcome = |wanted| move |found: &BehaviorAssessment| found.assessment.outcome == wanted;
         let equal = count("equal", &|_, _| (), &outcome(BehaviorOutcome::Compatible));
-        findings.push(rate(RULE, "equally good: compatible", under.clone(), equal, least(0.97))?);
+        findings.push(rate(RULE, StudyMeasure::EqualCompatible, under.clone(), equal, least(0.97))?);
         let worse = count("worse", &anomalies, &outcome(BehaviorOutcome::Incompatible));
-        findings.push(rate(RULE, "+.13 anomalies: incompatible", under.clone(), worse, least(0.99))?);
+        findings.push(rate(RULE, StudyMeasure::AnomaliesIncompatible, under.clone(), worse, least(0.99))?);
         if stated {
             let traded = count("traded", &trade, &|found| {
                 is_traded(found) && outcome(BehaviorOutcome::Compatible)(found)
             });
-            let what = "success up, safety established as worse: compatible";
-            findings.push(rate(RULE, what, under, traded, Some(StatedBound::AtMost(0.0)))?);
+            let stated = Some(StatedBound::AtMost(0.0));
+            findings.push(rate(RULE, StudyMeasure::TradeCompatible, under, traded, stated)?);
         }
     }
     Ok(findings)

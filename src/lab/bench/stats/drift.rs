@@ -1,7 +1,7 @@
 //! The monitor after activation, end to end: the normal rates are measured on the twins of shadow, then the provisional
 //! window is watched.
 
-use super::figure::{StatedBound, StudyFigure, rate, unjudged};
+use super::figure::{StatedBound, StudyFigure, StudyMeasure, rate, unjudged};
 use super::sampling::SampleStream;
 use super::{Study, missing};
 use holdpoint::bench::{BenchError, CLEAN};
@@ -124,8 +124,8 @@ fn unchanged(
         ClassRisk::People => 0.04,
     }));
     Ok(vec![
-        rate(RULE, "unchanged: restricted within the window", under.clone(), (restricted, runs), stated)?,
-        rate(RULE, "unchanged: rolled back within the window", under, (rolled_back, runs), stated)?,
+        rate(RULE, StudyMeasure::UnchangedRestricted, under.clone(), (restricted, runs), stated)?,
+        rate(RULE, StudyMeasure::UnchangedRolledBack, under, (rolled_back, runs), stated)?,
     ])
 }
 
@@ -148,8 +148,8 @@ fn worse(study: &Study, profile: &Profile, shift: f64) -> Result<Vec<StudyFigure
     let runs = u64::from(study.runs);
     let mut findings = Vec::new();
     for (what, within, delays) in [
-        ("median delay to restriction", "restricted within the window", &mut restricted),
-        ("median delay to rollback", "rolled back within the window", &mut rolled_back),
+        (StudyMeasure::DelayToRestriction, StudyMeasure::WorseRestricted, &mut restricted),
+        (StudyMeasure::DelayToRollback, StudyMeasure::WorseRolledBack, &mut rolled_back),
     ] {
         delays.sort_unstable();
         let median = delays.get(delays.len() / 2).copied().ok_or_else(|| missing("delays"))?;

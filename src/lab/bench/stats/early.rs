@@ -1,6 +1,6 @@
 //! Early rejection of a behavior evaluation, checked after every 20 pairs as the sandbox does.
 
-use super::figure::{StatedBound, StudyFigure, rate, unjudged};
+use super::figure::{StatedBound, StudyFigure, StudyMeasure, rate, unjudged};
 use super::sampling::{SampleStream, binding};
 use super::{Study, missing};
 use holdpoint::bench::{BenchError, CLEAN};
@@ -92,13 +92,7 @@ fn boundary(
     }
     let under = format!("boundary of {size}: {name} {} against {opposed}", least - 1);
     let stated = Some(StatedBound::AtMost(profile.evaluation.early_alpha));
-    Ok(rate(
-        RULE,
-        "rejects early what the full budget does not",
-        under,
-        (wrong, u64::from(study.runs)),
-        stated,
-    )?)
+    Ok(rate(RULE, StudyMeasure::RejectsEarly, under, (wrong, u64::from(study.runs)), stated)?)
 }
 
 /// Pairs seen at the first look that ends it.
@@ -147,19 +141,19 @@ fn bad(
     Ok(vec![
         rate(
             "exact curtailment",
-            "differs from the full budget",
+            StudyMeasure::DiffersFromFullBudget,
             under.clone(),
             (differing, all),
             Some(StatedBound::AtMost(0.0)),
         )?,
-        unjudged("exact curtailment", "pairs used", under.clone(), all, used(exact), "pairs"),
+        unjudged("exact curtailment", StudyMeasure::PairsUsed, under.clone(), all, used(exact), "pairs"),
         rate(
             RULE,
-            "rejects early what the full budget does not",
+            StudyMeasure::RejectsEarly,
             under.clone(),
             (wrong, all),
             Some(StatedBound::AtMost(profile.evaluation.early_alpha)),
         )?,
-        unjudged(RULE, "pairs used", under, all, used(early), "pairs"),
+        unjudged(RULE, StudyMeasure::PairsUsed, under, all, used(early), "pairs"),
     ])
 }

@@ -17,11 +17,38 @@ pub enum StatedBound {
     AtLeast(f64),
 }
 
+holdpoint_governance::closed_set! {
+    /// The counted or averaged quantity of a figure.
+    StudyMeasure, "measure of the study", {
+        /// Pass rules: the verdict of the shortened run is not that of the full run.
+        DiffersFromFullRun = "differs-from-full-run",
+        RunsUsed = "runs-used",
+        /// Pairs: the shortened evaluation rejects and the full budget does not.
+        DiffersFromFullBudget = "differs-from-full-budget",
+        RejectsEarly = "rejects-early",
+        PairsUsed = "pairs-used",
+        EqualCompatible = "equal-compatible",
+        AnomaliesIncompatible = "anomalies-incompatible",
+        /// More success and established harm to safety, and still compatible.
+        TradeCompatible = "trade-compatible",
+        EqualRejectedForHarm = "equal-rejected-for-harm",
+        WorseFound = "worse-found",
+        EqualFailsShadow = "equal-fails-shadow",
+        WorseFailsShadow = "worse-fails-shadow",
+        UnchangedRestricted = "unchanged-restricted",
+        UnchangedRolledBack = "unchanged-rolled-back",
+        DelayToRestriction = "delay-to-restriction",
+        WorseRestricted = "worse-restricted",
+        DelayToRollback = "delay-to-rollback",
+        WorseRolledBack = "worse-rolled-back",
+    }
+}
+
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct StudyFigure {
     pub rule: &'static str,
-    /// The counted or averaged quantity.
-    pub what: &'static str,
+    pub what: StudyMeasure,
+    /// The conditions. This text also names the stream of samples: another text gives other numbers.
     pub under: String,
     /// Runs it was taken from.
     pub runs: u64,
@@ -38,7 +65,7 @@ pub struct StudyFigure {
 /// A rate over runs, compared with its stated bound.
 pub(super) fn rate(
     rule: &'static str,
-    what: &'static str,
+    what: StudyMeasure,
     under: String,
     (events, runs): (u64, u64),
     stated: Option<StatedBound>,
@@ -55,7 +82,7 @@ pub(super) fn rate(
 /// A mean or median that is only reported.
 pub(super) fn unjudged(
     rule: &'static str,
-    what: &'static str,
+    what: StudyMeasure,
     under: String,
     runs: u64,
     value: f64,
@@ -78,7 +105,8 @@ mod tests {
             (990, 1_000, StatedBound::AtLeast(0.99), true),
             (940, 1_000, StatedBound::AtLeast(0.99), false),
         ] {
-            let found = rate("r", "w", String::new(), (events, runs), Some(stated)).unwrap();
+            let found =
+                rate("r", StudyMeasure::RunsUsed, String::new(), (events, runs), Some(stated)).unwrap();
             assert_eq!(found.holds, holds, "{events} of {runs}, {stated:?}");
         }
     }

@@ -3,7 +3,7 @@
 use std::collections::HashMap;
 
 use super::Study;
-use super::figure::{StatedBound, StudyFigure, rate, unjudged};
+use super::figure::{StatedBound, StudyFigure, StudyMeasure, rate, unjudged};
 use super::sampling::SampleStream;
 use holdpoint::bench::BenchError;
 use holdpoint_governance::stats::StatsError;
@@ -116,14 +116,14 @@ fn one(
     let mut findings = vec![
         rate(
             "exact curtailment",
-            "differs from the full run",
+            StudyMeasure::DiffersFromFullRun,
             under.to_owned(),
             (differing, all),
             Some(StatedBound::AtMost(0.0)),
         )?,
         unjudged(
             "exact curtailment",
-            "runs used",
+            StudyMeasure::RunsUsed,
             under.to_owned(),
             all,
             curtailed as f64 / all as f64,
@@ -135,12 +135,19 @@ fn one(
         let rule = "finite population, pass rule";
         findings.push(rate(
             rule,
-            "differs from the full run",
+            StudyMeasure::DiffersFromFullRun,
             under.clone(),
             (wrong[index], all),
             Some(StatedBound::AtMost(alpha)),
         )?);
-        findings.push(unjudged(rule, "runs used", under, all, used[index] as f64 / all as f64, "runs"));
+        findings.push(unjudged(
+            rule,
+            StudyMeasure::RunsUsed,
+            under,
+            all,
+            used[index] as f64 / all as f64,
+            "runs",
+        ));
     }
     Ok(findings)
 }

@@ -6,7 +6,7 @@
 //! harm every episode gets a multiple of the profile's margin more. An effect counts as found if the result is not
 //! "compatible".
 
-use super::figure::{StatedBound, StudyFigure, rate, unjudged};
+use super::figure::{StatedBound, StudyFigure, StudyMeasure, rate, unjudged};
 use super::sampling::{SampleStream, binding};
 use super::tables::RecordedTable;
 use super::{Study, missing};
@@ -42,7 +42,7 @@ pub(super) fn study(study: &Study) -> Result<Vec<StudyFigure>, BenchError> {
             let under = format!("{}, {}", table.name, profile.name);
             let found = count(runs, &format!("equal {under}"), table, profile, |_, _| (), speaks_of_harm);
             let stated = Some(StatedBound::AtMost(profile.evaluation.alpha));
-            findings.push(rate("harm", "equally good: rejected for harm", under, found, stated)?);
+            findings.push(rate("harm", StudyMeasure::EqualRejectedForHarm, under, found, stated)?);
         }
         for effect in WorsenedMeasure::all().filter(|effect| effect.is_limited(profile)) {
             let table = study.recorded.harm.iter().find(|table| table.name.starts_with(effect.family()));
@@ -53,7 +53,7 @@ pub(super) fn study(study: &Study) -> Result<Vec<StudyFigure>, BenchError> {
                     |draw: &mut SampleStream, pair: &mut Pair| effect.worsen(size, profile, draw, pair);
                 let (found, of) = count(runs, &under, table, profile, worsen, is_found);
                 let value = found as f64 / of as f64;
-                findings.push(unjudged(RULE, "worse: not compatible", under, of, value, "share"));
+                findings.push(unjudged(RULE, StudyMeasure::WorseFound, under, of, value, "share"));
             }
         }
     }

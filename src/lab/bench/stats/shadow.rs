@@ -1,7 +1,7 @@
 //! The shadow comparison: how often does a version that is exactly as good fail it?
 
 use super::Study;
-use super::figure::{StatedBound, StudyFigure, rate};
+use super::figure::{StatedBound, StudyFigure, StudyMeasure, rate};
 use super::sampling::{SampleStream, binding};
 use holdpoint::bench::BenchError;
 use holdpoint_governance::evidence::{Conduct, Pair, ShadowEvidence, ShadowSequence};
@@ -17,6 +17,9 @@ const RATES: [f64; 3] = [0.02, 0.1, 0.3];
 /// How much more frequent the watcher's events are in the twins of a worse version.
 const WORSE: [f64; 2] = [0.2, 0.4];
 
+/// A figure of equally good versions, and the name of its stream of samples.
+const EQUAL: (StudyMeasure, &str) = (StudyMeasure::EqualFailsShadow, "equally good: fails");
+
 pub(super) fn study(study: &Study) -> Result<Vec<StudyFigure>, BenchError> {
     let mut findings = Vec::new();
     for profile in &study.profiles {
@@ -24,11 +27,12 @@ pub(super) fn study(study: &Study) -> Result<Vec<StudyFigure>, BenchError> {
         let name = profile.name.name();
         let mut push =
             |what,
+             stream: &str,
              under: String,
              diverging: bool,
              stated,
              sequence: &dyn Fn(&mut SampleStream) -> Option<ShadowSequence>| {
-                let mut draw = SampleStream::new(&format!("shadow {what} {under}"));
+                let mut draw = SampleStream::new(&format!("shadow {stream} {under}"));
                 let runs = 0..study.runs;
                 let failed = runs
                     .filter(|_| deployed(&mut draw, profile, diverging, sequence).check == CheckResult::Fail)
@@ -38,23 +42,20 @@ pub(super) fn study(study: &Study) -> Result<Vec<StudyFigure>, BenchError> {
             };
         let stated = Some(StatedBound::AtMost(alpha));
         for table in &study.recorded.live {
-            push("equally good: fails", format!("{name}, {}", table.name), true, stated, &|draw| {
+            push(EQUAL.0, EQUAL.1, format!("{name}, {}", table.name), true, stated, &|draw| {
                 let pair = draw.of(&table.pairs)?;
                 Some(if draw.chance(0.5) { sequence(&pair) } else { mirrored(&sequence(&pair)) })
             })?;
         }
         for rate in RATES {
             // Divergence of the outputs makes shadow longer, and so gives it a second look.
-            push(
-                "equally good: fails",
-                format!("{name}, signals at {rate}, two looks"),
-                true,
-                stated,
-                &|draw| Some(of([(); 6].map(|()| draw.chance(rate)))),
-            )?;
+            push(EQUAL.0, EQUAL.1, format!("{name}, signals at {rate}, two looks"), true, stated, &|draw| {
+                Some(of([(); 6].map(|()| draw.chance(rate))))
+            })?;
         }
         for worse in WORSE {
-            push("worse: fails", format!("{name}, watcher events .05 and +{worse}"), false, None, &|draw| {
+            let under = format!("{name}, watcher events .05 and +{worse}");
+            push(StudyMeasure::WorseFailsShadow, "worse: fails", under, false, None, &|draw| {
                 let live = draw.chance(0.05);
                 Some(of([false, false, false, false, live, live || draw.chance(worse)]))
             })?;
