@@ -98,10 +98,34 @@ pub(super) fn interval_of_mean(values: &[f64]) -> Result<Interval, StatsError> {
     bca(values, mean_of, SHOWN_LEVEL, RESAMPLES, RESAMPLE_SEED)
 }
 
+/// A measure that arms are compared by.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ComparedMeasure {
+    Success,
+    UnsafeInForce,
+    Violations,
+    Damage,
+}
+
+impl ComparedMeasure {
+    /// One family of tests.
+    pub const ALL: [Self; 4] = [Self::Success, Self::UnsafeInForce, Self::Violations, Self::Damage];
+
+    pub(super) const fn of_rows(self) -> RowMeasure {
+        match self {
+            Self::Success => SUCCESS,
+            Self::UnsafeInForce => LIVE_UNSAFE,
+            Self::Violations => VIOLATION,
+            Self::Damage => DAMAGE,
+        }
+    }
+}
+
 /// One paired comparison of two arms over seeds.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ArmComparison {
-    pub name: String,
+    pub measure: ComparedMeasure,
+    pub arms: [Arm; 2],
     /// First minus second, a value a seed.
     pub differences: Vec<f64>,
     pub mean: f64,
@@ -119,14 +143,15 @@ pub struct ArmComparison {
 /// As [`holm`].
 pub fn compare(
     rows: &[RoundRow],
-    [first, second]: [Arm; 2],
-    measures: &[(&str, RowMeasure)],
+    arms: [Arm; 2],
+    measures: &[ComparedMeasure],
 ) -> Result<Vec<ArmComparison>, StatsError> {
     let mut found = Vec::new();
-    for (name, of) in measures {
-        let differences = differences(rows, [first, second], *of);
+    for &measure in measures {
+        let differences = differences(rows, arms, measure.of_rows());
         found.push(ArmComparison {
-            name: format!("{name}: {first} - {second}"),
+            measure,
+            arms,
             mean: mean_of(&differences),
             interval: interval_of_mean(&differences).ok(),
             test: signed_rank(&differences).ok(),
@@ -369,7 +394,8 @@ mod tests {
         }
         assert_eq!(by_seed(&rows, Arm::Governed, 1, SUCCESS), [90.0, 40.0, 80.0, 88.0, 100.0]);
         let found =
-            compare(&rows, [Arm::Governed, Arm::Naive], &[("success", SUCCESS), ("same", DAMAGE)]).unwrap();
+            compare(&rows, [Arm::Governed, Arm::Naive], &[ComparedMeasure::Success, ComparedMeasure::Damage])
+                .unwrap();
         let [success, same] = found.as_slice() else { panic!("{found:?}") };
         assert_eq!(success.differences, [30.0, 0.0, 20.0, 48.0, 80.0]);
         let test = success.test.as_ref().unwrap();

@@ -192,7 +192,7 @@ fn tests(tests: &[ArmComparison]) -> String {
         let (n, zeros) = one.test.as_ref().map_or((0, one.differences.len()), |test| (test.n, test.zeros));
         let differences: Vec<String> = one.differences.iter().map(|value| format!("{value:.12}")).collect();
         let cells = [
-            one.name.clone(),
+            wording::comparison(one),
             n.to_string(),
             zeros.to_string(),
             number(one.test.as_ref().map(|test| test.w)),

@@ -25,9 +25,9 @@ pub use self::screening::screening;
 pub use self::sensitivity::sensitivity;
 pub use self::shadow::shadow;
 use super::figures::{
-    ANOMALY, ArmComparison, CONTINUED_MS, DAMAGE, LIVE_FAULTY, LIVE_UNSAFE, MOVED_ON, NEAR, RETRIES,
-    RowMeasure, SUCCESS, TIME_S, VIOLATION, benign_refused, by_seed, compare, faulty_activated, last_round,
-    mean_std_dev, unsafe_activations,
+    ANOMALY, ArmComparison, CONTINUED_MS, ComparedMeasure, DAMAGE, LIVE_FAULTY, LIVE_UNSAFE, MOVED_ON, NEAR,
+    RETRIES, RowMeasure, SUCCESS, TIME_S, VIOLATION, benign_refused, by_seed, compare, faulty_activated,
+    last_round, mean_std_dev, unsafe_activations,
 };
 use super::published::PublishedNumbers;
 use super::report_table::ReportTable;
@@ -188,26 +188,35 @@ pub fn deployment(rows: &[RoundRow], printed: &PublishedNumbers) -> Result<Secti
     let tests = deployment_tests(rows)?;
     let t7 = &printed.t7;
     let mut beside = ReportTable::new(tables::TABLE_7);
-    for (name, measure, paper, p) in [
-        ("success", SUCCESS, t7.success, t7.success_p),
-        ("unsafe version in force", LIVE_UNSAFE, t7.unsafe_activation, t7.unsafe_activation_p),
-        ("violations", VIOLATION, t7.violation, t7.violation_p),
+    for (measure, paper, p) in [
+        (ComparedMeasure::Success, t7.success, t7.success_p),
+        (ComparedMeasure::UnsafeInForce, t7.unsafe_activation, t7.unsafe_activation_p),
+        (ComparedMeasure::Violations, t7.violation, t7.violation_p),
     ] {
-        let ours = ARMS_OF_THE_PAPER.map(|arm| mean(&by_seed(rows, arm, last, measure)));
-        let test = tests.iter().find(|test| test.name.starts_with(name));
+        let ours = ARMS_OF_THE_PAPER.map(|arm| mean(&by_seed(rows, arm, last, measure.of_rows())));
+        let test = tests.iter().find(|test| test.measure == measure);
         let p_ours = or_dash(test.map(|test| p_value(test.p_holm)));
         let published = paper.map(plus_minus).to_vec();
-        let cells = [vec![name.to_owned()], ours.to_vec(), vec![p_ours], published, vec![p_value(p)]];
+        let cells = [
+            vec![wording::compared_measure(measure).to_owned()],
+            ours.to_vec(),
+            vec![p_ours],
+            published,
+            vec![p_value(p)],
+        ];
         beside.row(cells.concat());
     }
     let mut directions = ReportTable::new(tables::DEPLOYMENT_CLAIMS);
     let unsafe_of = |arm| unsafe_activations(rows, arm, None);
     let mut lines =
         vec![wording::unsafe_activations(seeds, &unsafe_of(Arm::Naive)?, &unsafe_of(Arm::Governed)?)];
-    let wanted = [("unsafe version in force", -1.0), ("violations", -1.0), ("success", 1.0)];
-    for (claim, (name, wanted)) in wording::DEPLOYMENT_CLAIMS.into_iter().zip(wanted) {
-        let is_of_claim = |test: &&ArmComparison| test.name.starts_with(name) && test.name.ends_with("naive");
-        if let Some(test) = tests.iter().find(is_of_claim) {
+    let wanted = [
+        (ComparedMeasure::UnsafeInForce, -1.0),
+        (ComparedMeasure::Violations, -1.0),
+        (ComparedMeasure::Success, 1.0),
+    ];
+    for (claim, (measure, wanted)) in wording::DEPLOYMENT_CLAIMS.into_iter().zip(wanted) {
+        if let Some(test) = tests.iter().find(|test| test.measure == measure) {
             let verdict = wording::verdict(DirectionVerdict::of_test(test, wanted));
             let because = wording::mean_difference(test);
             lines.push(wording::deployment_claim(claim, verdict, &because));
@@ -236,13 +245,7 @@ pub fn deployment(rows: &[RoundRow], printed: &PublishedNumbers) -> Result<Secti
 /// # Errors
 /// As [`compare`].
 pub fn deployment_tests(rows: &[RoundRow]) -> Result<Vec<ArmComparison>, ExperimentError> {
-    let measures: [(&str, RowMeasure); 4] = [
-        ("success", SUCCESS),
-        ("unsafe version in force", LIVE_UNSAFE),
-        ("violations", VIOLATION),
-        ("damage by the referee", DAMAGE),
-    ];
-    Ok(compare(rows, [Arm::Governed, Arm::Naive], &measures)?)
+    Ok(compare(rows, [Arm::Governed, Arm::Naive], &ComparedMeasure::ALL)?)
 }
 
 fn tests_table(tests: &[ArmComparison], printed: &PublishedNumbers) -> ReportTable {
@@ -260,14 +263,14 @@ fn tests_table(tests: &[ArmComparison], printed: &PublishedNumbers) -> ReportTab
         let zeros = comparison.differences.iter().filter(|difference| **difference == 0.0).count();
         let test = comparison.test.as_ref();
         let t7 = &printed.t7;
-        let paper = match comparison.name.split(':').next() {
-            Some("success") => Some(&t7.success_test),
-            Some("unsafe version in force") => Some(&t7.unsafe_activation_test),
-            Some("violations") => Some(&t7.violation_test),
-            _ => None,
+        let paper = match comparison.measure {
+            ComparedMeasure::Success => Some(&t7.success_test),
+            ComparedMeasure::UnsafeInForce => Some(&t7.unsafe_activation_test),
+            ComparedMeasure::Violations => Some(&t7.violation_test),
+            ComparedMeasure::Damage => None,
         };
         table.row([
-            comparison.name.clone(),
+            wording::comparison(comparison),
             format!("{:+.1}", comparison.mean),
             or_dash(comparison.interval.map(range)),
             number(test.map(|test| test.w), 1),

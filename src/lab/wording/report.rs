@@ -6,7 +6,7 @@ use holdpoint_governance::metrics::Proportion;
 use holdpoint_governance::stats::{Interval, PairedCounts};
 
 use super::{counted, p_value, plus_minus, range_or_none};
-use crate::paper_reproduction::figures::ArmComparison;
+use crate::paper_reproduction::figures::{ArmComparison, ComparedMeasure};
 use crate::paper_reproduction::published::{PublishedBorderline, PublishedScreening};
 use crate::paper_reproduction::sections::DirectionVerdict;
 use crate::paper_reproduction::{Arm, Preset};
@@ -100,6 +100,21 @@ pub const fn verdict(verdict: DirectionVerdict) -> &'static str {
 /// A difference of rates with its sign, percent points.
 pub fn points(points: f64) -> String {
     format!("{points:+.1} points")
+}
+
+pub const fn compared_measure(measure: ComparedMeasure) -> &'static str {
+    match measure {
+        ComparedMeasure::Success => "success",
+        ComparedMeasure::UnsafeInForce => "unsafe version in force",
+        ComparedMeasure::Violations => "violations",
+        ComparedMeasure::Damage => "damage by the referee",
+    }
+}
+
+/// A comparison by its measure and arms, in tables and in `tests.csv`.
+pub fn comparison(comparison: &ArmComparison) -> String {
+    let ArmComparison { measure, arms: [first, second], .. } = comparison;
+    format!("{}: {first} - {second}", compared_measure(*measure))
 }
 
 pub fn mean_difference(test: &ArmComparison) -> String {

@@ -6,7 +6,8 @@ use holdpoint_governance::profile::ProfileName;
 
 use super::{DirectionVerdict, Section, deployment_tests};
 use crate::paper_reproduction::figures::{
-    SUCCESS, benign_refused, differences, interval_of_mean, is_faulty, last_round, mean_of, variant_rows,
+    ComparedMeasure, SUCCESS, benign_refused, differences, interval_of_mean, is_faulty, last_round, mean_of,
+    variant_rows,
 };
 use crate::paper_reproduction::pool_screening::{ScreenRow, Variant};
 use crate::paper_reproduction::report_table::ReportTable;
@@ -52,7 +53,7 @@ fn has_arms(rounds: &[RoundRow], arms: &[Arm]) -> bool {
 /// Evolution without governance costs violations.
 fn brittle(rounds: &[RoundRow]) -> Result<FindingRow, ExperimentError> {
     let tests = deployment_tests(rounds)?;
-    let violations = tests.iter().find(|test| test.name.starts_with("violations"));
+    let violations = tests.iter().find(|test| test.measure == ComparedMeasure::Violations);
     let verdict = violations.map_or(DirectionVerdict::NotShown, |test| DirectionVerdict::of_test(test, -1.0));
     let (mean, p) = violations.map_or((0.0, 1.0), |test| (test.mean, test.p_holm));
     Ok((wording::BRITTLE, wording::brittle(mean, p), verdict))
