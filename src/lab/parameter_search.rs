@@ -25,6 +25,7 @@ use self::package::PackageDraft;
 use self::search::{Evaluator, SearchProgress};
 use self::settings::{EPISODES_MAX, GENERATIONS_MAX, JOBS_MAX, RefineError, SearchSettings};
 use self::space::Space;
+use crate::wording::packages;
 use holdpoint_governance::ids::{CapabilityId, Family};
 use holdpoint_runtime::capability::Capability;
 use holdpoint_trials::embedded::baselines;
@@ -100,7 +101,7 @@ pub fn refine(
         after: evaluator.fresh(&after).map_err(|error| evaluator.with_journal(error, &journal_path))?,
     };
     let practised = ObjectivePair { before: found.baseline, after: found.score };
-    let summary = package::summary(settings, evaluator.evaluations(), &practised, &fresh);
+    let summary = packages::refined(settings, evaluator.evaluations(), &practised, &fresh);
     let candidate = evaluator.candidate(&found.values, &summary)?;
     package::write(&candidate.package, &journal_path, &folder)?;
     let changes = space

@@ -1,4 +1,5 @@
-//! The sentences that the laboratory prints and publishes: texts of reports, lines of progress, answers of its verbs.
+//! The sentences that the laboratory prints and publishes: texts of reports, lines of progress, answers of its
+//! verbs, texts in the packages that it makes.
 //!
 //! Functions turn values into text. The text of an error stands with its error, and the help of the command line with its
 //! arguments. Nothing here measures or decides.
@@ -6,6 +7,7 @@
 pub mod answers;
 pub mod claims;
 pub mod drift;
+pub mod packages;
 pub mod positioning;
 pub mod progress;
 pub mod report;

@@ -18,6 +18,7 @@ use super::recipes::{Recipe, RecipeKind, recipes};
 use super::structure::{INTERFACE, Mechanism, PERMISSION};
 use super::truth_file::{PoolTruth, TruthEntry};
 use super::{FORMAT, INDEX_FILE, PoolCandidate, PoolError, PoolIndex, display_path, sha256, truth_path};
+use crate::wording::packages;
 use holdpoint_governance::ids::Digest;
 use holdpoint_governance::submission::Package;
 use holdpoint_governance::submission::Provenance;
@@ -38,16 +39,6 @@ pub const PAPER_FROM: u64 = 1 << 32;
 
 /// Possible authors of a submission; independent of the candidate.
 const AUTHORS: [&str; 5] = ["skill-lab", "motion-team", "line-seven", "integration", "night-shift"];
-
-/// Possible texts of a submission; independent of the candidate.
-const SUMMARIES: [&str; 6] = [
-    "parameters revised after the monthly review",
-    "new settings from the last data collection",
-    "update for the autumn release",
-    "settings as agreed with the line",
-    "revision after feedback from the cell",
-    "regular update of the skill",
-];
 
 /// The settings of a pool.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -373,7 +364,7 @@ fn submission(stream: &mut Stream) -> Table {
     table.insert("provenance".to_owned(), Value::from(choose(&provenances)));
     table.insert("parent".to_owned(), Value::from("1.0.0"));
     table.insert("estimated_risk".to_owned(), Value::from(choose(&["low", "low", "medium"])));
-    table.insert("summary".to_owned(), Value::from(choose(&SUMMARIES)));
+    table.insert("summary".to_owned(), Value::from(choose(&packages::SUMMARIES)));
     table
 }
 

@@ -9,8 +9,7 @@ use std::path::Path;
 
 use toml_edit::DocumentMut;
 
-use super::objective::ObjectivePair;
-use super::settings::{RefineError, SearchSettings};
+use super::settings::RefineError;
 use super::space::Space;
 use holdpoint_governance::submission::Package;
 use holdpoint_governance::submission::{Provenance, Risk};
@@ -105,23 +104,6 @@ impl<'a> PackageDraft<'a> {
     }
 }
 
-/// The submission's text: effort, and the objective before and after.
-#[must_use]
-pub fn summary(
-    settings: &SearchSettings<'_>,
-    evaluations: u32,
-    practised: &ObjectivePair,
-    fresh: &ObjectivePair,
-) -> String {
-    let SearchSettings { generations, episodes, seed, .. } = settings;
-    format!(
-        "parameters by CMA-ES on nominal success alone, ties by the shorter time, and nothing else: \
-         {generations} generations, {evaluations} evaluations of {episodes} unperturbed episodes, seed {seed}; \
-         on these {} before, {} after; on fresh ones {} before, {} after",
-        practised.before, practised.after, fresh.before, fresh.after
-    )
-}
-
 /// Writes the folder: whole, or not at all, and only if there is none.
 ///
 /// # Errors
@@ -159,7 +141,9 @@ fn open_to_readers(folder: &Path) -> Result<(), RefineError> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::parameter_search::objective::Score;
+    use crate::parameter_search::objective::{ObjectivePair, Score};
+    use crate::parameter_search::settings::SearchSettings;
+    use crate::wording::packages;
     use holdpoint_governance::submission::SUMMARY_CHARS_MAX;
     use holdpoint_trials::embedded::baselines;
 
@@ -219,7 +203,7 @@ mod tests {
             out: Path::new("."),
             version: None,
         };
-        let text = summary(&settings, u32::MAX, &both, &both);
+        let text = packages::refined(&settings, u32::MAX, &both, &both);
         assert!(text.chars().count() <= SUMMARY_CHARS_MAX, "{}", text.chars().count());
     }
 

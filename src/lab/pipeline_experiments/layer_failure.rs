@@ -22,7 +22,7 @@ use super::drift::cached_run;
 use super::drift_run::{ActivatedRun, DriftSetting, PartWork, WatchedRun, activate, candidate_of, drifts};
 use super::{DriftOptions, ExperimentError, ProgressFn, baselines, cached_result};
 use crate::side_by_side::side_by_side;
-use crate::wording::progress;
+use crate::wording::{packages, progress};
 
 holdpoint_governance::closed_set! {
     /// The part of the layer that fails while a version is in control.
@@ -78,7 +78,7 @@ impl LayerFailure {
             Self::TargetChanged => return change(store, &rollback_target(version)?),
             Self::Silent => Command::LiveFault { fault: Some(LiveFault::TelemetryLost) },
             Self::TargetBlocked => {
-                let (by, reason) = ("an operator".to_owned(), "found to be unfit".to_owned());
+                let (by, reason) = ("an operator".to_owned(), packages::BLOCKED.to_owned());
                 let operation = Operation { version: rollback_target(version)?, by, reason };
                 Command::Demote { operation, profiles: vec![ProfileName::Sim] }
             }

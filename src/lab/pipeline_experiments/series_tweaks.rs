@@ -14,6 +14,7 @@ use super::{ExperimentError, baselines};
 use crate::candidate_pool::PoolError;
 use crate::candidate_pool::draft::Draft;
 use crate::ground_truth::judging_context;
+use crate::wording::packages;
 use holdpoint_engine::fault::EngineFault;
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::stats::{PairedBound, PairedCounts, binary_pairs};
@@ -96,7 +97,7 @@ pub(super) fn tweak(
         ("provenance", "manual"),
         ("parent", "1.0.0"),
         ("estimated_risk", "low"),
-        ("summary", "parameters adjusted once more"),
+        ("summary", packages::TWEAK),
     ] {
         submission.insert(field.to_owned(), Value::from(value));
     }

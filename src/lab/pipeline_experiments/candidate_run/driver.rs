@@ -25,6 +25,7 @@ use super::{
     CandidateEnd, CandidateSetting, DecisionOutcome, EpisodeEffort, PostRunCheck, StageRecord, StageTimes,
 };
 use crate::pipeline_experiments::ExperimentError;
+use crate::wording::packages;
 
 /// Most slices of work; a candidate takes some hundred, in the human profile some thousand.
 const SLICES_MAX: u32 = 200_000;
@@ -200,9 +201,8 @@ impl<'a> CandidateDriver<'a> {
             self.submit(command)?;
         }
         let decision = ApprovalDecision::Approve;
-        let command =
-            scripted_approver::answer(&mut self.pump, prompt, who, decision, "agrees to everything")
-                .map_err(|error| ExperimentError::candidate(self.name, error.sentence()))?;
+        let command = scripted_approver::answer(&mut self.pump, prompt, who, decision, packages::APPROVAL)
+            .map_err(|error| ExperimentError::candidate(self.name, error.sentence()))?;
         self.submit(command)
     }
 
