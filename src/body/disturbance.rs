@@ -185,11 +185,14 @@ mod tests {
         for kind in DriftKind::ALL {
             assert_eq!(kind.name().parse(), Ok(kind));
         }
-        let told = "gone".parse::<DriftKind>().unwrap_err().to_string();
-        assert!(told.contains("sensor_noise, distribution_shift, actuator_delay, combined"), "{told}");
-        let told = "much".parse::<Magnitude>().unwrap_err().to_string();
-        assert!(told.contains("mild, middle, strong"), "{told}");
-        let told = "gone".parse::<LiveFault>().unwrap_err().to_string();
-        assert!(told.contains("telemetry-lost, camera-lost"), "{told}");
+        let unknown = "gone".parse::<DriftKind>().unwrap_err();
+        assert_eq!(
+            (unknown.found.as_str(), unknown.allowed),
+            ("gone", DriftKind::ALL.map(DriftKind::name).join(", "))
+        );
+        let unknown = "much".parse::<Magnitude>().unwrap_err();
+        assert_eq!(unknown.allowed, Magnitude::ALL.map(Magnitude::name).join(", "));
+        let unknown = "gone".parse::<LiveFault>().unwrap_err();
+        assert_eq!(unknown.allowed, LiveFault::ALL.map(LiveFault::name).join(", "));
     }
 }

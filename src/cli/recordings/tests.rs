@@ -49,8 +49,7 @@ fn keep_none(dry_run: bool) -> RecordingsVerb {
     RecordingsVerb::Prune(PruneArgs { keep: Some(0), older_than: None, max_mib: None, dry_run })
 }
 
-/// The JSON documents of an output.
-/// The rows, without the version that each begins with.
+/// The JSON documents of an output, without the version that each begins with.
 fn rows(text: &str) -> Vec<Value> {
     let row = |line| {
         let mut row: serde_json::Map<String, Value> = serde_json::from_str(line).unwrap();
@@ -65,14 +64,16 @@ fn recordings_are_listed_with_their_records() {
     let (_root, context) = store();
     let (ended, text) = run_verb(&context, RecordingsVerb::List, false);
     assert_eq!(ended.unwrap(), Exit::Confirmed);
-    let rows: Vec<&str> = text.lines().collect();
-    assert!(rows[1].starts_with("grasp@1.1.0  confirmed"), "{text}");
-    assert!(rows[1].contains("yes") && rows[1].ends_with(FILE) && rows[2].ends_with(SECOND), "{text}");
-    assert!(rows[3].starts_with("place@1.1.0  not closed") && rows[3].contains(" no "), "{text}");
-    assert!(rows[4].starts_with("3 files, "), "{text}");
+    let lines: Vec<&str> = text.lines().collect();
+    assert!(lines[1].starts_with("grasp@1.1.0 "), "{text}");
+    assert!(lines[1].contains("yes") && lines[1].ends_with(FILE) && lines[2].ends_with(SECOND), "{text}");
+    assert!(lines[3].starts_with("place@1.1.0 ") && lines[3].contains(" no "), "{text}");
+    assert!(lines[4].starts_with("3 files, "), "{text}");
     let (_, text) = run_verb(&context, RecordingsVerb::List, true);
-    let first: Value = serde_json::from_str(text.lines().next().unwrap()).unwrap();
+    let listed = rows(&text);
+    let [first, .., open] = listed.as_slice() else { panic!("{text}") };
     assert_eq!((&first["version"], &first["on_record"]), (&json!("grasp@1.1.0"), &json!(true)));
+    assert_eq!((&first["outcome"], &open["outcome"]), (&json!("confirmed"), &Value::Null));
 }
 
 /// A pipe with a recording's name was once skipped silently.
@@ -116,18 +117,23 @@ fn changed_or_missing_recording_is_found() {
     let summary = json!({ "sound": true, "recordings": 3, "bad": 0, "not_on_record": 1 });
     assert_eq!(rows(&text).last(), Some(&summary));
     std::fs::write(folder.join(FILE), "longer than what was recorded").unwrap();
-    let (_, text) = run_verb(&context, RecordingsVerb::Verify, false);
-    let line = text.lines().find(|line| line.starts_with(&format!("{FILE}  DIFFERS: "))).unwrap();
-    assert!(line.contains("29 bytes") && line.contains("24"), "{text}");
+    let (_, text) = run_verb(&context, RecordingsVerb::Verify, true);
+    let longer = rows(&text).into_iter().find(|row| row["file"] == FILE).unwrap();
+    let detail = longer["detail"].as_str().unwrap();
+    assert!(longer["standing"] == "differs" && detail.contains("29") && detail.contains("24"), "{longer}");
     std::fs::write(folder.join(FILE), FILE.to_uppercase()).unwrap();
     std::fs::remove_file(folder.join(SECOND)).unwrap();
-    let (ended, text) = run_verb(&context, RecordingsVerb::Verify, false);
+    let (ended, text) = run_verb(&context, RecordingsVerb::Verify, true);
     assert_eq!(ended.unwrap(), Exit::Rejected, "{text}");
-    assert!(text.contains(&format!("{FILE}  DIFFERS: its SHA-256 is ")), "{text}");
-    assert!(text.contains(&format!("{SECOND}  MISSING: ")), "{text}");
-    assert!(text.contains(&format!("{OPEN}  not on record: ")), "{text}");
-    let (_, text) = run_verb(&context, RecordingsVerb::Verify, true);
-    let last: Value = serde_json::from_str(text.lines().last().unwrap()).unwrap();
+    let found = rows(&text);
+    for (file, result) in [
+        (FILE, RecordingCheck::Differs),
+        (SECOND, RecordingCheck::Missing),
+        (OPEN, RecordingCheck::NotOnRecord),
+    ] {
+        assert!(found.iter().any(|row| row["file"] == file && row["standing"] == result.name()), "{text}");
+    }
+    let last = found.last().unwrap();
     assert_eq!((&last["sound"], &last["bad"]), (&json!(false), &json!(2)));
 }
 

@@ -91,11 +91,16 @@ mod tests {
             at_ms: 3_723_000,
             wall: None,
         };
-        let goal = row(RecordKind::GoalSet, Some("grasp")).line();
-        assert!(goal.starts_with("goal     grasp, set by mia at 01:02:03: the tray is"), "{goal}");
-        assert!(!goal.contains('\u{1b}'), "{goal:?}");
-        assert!(row(RecordKind::CellReleased, None).line().starts_with("started  by mia at 01:02:03: "));
-        assert!(row(RecordKind::ShiftNote, None).line().starts_with("note     by mia at 01:02:03: "));
+        let reason = Untrusted::from("the tray is\u{1b}[2J new");
+        for (kind, goal, act) in [
+            (RecordKind::GoalSet, Some("grasp"), CellAct::Goal("grasp")),
+            (RecordKind::CellReleased, None, CellAct::Start),
+            (RecordKind::ShiftNote, None, CellAct::Note),
+        ] {
+            let line = row(kind, goal).line();
+            assert_eq!(line, cell_act(act, "mia", "01:02:03", reason.line()));
+            assert!(!line.contains('\u{1b}'), "{line:?}");
+        }
     }
 
     #[test]

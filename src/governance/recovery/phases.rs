@@ -270,7 +270,10 @@ mod tests {
         assert!(text.contains(row), "{text}");
         let twice = text.replace("\"phases\":[", &format!("\"phases\":[{row},"));
         let error = serde_json::from_str::<DrillTallies>(&twice).unwrap_err().to_string();
-        assert!(error.contains("abort drills in lifting "), "{error}");
+        assert!(
+            error.contains(DrillKind::Abort.name()) && error.contains(WorkPhase::Lifting.name()),
+            "{error}"
+        );
         assert!(!serde_json::to_string(&DrillTallies::default()).unwrap().contains("phases"));
     }
 }
