@@ -22,6 +22,7 @@ use std::os::unix::fs::PermissionsExt as _;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
+use holdpoint::wording::console::form;
 use pty::{Console, Home};
 use svg::{Movie, SIZE};
 
@@ -194,12 +195,12 @@ fn stop_and_start(scene: &mut MovieScene<'_>) {
         text.contains("STOPPED by ana")
     });
     scene.keys("W");
-    scene.wait("the form", |text| text.contains("Start the stopped cell"));
+    scene.wait("the form", |text| text.contains(form::START_THE_STOPPED_CELL));
     let reason = "the tray is clear, the fence is closed";
     scene.keys(reason);
     scene.keys("\t\t");
     scene.show(2.5, "W starts it again, with a name and a reason.", |text| {
-        text.contains(reason) && text.contains("▸[Start the cell]")
+        text.contains(reason) && text.contains(&format!("▸[{}]", form::START_THE_CELL))
     });
     scene.keys("\r");
     scene.show(2.0, "The arm moves again. Stop and start are on record.", |text| !text.contains("STOPPED"));

@@ -12,7 +12,7 @@ use std::process::{Command, Output, Stdio};
 use holdpoint::cli::Cli;
 use holdpoint::store::Layout;
 use holdpoint_text::users::described_user;
-use holdpoint_wording::program::candidate::registered_already;
+use holdpoint_wording::program::candidate::{CheckSummary, check_summary, registered_already};
 use rusqlite::Connection;
 use serde_json::Value;
 
@@ -342,7 +342,10 @@ fn a_candidate_check_names_the_field_the_state_and_the_profiles() {
     let state = report["registered"].as_str().unwrap();
     let text = succeeds(&data, &["candidate", "check", IMPROVED]);
     assert!(text.contains(&registered_already("grasp@1.1.0", state)), "{text}");
-    assert!(text.lines().next_back().unwrap().starts_with("result     admitted under sim"), "{text}");
+    assert!(
+        text.lines().next_back().unwrap().starts_with(&check_summary(CheckSummary::Admitted("sim", ""))),
+        "{text}"
+    );
     // Registration and check answer alike about a family that does not exist.
     let folder = fixture.candidate("push", "name = \"grasp\"", "name = \"push\"");
     let (registered, commands) = fails(&data, &["candidate", "register", &folder], 2, "not-found");

@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 use std::time::Duration;
 
+use holdpoint::governance::record::UpgradeEnd;
 use holdpoint::protocol::clock::tick_of;
 use holdpoint::protocol::event::Event;
 use holdpoint::protocol::sink::{ClosedRecording, SinkReport};
@@ -14,6 +15,7 @@ use holdpoint::store::{AuditBody, Transaction};
 use holdpoint_wording::program::audit::recordings as verified_recordings;
 use holdpoint_wording::program::recordings as sentences;
 use holdpoint_wording::program::store::copied_recordings;
+use serde_json::Value;
 
 use crate::quick_folder::quick_folder;
 use crate::reported_error::{assert_error, is_about};
@@ -62,7 +64,7 @@ fn a_replay_prints_all_or_up_to_a_tick() {
     let lines: Vec<&str> = text.lines().collect();
     assert_eq!((code, lines.len()), (Some(0), recording.events.len() + 2), "{text}");
     assert!(lines[0].starts_with("place@1.1.0"), "{text}");
-    assert!(lines.last().unwrap().starts_with("ended: rolled-back; "), "{text}");
+    assert!(lines.last().unwrap().contains(UpgradeEnd::RolledBack.name()), "{text}");
     assert_eq!(holdpoint(root.path(), &["replay", file, "--plain"]), (Some(0), text));
     let (code, json) = holdpoint(root.path(), &["replay", file, "--json"]);
     let events: Vec<Event> = json.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
@@ -109,8 +111,10 @@ fn one_changed_byte_is_found_before_it_is_opened() {
     let path = store(root.path());
     let (code, text) = holdpoint(root.path(), &["recordings", "verify"]);
     assert!(code == Some(0) && text.contains(&sentences::checked_all(1, 0, 0)), "{text}");
-    let (code, text) = holdpoint(root.path(), &["recordings", "list"]);
-    assert!(code == Some(0) && text.contains("place@1.1.0  rolled-back"), "{text}");
+    let (code, text) = holdpoint(root.path(), &["recordings", "list", "--json"]);
+    let listed: Value = serde_json::from_str(&text).unwrap();
+    assert_eq!((code, &listed["version"]), (Some(0), &Value::from("place@1.1.0")));
+    assert_eq!(listed["outcome"], UpgradeEnd::RolledBack.name());
     assert_eq!(holdpoint(root.path(), &["replay", "place@1.1.0", "--plain"]).0, Some(0));
     let elsewhere = quick_folder();
     let backup = |name: &str| {

@@ -163,7 +163,8 @@ fn after_a_sudden_end_the_cell_stays_stopped_under_every_profile() {
             reason.len() > stop_after_unclean_end(None).len(),
             "with the time of the last record: {reason}"
         );
-        assert!(output_text(&holdpoint(&store, &["status"])).contains("as \"the engine\""));
+        let status: Value = serde_json::from_slice(&holdpoint(&store, &["status", "--json"]).stdout).unwrap();
+        assert_eq!(status["stopped"]["by"], "the engine", "{status}");
         let alarms: Vec<Value> = records(&store, RecordKind::AlarmChanged);
         assert!(alarms.iter().any(|alarm| alarm.to_string().contains("came-up-stopped")), "{alarms:?}");
         if profile != "sim" {

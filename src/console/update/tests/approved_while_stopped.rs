@@ -29,7 +29,7 @@ fn an_approved_request_names_its_takeover() {
         console.tell(MsgKind::Snapshot(Arc::new(granted(stopped))));
         console.draw((120, 80));
         let screen = screen_text(&console);
-        assert!(screen.contains(&format!("ana, ben: it {takeover}")), "{screen}");
+        assert!(screen.contains("ana, ben") && screen.contains(takeover), "{screen}");
         for untrue in ["Time left", "is needed (", "decide later", "type the"] {
             assert!(!screen.contains(untrue), "{untrue}: {screen}");
         }

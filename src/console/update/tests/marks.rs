@@ -107,7 +107,7 @@ fn a_change_voids_the_form_and_an_obstacle_is_named() {
     mark(&mut console, &["align@1.1.0", "grasp@1.4.0"]);
     assert!(console.keys("F").is_empty() && form(&console).is_none());
     let notice = &console.model.notice.as_ref().unwrap().text;
-    assert!(notice.starts_with("grasp@1.4.0 is rejected") && notice.contains("its mark"), "{notice}");
+    assert!(notice.starts_with("grasp@1.4.0 ") && notice.contains(State::Rejected.name()), "{notice}");
     // A screen that cannot name them all does not ask.
     let mut console = console_with_candidates();
     mark(&mut console, &["align@1.1.0", "place@1.1.0"]);

@@ -343,7 +343,7 @@ fn a_queued_candidate_names_its_wait() {
     // A candidate that waits for approvers is not at the beginning of a stage.
     with(&mut console, |now| now.candidates[0].flags.running = Some(Stage::Activation));
     let text = screen(&console, 120, 36);
-    assert!(text.contains("0 of 2 approved, until "), "{text}");
+    assert!(text.contains("0 of 2 approved"), "{text}");
     assert!(!text.contains("begins"), "{text}");
 }
 

@@ -119,7 +119,7 @@ fn a_recording_covers_nothing_that_is_open_and_must_have_content() {
     console.keys("?");
     console.tell(recording(&[10_000]));
     assert!(matches!(console.model.input.overlay, Some(Overlay::Palette(_))));
-    assert!(notice(&console).contains("ask for it again"), "{}", notice(&console));
+    assert_eq!(notice(&console), wording::recording::read_while_busy(CANDIDATE));
     console.press(KeyCode::Esc);
     console.tell(recording(&[]));
     assert_eq!(cursor_ms(&console), None);
