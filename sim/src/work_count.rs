@@ -1,4 +1,4 @@
-//! How much a thread has simulated: what an evaluation costs, in numbers that do not depend on the machine.
+//! Counts of what a thread has simulated: the cost of an evaluation, the same on every machine.
 
 use std::cell::Cell;
 
@@ -7,9 +7,9 @@ use std::cell::Cell;
 pub struct WorkCount {
     /// Episodes set up.
     pub episodes: u64,
-    /// Times a world went on from the copy of another.
+    /// Worlds that continued from a copy of another.
     pub forks: u64,
-    /// Ticks of physics, those that close the hand on an object before an episode included.
+    /// Ticks of physics, including those that close the hand on an object before an episode.
     pub ticks: u64,
 }
 

@@ -266,7 +266,7 @@ impl EffectRunner {
         };
         let who = model.session.operator.as_ref().map(|who| who.name.as_str());
         let Some(name) = command.by().or(who).map(ToOwned::to_owned) else {
-            return refused(id, Refusal::BadInput, &Problem::new(shared::SAY_WHO_YOU_ARE));
+            return refused(id, Refusal::BadInput, &Problem::new(shared::CHOOSE_IDENTITY_FIRST));
         };
         let (folder, is_protected) = (self.host.identities(), passphrase.is_some());
         let of = id.clone();

@@ -249,7 +249,7 @@ pub enum FormProblem {
     /// It opened, or got a burst of keys, a moment ago.
     #[error("{}", wording::KEY_DID_NOTHING)]
     Guard,
-    #[error("{}", shared::SAY_WHO_YOU_ARE)]
+    #[error("{}", shared::CHOOSE_IDENTITY_FIRST)]
     NoIdentity,
     #[error("{}", wording::REASON_NEEDED)]
     NoReason,

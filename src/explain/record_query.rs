@@ -54,7 +54,7 @@ impl RunningQuery {
     }
 }
 
-/// See the module comment.
+/// The queries that run or are answered, in the order of their start.
 #[derive(Default)]
 pub struct QueryQueue(VecDeque<RunningQuery>);
 
@@ -90,11 +90,11 @@ impl QueryQueue {
             return running.answered();
         }
         let refuse = |text: &str| {
-            let hint = Some("ask again when one of them is answered".to_owned());
+            let hint = Some("repeat the query when one of them has ended".to_owned());
             Some(Reply::Refused { code: Refusal::NotNow, text: text.to_owned(), hint })
         };
         if self.0.iter().filter(|running| running.is_open()).count() >= READING_MAX {
-            return refuse(&format!("{READING_MAX} questions about the record are being read already"));
+            return refuse(&format!("the engine already reads the record for {READING_MAX} queries"));
         }
         while self.0.len() >= STORED_MAX {
             let Some(oldest) = self.0.iter().position(|running| !running.is_open()) else { break };
@@ -107,7 +107,7 @@ impl QueryQueue {
             // The client must get an answer.
             let reply = reply.unwrap_or_else(|_| Reply::Refused {
                 code: Refusal::Store,
-                text: "the reading of the record failed".to_owned(),
+                text: "the query of the record failed".to_owned(),
                 hint: Some("look at `holdpoint audit verify`".to_owned()),
             });
             *slot.lock().unwrap_or_else(PoisonError::into_inner) = Some(reply);

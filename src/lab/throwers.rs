@@ -105,7 +105,7 @@ pub fn reports_of(files: &[PathBuf]) -> Result<Vec<ThrowersReport>, ExperimentEr
 /// Runs what is missing. `tell` gets one line a finished run.
 ///
 /// # Errors
-/// If a file cannot be used, or a version comes to no end.
+/// If a file cannot be used, or a run does not end.
 pub fn run(plan: &ThrowersPlan, tell: &ProgressFn<'_>) -> Result<ThrowersReport, ExperimentError> {
     let rows = RowFile::open(plan.rows.clone())?;
     controller::provide_controllers().map_err(|error| ExperimentError::Unexpected(error.to_string()))?;
@@ -141,7 +141,7 @@ pub fn run(plan: &ThrowersPlan, tell: &ProgressFn<'_>) -> Result<ThrowersReport,
     ThrowersReport::of(decided_by(holdpoint_sim::BUILD), setting, runs)
 }
 
-/// The versions that harm in single tasks as well, with their names: by each act, in every task and in one of forty.
+/// Versions that harm in single tasks, too, with their names: for each act, one in every task and one in one of 40 tasks.
 ///
 /// # Errors
 /// If a folder for a version cannot be used.

@@ -13,8 +13,8 @@ use holdpoint_protocol::video_frame::VideoFrame;
 /// The most pending items.
 pub const QUEUE_MAX: usize = 8_192;
 
-/// The most video frames among them, which leaves room for rarer items that matter more.
-pub const PICTURES_WAITING_MAX: usize = 6_144;
+/// The most video frames among them. The rest of the queue is for items that are rarer and matter more.
+pub const FRAMES_WAITING_MAX: usize = 6_144;
 
 /// An item of the queue.
 #[derive(Debug)]
@@ -75,7 +75,7 @@ pub fn queue() -> (Feed, FeedReceiver) {
 impl Feed {
     /// Hands over a video frame; drops it if too many are pending or the sink has ended.
     pub fn video_frame(&self, frame: VideoFrame) {
-        let take = |count: usize| (count < PICTURES_WAITING_MAX).then_some(count + 1);
+        let take = |count: usize| (count < FRAMES_WAITING_MAX).then_some(count + 1);
         let room = self.waiting.fetch_update(Ordering::AcqRel, Ordering::Acquire, take).is_ok();
         if room && self.queue.try_send(FeedItem::Frame(Box::new(frame))).is_ok() {
             return;

@@ -1,4 +1,4 @@
-//! Acts that take authority away wait for nothing: not for readers, not for the current slice, not for the record.
+//! A request that takes authority away waits for no reader, no slice and no record.
 //!
 //! `HOLDPOINT_BRAKES=200` measures with a version that has all its evidence. It prints the median, the 99th
 //! percentile and the worst time from the request to the stop command, and to the answer, which comes when it is on

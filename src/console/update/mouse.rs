@@ -1,5 +1,5 @@
-//! Clicks: to a view, a pane, a row; on the row under the cursor it opens, as Enter does. A click never reaches a
-//! dialog: no question is answered by pointing.
+//! A click goes to a view, a pane or a row; on the row under the cursor it opens the row, as Enter does. A click never
+//! reaches a dialog, so the mouse decides nothing.
 
 use ratatui::layout::Rect;
 

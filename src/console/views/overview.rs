@@ -1,4 +1,4 @@
-//! View 1: what is in control, what is watched and what runs, everything that waits for a person, the robot, alarms and events.
+//! View 1: active versions, the pipeline, everything that waits for a person, the robot, alarms and events.
 //!
 //! ```text
 //! ── In control ─────────────────────── │ ▸ Robot ──────────────────
@@ -222,7 +222,7 @@ fn draw_one_pane(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
 
 fn draw_two_panes(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
     let items = waits::items(model);
-    // Over the whole width: half of it cuts who and until when.
+    // Over the whole width: half of it would cut the person and the deadline.
     let (upper, lower) = cut(area, area.height - waits::height(&items, area.height));
     let (left, right) = pen.split(upper, upper.width * 3 / 5);
     versions_and_pipeline(model, pen, left);
@@ -360,7 +360,7 @@ fn alarm_row(model: &ConsoleModel, item: AlarmItem<'_>, pen: &Pen<'_>) -> Row {
         .with(ThemeRole::Text, &format!(" {}{count}: {notice}", alarm.subject))
 }
 
-/// What waits for a person, in a line.
+/// A version or request that waits for a person, as one line.
 #[must_use]
 pub fn waiting_row(model: &ConsoleModel, item: &WaitingRow<'_>, pen: &Pen<'_>, width: usize) -> Row {
     let now_ms = model.engine_ms();

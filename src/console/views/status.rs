@@ -75,7 +75,7 @@ pub fn stopped(model: &ConsoleModel) -> Option<String> {
     let stopped = model.engine_data.snapshot.as_ref()?.stopped.as_ref()?;
     let own = model.engine_data.own_account();
     let by = |by: &str, caller: &Caller| {
-        // A stop of another account names it: the person's name is what that account states.
+        // A stop from another account names the account, which alone stated the person's name.
         let account = match caller {
             Caller::Process { uid, user, .. }
                 if by.is_empty() || own.is_some_and(|account| account.uid != *uid) =>
@@ -111,14 +111,14 @@ pub fn stop_row(model: &ConsoleModel) -> Option<Row> {
 }
 
 fn head(model: &ConsoleModel, snapshot: &Snapshot, look: &Look) -> Row {
-    // The line below the views says it better, wherever it is on the screen.
+    // Where the screen has the line of state, that line names the stop.
     let stop = stop_row(model).filter(|_| !super::state_line::says_stopped(model));
     let mut row = stop.unwrap_or_default();
     if let Some(alarm) = snapshot.foremost_alarm() {
         row.push(StateMark::priority(alarm.priority).role, &priority_label(look, alarm.priority));
         row.push(ThemeRole::Text, " ");
     } else {
-        // Nothing is known to be good while no engine looks.
+        // Without an engine, no state is known to be good.
         let (role, glyph) = match model.last_seen() {
             None => (ThemeRole::Good, Glyph::Good),
             Some(_) => (ThemeRole::Unknown, Glyph::Unknown),

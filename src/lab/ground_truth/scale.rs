@@ -89,7 +89,7 @@ impl HarmThreshold {
 
 holdpoint_governance::closed_set! {
     /// The measure by which a version is worse than the one before without doing harm.
-    WorseBy, "way of being worse", {
+    WorseBy, "kind of worsening", {
         /// More of its tasks fail.
         Undone = "undone",
         /// More of its episodes exceed a limit, or request it.

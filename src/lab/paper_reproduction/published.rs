@@ -8,7 +8,7 @@ use holdpoint_governance::text_error::parse_toml;
 /// The text that comes with the program.
 const TEXT: &str = include_str!("../paper.toml");
 
-/// Blocked, of.
+/// Blocked faults, and all faults.
 type BlockedCount = [u32; 2];
 
 /// Mean and standard deviation, percent.
@@ -21,7 +21,7 @@ pub type SignedRankTest = [f64; 3];
 /// paper has a dash.
 pub type PublishedAblationRow = [f64; 6];
 
-/// Every table that is compared with.
+/// The tables of the paper that the report compares with.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct PublishedNumbers {
@@ -160,7 +160,7 @@ impl PublishedNumbers {
     /// The numbers that come with the program.
     ///
     /// # Errors
-    /// None, as a test reads them.
+    /// If the text does not parse; a test parses it.
     pub fn builtin() -> Result<Self, ExperimentError> {
         parse_toml("paper.toml", TEXT).map_err(|error| ExperimentError::Unexpected(error.to_string()))
     }
@@ -170,7 +170,7 @@ impl PublishedNumbers {
 mod tests {
     use super::*;
 
-    /// Where the paper prints one number twice, both are here once each and agree; a slip of the pen would not.
+    /// The paper prints some numbers twice. The copies agree here, so a typing error in one is found.
     #[test]
     fn the_tables_agree_where_they_repeat_each_other() {
         let printed = PublishedNumbers::builtin().unwrap();

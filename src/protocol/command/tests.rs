@@ -139,14 +139,14 @@ fn alarms_and_stops_are_harmless_and_changes_of_the_cell_wait() {
 }
 
 /// Adds an unknown field to every object within, one at a time.
-fn spoilt(value: &Value) -> Vec<Value> {
+fn with_unknown_fields(value: &Value) -> Vec<Value> {
     let Value::Object(fields) = value else { return Vec::new() };
     let mut all = Vec::new();
     let mut more = fields.clone();
     more.insert("unknown".to_owned(), json!(1));
     all.push(Value::Object(more));
     for (name, inner) in fields {
-        all.extend(spoilt(inner).into_iter().map(|inner| {
+        all.extend(with_unknown_fields(inner).into_iter().map(|inner| {
             let mut other = fields.clone();
             other.insert(name.clone(), inner);
             Value::Object(other)
@@ -165,7 +165,7 @@ fn every_request_refuses_fields_that_it_does_not_know() {
     calls.push(json!({ "call": "subscribe" }));
     for call in calls {
         assert!(read(&call).is_ok(), "{call}: {:?}", read(&call));
-        for wrong in spoilt(&call) {
+        for wrong in with_unknown_fields(&call) {
             assert!(read(&wrong).is_err(), "{wrong}");
         }
     }

@@ -10,9 +10,8 @@ pub const RECORD_IS_BEING_READ: &str = "The record is being read";
 pub const ENGINE_SHUT_DOWN_CLEANLY: &str = "the engine shut down cleanly";
 pub const NO_ENGINE_HERE: &str = "no engine is running here";
 pub const NO_ENGINE_HERE_TITLE: &str = "No engine is running here";
-pub const ORDER_OF_TIME: &str =
-    "this list stands in the order in which things happened; the registry can be sorted";
-pub const SAY_WHO_YOU_ARE: &str = "say who you are first (`:as NAME`)";
+pub const ORDER_OF_TIME: &str = "this list is in the order of time; the registry can be sorted";
+pub const CHOOSE_IDENTITY_FIRST: &str = "choose your identity first (`:as NAME`)";
 
 #[must_use]
 pub fn more_below(rows: usize, key: &str) -> String {
@@ -46,7 +45,7 @@ pub fn frozen(glyph: &str, since: &str, key: &str) -> String {
 
 #[must_use]
 pub fn who_first(title: &str) -> String {
-    format!("{SAY_WHO_YOU_ARE}: {title}")
+    format!("{CHOOSE_IDENTITY_FIRST}: {title}")
 }
 
 #[must_use]

@@ -1,4 +1,4 @@
-//! What a person signs and reads beside an impostor.
+//! A client signs no request for an impostor, and a console reads nothing from one.
 
 use std::sync::atomic::Ordering;
 

@@ -1,4 +1,4 @@
-//! What is handed over is what is received, in both directions, and a run's copy goes on as the run does.
+//! Observations and commands cross the border of a component unchanged, in both directions.
 
 use holdpoint_body::{CodeFault, Command, FailureSignal, JointVec, Pose};
 use holdpoint_skill::Skill as _;
@@ -43,7 +43,7 @@ fn every_field_of_an_observation_arrives() {
     for (place, expected) in expected {
         assert_eq!(field(place), expected, "the number at {place}");
     }
-    // What is smaller than a number: its bits below the padding's.
+    // A value that is smaller than a number has the low bits; padding has the others.
     let mut bits = |place: u64, mask: u64| field(place).to_bits() & mask;
     assert_eq!([1, 10, 19].map(|place| bits(place, 0xff)), [7; 3], "counts");
     assert_eq!((bits(44, 0xff), bits(53, 0xff)), (0, 1), "the object was not seen, the target was");
@@ -88,12 +88,12 @@ fn every_command_arrives() {
         assert_eq!(command(10 * number + 6), Command::Fail { signal });
     }
     assert_eq!(run.confined().fault, None);
-    // What cannot be a command is none: more joints than there are, no such failure, no such command.
+    // An answer that is no command is a fault: too many joints, an unknown failure, an unknown command.
     for (tick, what) in [(92, "9 joints"), (2_002, "200 joints"), (96, "no failure"), (7, "no command")] {
         let mut run = component.run(1);
         assert_eq!(run.tick(&seen(tick)), Command::Hold, "{what}");
         assert_eq!(run.confined().fault, Some(CodeFault::Answer), "{what}");
-        assert_eq!(run.tick(&seen(4)), Command::Hold, "after a fault nothing is asked for");
+        assert_eq!(run.tick(&seen(4)), Command::Hold, "after a fault the code is not called");
     }
     all_is_well();
 }

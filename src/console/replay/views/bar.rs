@@ -1,5 +1,4 @@
-//! The time bar: marks of decisions and failures, the stretches with frames, the moments at which it went wrong, and
-//! the cursor.
+//! The time bar: marks of events, the stretches with frames, the failures, and the cursor.
 //!
 //! ```text
 //!            ✔      ◷✔ ↑           ✖↩

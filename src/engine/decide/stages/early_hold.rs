@@ -1,5 +1,4 @@
-//! Ends of a sandbox that no episode decides: a fault of the cell, or time beyond what the candidate may take. The candidate
-//! is put on hold for it and never rejected.
+//! Ends of a sandbox for a fault of the cell or for too much time. The candidate is put on hold and never rejected.
 
 use holdpoint_governance::composition::{Kappas, admits, psi};
 use holdpoint_governance::ids::CapabilityId;

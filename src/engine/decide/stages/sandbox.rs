@@ -53,10 +53,10 @@ pub struct SandboxRun {
 }
 
 enum SandboxPhase {
-    /// With the records so far.
+    /// The candidate works alone in a mode, with its records so far.
     Alone(SoloMode, Vec<TaskRecord>),
     Compare(Box<SandboxComparison>),
-    /// Nothing was found against it: the worst episode is searched for.
+    /// The comparison found nothing against the candidate; the search for its worst episode runs.
     Search(Box<SandboxComparison>, Box<Search>),
 }
 

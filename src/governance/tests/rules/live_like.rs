@@ -1,4 +1,4 @@
-//! The live-like pairs by themselves: what they reject, what they doubt, and that equally good versions pass.
+//! The live-like pairs alone reject a version or raise a concern, and equally good versions pass them.
 
 use holdpoint_governance::behavior::{BehaviorAssessment, live_like_pairs};
 use holdpoint_governance::comparison_evidence::ComparisonEvidence;

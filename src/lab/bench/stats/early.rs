@@ -27,8 +27,8 @@ const COMPONENTS: [(&str, EpisodeSpoiler); 4] = [
 /// Active-only pairs that a boundary population holds beside its net worsening.
 const OPPOSED: [usize; 2] = [0, 15];
 
-/// Candidates that are worse by so much more, in which component.
-const BAD: [(&str, usize, f64); 5] = [
+/// Worse candidates: the component with its place in [`COMPONENTS`], and the added rate of its events.
+const WORSE_CANDIDATES: [(&str, usize, f64); 5] = [
     ("failures", 0, 0.15),
     ("failures", 0, 0.3),
     ("violations", 1, 0.2),
@@ -45,8 +45,8 @@ pub(super) fn study(study: &Study) -> Result<Vec<StudyFigure>, BenchError> {
             findings.push(boundary(study, profile, name, spoil, opposed)?);
         }
     }
-    for (name, component, worse) in BAD {
-        findings.extend(bad(study, profile, name, COMPONENTS[component].1, worse)?);
+    for (name, component, worse) in WORSE_CANDIDATES {
+        findings.extend(worse_candidate(study, profile, name, COMPONENTS[component].1, worse)?);
     }
     Ok(findings)
 }
@@ -108,7 +108,7 @@ fn first_look(pairs: &[Pair], ends: impl Fn(&PairedEvidence) -> bool) -> Option<
 }
 
 /// Candidates sampled from the recorded pairs and made worse: the pairs that each rule saves, and its errors.
-fn bad(
+fn worse_candidate(
     study: &Study,
     profile: &Profile,
     name: &'static str,

@@ -1,7 +1,7 @@
 //! The effects that the comparison of behavior and harm finds: a table of effect sizes for every component and measure
-//! under every profile. A second table has how often harm counts against equally good versions.
+//! under every profile. A second table counts how often equally good versions are rejected for harm.
 //!
-//! Pairs are sampled from recorded ones, and a coin selects the candidate; then one thing of the candidate gets worse.
+//! Pairs are sampled from recorded ones, and a coin selects the candidate; then one component of the candidate gets worse.
 //! For a rate, that part of its episodes gets the event; for time and retries every episode gets more; for a measure of
 //! harm every episode gets a multiple of the profile's margin more. An effect counts as found if the result is not
 //! "compatible".
@@ -40,7 +40,7 @@ pub(super) fn study(study: &Study) -> Result<Vec<StudyFigure>, BenchError> {
     for profile in &study.profiles {
         for table in &study.recorded.harm {
             let under = format!("{}, {}", table.name, profile.name);
-            let found = count(runs, &format!("equal {under}"), table, profile, |_, _| (), speaks_of_harm);
+            let found = count(runs, &format!("equal {under}"), table, profile, |_, _| (), establishes_harm);
             let stated = Some(StatedBound::AtMost(profile.evaluation.alpha));
             findings.push(rate("harm", StudyMeasure::EqualRejectedForHarm, under, found, stated)?);
         }
@@ -84,7 +84,7 @@ fn is_found(found: &BehaviorAssessment) -> bool {
     found.assessment.outcome != BehaviorOutcome::Compatible
 }
 
-fn speaks_of_harm(found: &BehaviorAssessment) -> bool {
+fn establishes_harm(found: &BehaviorAssessment) -> bool {
     found.harm.iter().any(HarmComparison::is_established)
 }
 

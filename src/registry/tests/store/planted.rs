@@ -197,7 +197,7 @@ fn files_named_like_quarantined_telemetry_stop_no_start() {
     let store = open(folder.path());
     drop(store);
     let after = verify(&folder.path().join("holdpoint.db"), None).unwrap();
-    assert_eq!(format!("{before:?}"), format!("{after:?}"), "something went on record");
+    assert_eq!(format!("{before:?}"), format!("{after:?}"), "a record was written");
 }
 
 /// A link in place of a copied folder adds nothing to the copy, such as keys.
