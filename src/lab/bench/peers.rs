@@ -176,7 +176,7 @@ pub enum PeerError {
     /// An engine lost the cube too often for its speed to mean anything.
     #[error(
         "{} lifted {lift_rate:.3} and placed {place_rate:.3} of its episodes; at least {SUCCESS_MIN} are needed",
-        answers::peer_engine(.engine)
+        answers::peer_engine(engine)
     )]
     Lost { engine: PeerEngine, lift_rate: f64, place_rate: f64 },
 }
