@@ -2,6 +2,7 @@
 
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::fs;
+use std::ops::RangeInclusive;
 use std::path::{Path, PathBuf};
 
 use clap::CommandFactory as _;
@@ -60,6 +61,25 @@ fn the_readme_is_short() {
     let text = fs::read_to_string(root().join("README.md")).unwrap();
     let words = text.split_whitespace().count();
     assert!(words <= README_WORDS_MAX, "README.md has {words} words; {README_WORDS_MAX} are allowed");
+}
+
+/// The lines of a day, or of a release, in the list of changes.
+const CHANGES_LINES: RangeInclusive<usize> = 5..=15;
+
+#[test]
+fn the_changes_of_a_day_are_few() {
+    let page = fs::read_to_string(root().join("src/guide/changes.md")).unwrap();
+    let mut problems = Vec::new();
+    let days: Vec<&str> = page.split("\n## ").skip(1).collect();
+    for day in &days {
+        let lines: Vec<&str> = day.lines().filter(|line| !line.is_empty()).collect();
+        let entries = lines.len() - 1;
+        if !CHANGES_LINES.contains(&entries) {
+            problems.push(format!("{}: {entries} lines; {CHANGES_LINES:?} are allowed", lines[0]));
+        }
+    }
+    report(&problems);
+    assert!(days.len() > 5, "{} days were found", days.len());
 }
 
 /// The largest page of a how-to: one task, read in two minutes.
