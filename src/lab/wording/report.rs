@@ -259,7 +259,10 @@ pub fn profiles(monotone: bool, enough: bool, false_rejects: &[Proportion]) -> S
         (false, _) => "not held",
     };
     let counts: Vec<String> = false_rejects.iter().map(counted).collect();
-    format!("E5: stricter profiles reject no fewer benign candidates: {verdict} ({})", counts.join("; "))
+    format!(
+        "E5: stricter profiles reject no fewer benign candidates: {verdict}. Rejected: {}",
+        counts.join("; ")
+    )
 }
 
 // --- Sensitivity ---

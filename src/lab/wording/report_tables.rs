@@ -49,7 +49,7 @@ pub const DEPLOYMENT_CLAIMS: TableHead = ["The paper's claims of direction", "cl
 pub const ARM_TESTS: TableHead = [
     "Tests, paired over seeds",
     "comparison | mean | 95 % (BCa) | W | n | zeros | ties | p | p (Holm) | d_z | seeds for 80 % | paper: W | 95 %",
-    "n is of the non-zero differences. d_z is the mean over the standard deviation of the differences; beside it is how \
+    "n is of the non-zero differences. d_z is the mean over the standard deviation of the differences. Beside it is how \
      many seeds a t-test of that size needs for 80 % power, by the normal approximation (the paper: 25 to 30 for success, \
      from a pooled standard deviation; readings X38).",
 ];
@@ -173,8 +173,8 @@ pub const ABLATED_ROUNDS: TableHead = [
 pub const ABLATION_CLAIMS: TableHead = [
     "The paper's claims of direction",
     "claim | verdict | because",
-    "Paired over the same candidates: held or not held where the difference is established at a one-sided 5 % (exact, by \
-     the candidates of which only one of the two says it), not shown otherwise. The versions rolled back after activation \
+    "Paired over the same candidates. Held or not held: the difference is established at a one-sided 5 % (exact, by the \
+     candidates of which only one of the two says it). Not shown: otherwise. The versions rolled back after activation \
      are of other candidates in each variant: a 95 % interval of the difference (Newcombe). Success: held where the 95 % \
      interval of the mean over seeds (BCa) is within five points.",
 ];
