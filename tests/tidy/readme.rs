@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 use clap::CommandFactory as _;
 use holdpoint::cli::{Cli, Exit};
 use holdpoint::governance::profile::{Profile, ProfileName};
-use holdpoint::protocol::wire::PROTOCOL;
+use holdpoint::protocol::wire::{ClientMessage, PROTOCOL, ServerMessage};
 
 use crate::data::{names, root, scenarios};
 use crate::report;
@@ -372,6 +372,15 @@ fn the_session_in_the_guide_speaks_the_present_protocol() {
         versions.iter().all(|number| *number == PROTOCOL.to_string()),
         "{versions:?}, and not {PROTOCOL}"
     );
+    let sent: Vec<&str> = text.lines().filter_map(|line| line.strip_prefix("→ ")).collect();
+    let received: Vec<&str> = text.lines().filter_map(|line| line.strip_prefix("← ")).collect();
+    assert!(sent.len() >= 2 && received.len() >= 4, "{sent:?} {received:?}");
+    for line in sent {
+        serde_json::from_str::<ClientMessage>(line).unwrap_or_else(|error| panic!("{line}: {error}"));
+    }
+    for line in received {
+        serde_json::from_str::<ServerMessage>(line).unwrap_or_else(|error| panic!("{line}: {error}"));
+    }
 }
 
 #[test]
