@@ -204,8 +204,8 @@ fn footer(model: &ConsoleModel, prompt: &ApprovalScreen, pen: &Pen<'_>, width: u
     }
     if prompt.unread() > 0 && prompt.stale.is_none() {
         // In rows, as the heading counts what is below.
-        let rows = lines(prompt, width);
-        let (unread, all) = (prompt.unread_rows(width, &rows), rows.len());
+        let all = lines(prompt, width);
+        let (unread, all) = (prompt.unread_rows(width, &all), all.len());
         let key = model.keymap.key(Action::PageDown);
         let text = wording::lines_unread(pen.look.glyph(Glyph::Warning), unread, all, &key);
         rows.push(Row::of(ThemeRole::Warning, &text));
