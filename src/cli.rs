@@ -77,7 +77,7 @@ use crate::error::print_usage;
 
 pub use crate::error::{CliError, Exit};
 pub use context::CliContext;
-pub use engine_verbs::{EngineVerbs, RealEngine};
+pub use engine_verbs::{EngineVerb, EngineVerbs, RealEngine};
 pub use output::CommandOutput;
 pub(crate) use roles::with_present_names;
 pub(crate) use verb_executor::refused;
@@ -302,12 +302,14 @@ pub fn dispatch(
         json: cli.json,
     };
     match &cli.verb {
-        None => engine.without_verb(&context()?, out),
-        Some(Verb::Run(args)) if args.script.is_some() => engine.run(&without_home(), args, out),
-        Some(Verb::Run(args)) => engine.run(&context()?, args, out),
+        None => engine.run(&context()?, EngineVerb::Without, out),
+        Some(Verb::Run(args)) if args.script.is_some() => {
+            engine.run(&without_home(), EngineVerb::Run(args), out)
+        }
+        Some(Verb::Run(args)) => engine.run(&context()?, EngineVerb::Run(args), out),
         Some(Verb::Stop(args)) => stop::stop(&context()?, args, out),
         Some(Verb::Start(args)) => stop::start(&context()?, args, out),
-        Some(Verb::Status(args)) => engine.status(&context()?, args, out),
+        Some(Verb::Status(args)) => engine.run(&context()?, EngineVerb::Status(args), out),
         Some(Verb::Approve(args)) => decide::approve(&context()?, args, out),
         Some(Verb::Reject(args)) => decide::reject(&context()?, args, out),
         Some(Verb::Pause(args)) => decide::pause(&context()?, args, out),
@@ -324,10 +326,10 @@ pub fn dispatch(
         Some(Verb::Candidate(args)) => candidate::run(&context()?, args, engine, out),
         Some(Verb::Scenario(args)) => {
             let scenario::ScenarioVerb::Run(args) = &args.verb;
-            engine.run(&without_home(), &args.clone().into(), out)
+            engine.run(&without_home(), EngineVerb::Run(&args.clone().into()), out)
         }
-        Some(Verb::Demo(args)) => engine.demo(&without_home(), args, out),
-        Some(Verb::Serve(args)) => engine.serve(&context()?, args, out),
+        Some(Verb::Demo(args)) => engine.run(&without_home(), EngineVerb::Demo(args), out),
+        Some(Verb::Serve(args)) => engine.run(&context()?, EngineVerb::Serve(args), out),
         Some(Verb::Identity(args)) => identity::run(&context()?, args, out),
         Some(Verb::Profile(args)) => profile::run(&context()?, args, out),
         Some(Verb::Site(args)) => site::run(&without_home(), args, out),
@@ -335,7 +337,7 @@ pub fn dispatch(
         Some(Verb::Audit(args)) => audit::run(&context()?, args, out),
         Some(Verb::Recordings(args)) => recordings::run(&context()?, args, out),
         Some(Verb::Doctor(args)) => doctor::run(&context()?, args, out),
-        Some(Verb::Bench(args)) => engine.bench(&without_home(), args, out),
+        Some(Verb::Bench(args)) => engine.run(&without_home(), EngineVerb::Bench(args), out),
         Some(Verb::Metrics(args)) => metrics::run(&context()?, args, out),
         Some(Verb::Lab(args)) => Err(args.error()),
         Some(Verb::Completions(args)) => completions::run(Cli::command(), cli.data.as_deref(), args, out),

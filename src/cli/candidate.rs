@@ -17,7 +17,7 @@ use super::output::TextTable;
 use super::profile_choice::{RequestedProfile, RequestedProfileParser, chosen, last};
 use super::site_choice;
 use crate::cli::context::CliContext;
-use crate::cli::engine_verbs::EngineVerbs;
+use crate::cli::engine_verbs::{EngineVerb, EngineVerbs};
 use crate::cli::output::CommandOutput;
 use crate::error::{CliError, Exit};
 use crate::headless::cell;
@@ -249,10 +249,16 @@ pub fn run(
     out: &mut CommandOutput<'_>,
 ) -> Result<Exit, CliError> {
     match &args.verb {
-        CandidateVerb::Register(args) => return engine.register(context, args, out),
-        CandidateVerb::Compat(args) => return engine.stage(context, args, Stage::Validation, out),
-        CandidateVerb::Sandbox(args) => return engine.stage(context, args, Stage::Sandbox, out),
-        CandidateVerb::Shadow(args) => return engine.stage(context, args, Stage::Shadow, out),
+        CandidateVerb::Register(args) => return engine.run(context, EngineVerb::Register(args), out),
+        CandidateVerb::Compat(args) => {
+            return engine.run(context, EngineVerb::Stage(args, Stage::Validation), out);
+        }
+        CandidateVerb::Sandbox(args) => {
+            return engine.run(context, EngineVerb::Stage(args, Stage::Sandbox), out);
+        }
+        CandidateVerb::Shadow(args) => {
+            return engine.run(context, EngineVerb::Stage(args, Stage::Shadow), out);
+        }
         CandidateVerb::Sign(args) => sign(context, args, out)?,
         CandidateVerb::Show(args) => show(&read(&args.folder)?.0, out)?,
         CandidateVerb::Check(args) => {

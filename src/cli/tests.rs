@@ -12,70 +12,25 @@ impl EngineVerbs for Recorder {
     fn run(
         &mut self,
         _: &CliContext,
-        args: &run::RunArgs,
+        verb: EngineVerb<'_>,
         _: &mut CommandOutput<'_>,
     ) -> Result<Exit, CliError> {
-        self.0.push(format!("run {:?} {:?}", args.engine.profile, args.seed));
-        Ok(Exit::RolledBack)
-    }
-    fn without_verb(&mut self, _: &CliContext, _: &mut CommandOutput<'_>) -> Result<Exit, CliError> {
-        self.0.push("no verb".to_owned());
-        Ok(Exit::NothingJudged)
-    }
-    fn serve(
-        &mut self,
-        _: &CliContext,
-        args: &serve::ServeArgs,
-        _: &mut CommandOutput<'_>,
-    ) -> Result<Exit, CliError> {
-        self.0.push(format!("serve {:?} {:?}", args.engine.profile, args.pace()));
-        Ok(Exit::Confirmed)
-    }
-    fn demo(
-        &mut self,
-        _: &CliContext,
-        args: &demo::DemoArgs,
-        _: &mut CommandOutput<'_>,
-    ) -> Result<Exit, CliError> {
-        self.0.push(format!("demo {:?}", args.seed));
-        Ok(Exit::Confirmed)
-    }
-    fn register(
-        &mut self,
-        _: &CliContext,
-        args: &candidate::RegisterArgs,
-        _: &mut CommandOutput<'_>,
-    ) -> Result<Exit, CliError> {
-        self.0.push(format!("register {}", args.folder.display()));
-        Ok(Exit::Confirmed)
-    }
-    fn stage(
-        &mut self,
-        _: &CliContext,
-        args: &candidate::StageArgs,
-        stage: holdpoint_governance::lifecycle::Stage,
-        _: &mut CommandOutput<'_>,
-    ) -> Result<Exit, CliError> {
-        self.0.push(format!("stage {stage} {}", args.version));
-        Ok(Exit::Held)
-    }
-    fn status(
-        &mut self,
-        _: &CliContext,
-        args: &status::StatusArgs,
-        _: &mut CommandOutput<'_>,
-    ) -> Result<Exit, CliError> {
-        self.0.push(format!("status {:?} {}", args.until, args.timeout));
-        Ok(Exit::Held)
-    }
-    fn bench(
-        &mut self,
-        _: &CliContext,
-        args: &bench::BenchArgs,
-        _: &mut CommandOutput<'_>,
-    ) -> Result<Exit, CliError> {
-        self.0.push(format!("bench {}", args.quick));
-        Ok(Exit::Confirmed)
+        let (reached, exit) = match verb {
+            EngineVerb::Run(args) => {
+                (format!("run {:?} {:?}", args.engine.profile, args.seed), Exit::RolledBack)
+            }
+            EngineVerb::Without => ("no verb".to_owned(), Exit::NothingJudged),
+            EngineVerb::Serve(args) => {
+                (format!("serve {:?} {:?}", args.engine.profile, args.pace()), Exit::Confirmed)
+            }
+            EngineVerb::Demo(args) => (format!("demo {:?}", args.seed), Exit::Confirmed),
+            EngineVerb::Register(args) => (format!("register {}", args.folder.display()), Exit::Confirmed),
+            EngineVerb::Stage(args, stage) => (format!("stage {stage} {}", args.version), Exit::Held),
+            EngineVerb::Status(args) => (format!("status {:?} {}", args.until, args.timeout), Exit::Held),
+            EngineVerb::Bench(args) => (format!("bench {}", args.quick), Exit::Confirmed),
+        };
+        self.0.push(reached);
+        Ok(exit)
     }
 }
 

@@ -3,10 +3,7 @@
 use std::ffi::OsString;
 use std::path::Path;
 
-use holdpoint::cli::{
-    Cli, CliContext, CliError, CommandOutput, EngineVerbs, Exit, bench, candidate, demo, dispatch, run,
-    serve, status,
-};
+use holdpoint::cli::{Cli, CliContext, CliError, CommandOutput, EngineVerb, EngineVerbs, Exit, dispatch};
 use holdpoint::registry::Store;
 use holdpoint::store::Batch;
 use serde_json::Value;
@@ -17,60 +14,13 @@ use crate::store::{bootstrap, commit, shadowing, transaction};
 struct NoEngine;
 
 impl EngineVerbs for NoEngine {
-    fn run(&mut self, _: &CliContext, _: &run::RunArgs, _: &mut CommandOutput<'_>) -> Result<Exit, CliError> {
-        Err(CliError::internal("asked to run"))
-    }
-    fn without_verb(&mut self, _: &CliContext, _: &mut CommandOutput<'_>) -> Result<Exit, CliError> {
-        Err(CliError::internal("asked to open the console"))
-    }
-    fn serve(
+    fn run(
         &mut self,
         _: &CliContext,
-        _: &serve::ServeArgs,
+        verb: EngineVerb<'_>,
         _: &mut CommandOutput<'_>,
     ) -> Result<Exit, CliError> {
-        Err(CliError::internal("asked to serve"))
-    }
-    fn demo(
-        &mut self,
-        _: &CliContext,
-        _: &demo::DemoArgs,
-        _: &mut CommandOutput<'_>,
-    ) -> Result<Exit, CliError> {
-        Err(CliError::internal("requested the demonstration"))
-    }
-    fn register(
-        &mut self,
-        _: &CliContext,
-        _: &candidate::RegisterArgs,
-        _: &mut CommandOutput<'_>,
-    ) -> Result<Exit, CliError> {
-        Err(CliError::internal("asked to register"))
-    }
-    fn stage(
-        &mut self,
-        _: &CliContext,
-        _: &candidate::StageArgs,
-        _: holdpoint::governance::lifecycle::Stage,
-        _: &mut CommandOutput<'_>,
-    ) -> Result<Exit, CliError> {
-        Err(CliError::internal("requested a stage"))
-    }
-    fn status(
-        &mut self,
-        _: &CliContext,
-        _: &status::StatusArgs,
-        _: &mut CommandOutput<'_>,
-    ) -> Result<Exit, CliError> {
-        Err(CliError::internal("requested the status"))
-    }
-    fn bench(
-        &mut self,
-        _: &CliContext,
-        _: &bench::BenchArgs,
-        _: &mut CommandOutput<'_>,
-    ) -> Result<Exit, CliError> {
-        Err(CliError::internal("asked to measure"))
+        Err(CliError::internal(format!("asked for {verb:?}")))
     }
 }
 
