@@ -27,7 +27,7 @@ use crate::work_count;
 use holdpoint_body::chain::Transform;
 use holdpoint_body::{
     Body, BodyError, Command, GuardVerdict, Interrupt, JointVec, ObjectVec, Observation, Pose, ReadingVec,
-    TICK_SECS, TaskKind, Telemetry, Twist, check_command,
+    TaskKind, Telemetry, Twist, check_command,
 };
 use holdpoint_cell::episode::{EpisodeSetup, Start};
 use holdpoint_cell::truth::{ContactForces, ContactPoint, JointState};
@@ -150,12 +150,6 @@ impl World {
     #[must_use]
     pub fn tick(&self) -> u64 {
         self.state.tick
-    }
-
-    /// Simulated seconds since the reset.
-    #[must_use]
-    pub fn sim_secs(&self) -> f64 {
-        self.state.tick as f64 * TICK_SECS
     }
 
     /// The task at work.

@@ -17,8 +17,6 @@ use holdpoint_governance::ids::{Digest, is_name};
 use holdpoint_text::hex::hex;
 use holdpoint_text::{ErrorDetails, ErrorReason, Hint};
 
-/// The longest identity or role name, bytes.
-pub const WORD_LEN_MAX: usize = holdpoint_governance::ids::NAME_LEN_MAX;
 /// What helps with a key file that is missing or damaged.
 const SEE_KEYS: &str = "`holdpoint identity list` shows every identity; put this key back from a backup";
 /// The most identities a store lists.

@@ -21,7 +21,7 @@ mod witness_act;
 pub use authorship::SignedAuthorship;
 pub use display_binding::{DisplayBinding, SignedFacts, SignerName, facts_digest, lines_digest};
 pub use encrypted_key::{EncryptedKey, EncryptedKeyError, KdfCost};
-pub use identity::{Identity, IdentityError, IdentityFolder, IdentityInfo, LockedIdentity, WORD_LEN_MAX};
+pub use identity::{Identity, IdentityError, IdentityFolder, IdentityInfo, LockedIdentity};
 pub use passphrase::{
     PASSPHRASE_BYTES_MAX, PASSPHRASE_CHARS_MIN, Passphrase, PassphraseCause, PassphraseError,
 };

@@ -212,12 +212,6 @@ impl Scene {
         Ok(())
     }
 
-    /// The zone a point lies in: the first that contains it, or none.
-    #[must_use]
-    pub fn zone_at(&self, point: &[f64; 3]) -> Option<&Zone> {
-        self.zones.iter().find(|zone| zone.contains(point))
-    }
-
     /// A zone by name.
     #[must_use]
     pub fn zone(&self, name: &str) -> Option<&Zone> {

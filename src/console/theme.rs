@@ -110,12 +110,6 @@ impl Theme {
     pub fn style(&self, role: ThemeRole, depth: ColorDepth) -> Style {
         self.paints.get(&role).copied().unwrap_or_default().style(depth)
     }
-
-    /// Whether a role has a look of its own.
-    #[must_use]
-    pub fn names_role(&self, role: ThemeRole) -> bool {
-        self.paints.contains_key(&role)
-    }
 }
 
 #[cfg(test)]
@@ -127,7 +121,8 @@ mod tests {
         for name in names() {
             let theme = Theme::builtin(name).unwrap();
             assert_eq!(theme.name(), name);
-            let missing: Vec<_> = ThemeRole::ALL.iter().filter(|role| !theme.names_role(**role)).collect();
+            let missing: Vec<_> =
+                ThemeRole::ALL.iter().filter(|role| !theme.paints.contains_key(*role)).collect();
             assert!(missing.is_empty(), "{name}: {missing:?}");
         }
     }

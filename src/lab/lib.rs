@@ -18,7 +18,8 @@ pub mod ground_truth;
 pub mod paper_reproduction;
 pub mod parameter_search;
 pub mod pipeline_experiments;
-pub mod same_code;
+#[cfg(test)]
+mod same_code;
 mod side_by_side;
 pub mod throwers;
 mod wording;

@@ -1,8 +1,6 @@
-//! The same code compiled in and as a component, side by side in every tick: whether their commands are equal, and the
-//! cost of a tick of each.
+//! The same code compiled in and as a component, side by side in every tick: whether their commands are equal.
 
 use std::sync::{Arc, Mutex, PoisonError};
-use std::time::Instant;
 
 use holdpoint_body::{Command, Observation};
 use holdpoint_cell::CellError;
@@ -17,13 +15,13 @@ use holdpoint_trials::cell::Cell;
 use holdpoint_trials::worker::Worker;
 
 /// The engine's own controllers as a component.
-pub const CONTROLLERS: &[u8] = include_bytes!("../sdk/prebuilt/controllers.wasm");
+const CONTROLLERS: &[u8] = include_bytes!("../sdk/prebuilt/controllers.wasm");
 
 /// A version as it is, with a component in place of the controller that is compiled in.
 ///
 /// # Errors
 /// As [`Capability::load`]; the component's size included.
-pub fn with_code(version: &Capability, component: &[u8]) -> Result<Capability, PackageError> {
+pub(crate) fn with_code(version: &Capability, component: &[u8]) -> Result<Capability, PackageError> {
     let mut package = (*version.package).clone();
     let native = String::from(version.manifest.deployment.bundle.clone());
     if matches!(version.manifest.deployment.bundle, BundleSource::Native(_)) {
@@ -39,17 +37,13 @@ pub fn with_code(version: &Capability, component: &[u8]) -> Result<Capability, P
 
 /// The result of the two runs of each tick.
 #[derive(Clone, Debug, Default)]
-pub struct TickAgreement {
-    pub episodes: u64,
+struct TickAgreement {
     /// Ticks in which both ran.
-    pub ticks: u64,
+    ticks: u64,
     /// Ticks in which their commands differed.
-    pub differing: u64,
-    /// Time of a tick, us, in the order of the runs.
-    pub native_us: Vec<f64>,
-    pub component_us: Vec<f64>,
+    differing: u64,
     /// The component's use, and its failures.
-    pub confined: ConfinementReport,
+    confined: ConfinementReport,
 }
 
 /// One run that is two: the first's commands are given, both are computed.
@@ -61,16 +55,11 @@ struct PairedSkill {
 
 impl Skill for PairedSkill {
     fn tick(&mut self, seen: &Observation) -> Command {
-        let before = Instant::now();
         let command = self.native.tick(seen);
-        let between = Instant::now();
         let component = self.component.tick(seen);
-        let after = Instant::now();
         let mut found = self.found.lock().unwrap_or_else(PoisonError::into_inner);
         found.ticks += 1;
         found.differing += u64::from(!is_same(&command, &component));
-        found.native_us.push((between - before).as_secs_f64() * 1e6);
-        found.component_us.push((after - between).as_secs_f64() * 1e6);
         let confined = self.component.confined();
         found.confined.fuel_tick_max = found.confined.fuel_tick_max.max(confined.fuel_tick_max);
         found.confined.memory_bytes = found.confined.memory_bytes.max(confined.memory_bytes);
@@ -85,10 +74,7 @@ impl Skill for PairedSkill {
 }
 
 /// Runs episodes of the sandbox with both.
-///
-/// # Errors
-/// If the cell fails.
-pub fn compare(
+fn compare(
     (cell, terms): (&Cell, &SkillTerms),
     native: &Capability,
     component: &Capability,
@@ -109,7 +95,6 @@ pub fn compare(
         let guard = terms.guard(&native.manifest.permissions);
         let task_terms = terms.task(task, seed, native.abort_secs());
         task::run(&mut arm.handle(), Box::new(both), guard, &task_terms, &mut |_, _| Supervision::Continue)?;
-        found.lock().unwrap_or_else(PoisonError::into_inner).episodes += 1;
     }
     let found = found.lock().unwrap_or_else(PoisonError::into_inner).clone();
     Ok(found)
