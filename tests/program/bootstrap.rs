@@ -6,7 +6,7 @@ use std::process::{Command as Process, Output};
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::time::{Duration, Instant};
 
-use holdpoint::engine::{Config, StartError};
+use holdpoint::engine::StartError;
 use holdpoint::governance::profile::ProfileName;
 use holdpoint::governance::record::RecordKind;
 use holdpoint::protocol::command::{Caller, Command, Refusal, Reply, Request, StopPersistence};
@@ -18,8 +18,6 @@ use holdpoint::service::bootstrap::{EngineBootstrap, ReadProgressFn};
 use holdpoint::service::control_socket::{Client, ControlSocketError, SignalHandling, socket_path};
 use holdpoint::service::engine_handle::{EngineHandle, EngineUpdate, LaunchConfig};
 use holdpoint::store::{AuditBody, AuditFilter, Layout, StoreError, Transaction};
-use holdpoint::trials::cache::EpisodeCache;
-use holdpoint::trials::cell::Cell;
 use holdpoint_sim::SimCells;
 use rusqlite::Connection;
 use serde_json::Value;
@@ -27,6 +25,7 @@ use serde_json::Value;
 use crate::host::{Front, PATIENCE};
 use crate::quick_folder::quick_folder;
 use crate::reported_error::assert_error;
+use crate::socket::config;
 
 /// Records that are added to a store, 256 a transaction.
 const TRANSACTIONS: u64 = 40;
@@ -217,15 +216,7 @@ fn no_engine_starts_if_another_program_wrote_meanwhile() {
     Front::start(folder.path(), None).host.stop(PATIENCE).unwrap();
     let database = Layout::new(folder.path()).database();
     let start_engine = |meanwhile: &dyn Fn()| {
-        let config = Config {
-            data: folder.path(),
-            profile: ProfileName::Sim.into(),
-            seeds: holdpoint_trials::seeds::EpisodeSeeds::OfRun(1),
-            jobs: 1,
-            scripted: false,
-            cell: Cell::of(&SimCells, None).unwrap(),
-            cache: EpisodeCache::InStore,
-        };
+        let config = config(folder.path(), ProfileName::Sim, false);
         let mut bootstrap = EngineBootstrap::open(config, SignalHandling::Default, Box::new(|_| ())).unwrap();
         while !bootstrap.turn() {}
         meanwhile();

@@ -7,29 +7,22 @@
 use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::mpsc::channel;
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-use holdpoint::engine::decide::pipeline::SliceOutcome;
 use holdpoint::engine::live::stop_switch::StopSwitch;
-use holdpoint::engine::{Config, Engine};
 use holdpoint::governance::ids::CapabilityId;
 use holdpoint::governance::profile::ProfileName;
 use holdpoint::protocol::command::{Command, Reply, StopPersistence};
 use holdpoint::protocol::event::EventKind;
 use holdpoint::registry::verify;
 use holdpoint::runtime::capability;
-use holdpoint::service::control_socket::{Client, SignalHandling};
-use holdpoint::service::pump::Pump;
+use holdpoint::service::control_socket::Client;
 use holdpoint::store::Layout;
-use holdpoint::trials::cache::EpisodeCache;
-use holdpoint::trials::cell::Cell;
-use holdpoint_sim::SimCells;
 
 use crate::host::{Front, operation};
 use crate::quick_folder::quick_folder;
-use crate::socket::{PATIENCE, client};
+use crate::socket::{PATIENCE, client, prepared_engine};
 
 /// The number of connections that send requests without pause.
 const READERS: usize = 32;
@@ -42,30 +35,10 @@ const BRAKE_LIMIT: Duration = Duration::from_millis(250);
 
 /// An engine on a thread of its own, whose live cell runs at the pace of a clock, and its switch.
 fn start_engine(folder: &Path) -> (JoinHandle<()>, Arc<StopSwitch>) {
-    let folder = folder.to_owned();
-    let (ready, is_ready) = channel();
-    let thread = std::thread::spawn(move || {
-        let config = Config {
-            data: &folder,
-            profile: ProfileName::Sim.into(),
-            seeds: holdpoint_trials::seeds::EpisodeSeeds::OfRun(1),
-            jobs: 1,
-            scripted: false,
-            cell: Cell::of(&SimCells, None).unwrap(),
-            cache: EpisodeCache::InStore,
-        };
-        let mut pump = Pump::new(Engine::start(config).unwrap(), Vec::new());
-        pump.open_socket(SignalHandling::Default).unwrap();
+    prepared_engine(folder, ProfileName::Sim, |pump| {
         pump.pace_live_world(Some(1.0), Arc::new(|_| ()));
-        ready.send(pump.engine().switch()).unwrap();
-        while !pump.engine().has_ended() {
-            if matches!(pump.turn().0, SliceOutcome::Idle { .. }) {
-                pump.wait(Duration::from_millis(5));
-            }
-        }
-    });
-    let switch = is_ready.recv_timeout(PATIENCE).unwrap();
-    (thread, switch)
+        pump.engine().switch()
+    })
 }
 
 /// Connections that send requests as fast as the engine answers, until [`Readers::end`].

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use holdpoint::engine::{Config, Engine};
+use holdpoint::engine::Engine;
 use holdpoint::governance::decision::Dimension;
 use holdpoint::governance::evidence::DrillKind;
 use holdpoint::governance::profile::ProfileName;
@@ -10,11 +10,9 @@ use holdpoint::protocol::command::{Command, Refusal, Reply, Request};
 use holdpoint::protocol::detail::{Detail, FindingVerdict};
 use holdpoint::protocol::film::{Film, FilmRequest, FilmSubject};
 use holdpoint::runtime::capability;
-use holdpoint::trials::cache::EpisodeCache;
-use holdpoint::trials::cell::Cell;
-use holdpoint_sim::SimCells;
 
 use crate::quick_folder::quick_folder;
+use crate::socket::config;
 
 struct FilmBench {
     engine: Engine,
@@ -23,16 +21,8 @@ struct FilmBench {
 
 impl FilmBench {
     fn at(data: &Path) -> Self {
-        let config = Config {
-            data,
-            profile: ProfileName::Sim.into(),
-            seeds: holdpoint_trials::seeds::EpisodeSeeds::OfRun(1),
-            jobs: 1,
-            scripted: true,
-            cell: Cell::of(&SimCells, None).unwrap(),
-            cache: EpisodeCache::InStore,
-        };
-        Self { engine: Engine::start(config).unwrap(), request_count: 0 }
+        let engine = Engine::start(config(data, ProfileName::Sim, true)).unwrap();
+        Self { engine, request_count: 0 }
     }
 
     fn submit(&mut self, command: Command) -> Reply {

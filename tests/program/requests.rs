@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use holdpoint::approvals::{Approval, Identity, Nonce};
-use holdpoint::engine::{Config, Engine};
+use holdpoint::engine::Engine;
 use holdpoint::governance::alarms::AlarmState;
 use holdpoint::governance::approval::ApprovalDecision;
 use holdpoint::governance::approval::Role;
@@ -12,11 +12,9 @@ use holdpoint::governance::record::{RecordKind, VersionGroup};
 use holdpoint::protocol::command::{Command, Operation, Refusal, Reply, Request};
 use holdpoint::protocol::detail::PAGE_MAX;
 use holdpoint::runtime::capability;
-use holdpoint::trials::cache::EpisodeCache;
-use holdpoint::trials::cell::Cell;
-use holdpoint_sim::SimCells;
 
 use crate::quick_folder::quick_folder;
+use crate::socket::config;
 
 struct EngineBench {
     engine: Engine,
@@ -27,16 +25,8 @@ struct EngineBench {
 impl EngineBench {
     fn new() -> Self {
         let folder = quick_folder();
-        let config = Config {
-            data: folder.path(),
-            profile: ProfileName::Sim.into(),
-            seeds: holdpoint_trials::seeds::EpisodeSeeds::OfRun(1),
-            jobs: 1,
-            scripted: true,
-            cell: Cell::of(&SimCells, None).unwrap(),
-            cache: EpisodeCache::InStore,
-        };
-        Self { engine: Engine::start(config).unwrap(), request_count: 0, _folder: folder }
+        let engine = Engine::start(config(folder.path(), ProfileName::Sim, true)).unwrap();
+        Self { engine, request_count: 0, _folder: folder }
     }
 
     fn submit(&mut self, command: Command) -> Reply {

@@ -2,33 +2,24 @@
 //! once, for this engine and this request. A stop and every act that takes authority away need no signature.
 
 use std::path::Path;
-use std::sync::mpsc::channel;
 use std::thread::JoinHandle;
-use std::time::Duration;
 
 use holdpoint::approvals::keyfile::KeyEncoding;
 use holdpoint::approvals::{Identity, KdfCost, Passphrase, SignedCall};
-use holdpoint::engine::decide::pipeline::SliceOutcome;
-use holdpoint::engine::{Config, Engine};
 use holdpoint::governance::approval::Role;
 use holdpoint::governance::profile::ProfileName;
 use holdpoint::governance::record::RecordKind;
 use holdpoint::protocol::command::{Command, Operation, Refusal, Reply};
 use holdpoint::protocol::snapshot::{SigningView, Snapshot};
 use holdpoint::registry::{Store, Views};
-use holdpoint::service::control_socket::{Client, SignalHandling};
-use holdpoint::service::pump::Pump;
+use holdpoint::service::control_socket::Client;
 use holdpoint::store::{AuditFilter, Change, Layout, Transaction};
-use holdpoint::trials::cache::EpisodeCache;
-use holdpoint::trials::cell::Cell;
-use holdpoint_sim::SimCells;
 use serde_json::Value;
 use tempfile::TempDir;
 
 use crate::quick_folder::quick_folder;
+use crate::socket::prepared_engine;
 
-/// A generous time limit.
-const PATIENCE: Duration = Duration::from_mins(1);
 const CANDIDATE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/manifests/candidates/grasp-tool-frame");
 
 pub fn test_passphrase() -> Passphrase {
@@ -65,31 +56,9 @@ fn write(store: &Store, command_id: String, change: Change) {
     store.commit(transaction).unwrap();
 }
 
-/// An engine on a thread of its own, with its socket.
+/// An engine under a profile.
 pub fn engine(folder: &Path, profile: ProfileName) -> JoinHandle<()> {
-    let folder = folder.to_owned();
-    let (ready, is_ready) = channel();
-    let thread = std::thread::spawn(move || {
-        let config = Config {
-            data: &folder,
-            profile: profile.into(),
-            seeds: holdpoint_trials::seeds::EpisodeSeeds::OfRun(1),
-            jobs: 1,
-            scripted: false,
-            cell: Cell::of(&SimCells, None).unwrap(),
-            cache: EpisodeCache::InStore,
-        };
-        let mut pump = Pump::new(Engine::start(config).unwrap(), Vec::new());
-        pump.open_socket(SignalHandling::Default).unwrap();
-        ready.send(()).unwrap();
-        while !pump.engine().has_ended() {
-            if matches!(pump.turn().0, SliceOutcome::Idle { .. }) {
-                pump.wait(Duration::from_millis(100));
-            }
-        }
-    });
-    is_ready.recv_timeout(PATIENCE).unwrap();
-    thread
+    prepared_engine(folder, profile, |_| ()).0
 }
 
 struct SigningClient {

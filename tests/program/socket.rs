@@ -27,6 +27,7 @@ use holdpoint::service::pump::Pump;
 use holdpoint::store::Layout;
 use holdpoint::trials::cache::EpisodeCache;
 use holdpoint::trials::cell::Cell;
+use holdpoint::trials::seeds::EpisodeSeeds;
 use holdpoint_sim::SimCells;
 use holdpoint_text::Hint as _;
 use serde_json::{Value, json};
@@ -42,31 +43,43 @@ fn open_socket(folder: &Path) -> Result<ControlSocket, ControlSocketError> {
     ControlSocket::open(&Layout::new(folder), cancel, switch, SignalHandling::Default)
 }
 
-/// An engine on a thread of its own, with its socket.
-pub(crate) fn engine(folder: &Path) -> JoinHandle<()> {
+/// The settings of an engine on the built-in cell.
+pub(crate) fn config(data: &Path, profile: ProfileName, scripted: bool) -> Config<'_> {
+    Config {
+        data,
+        profile: profile.into(),
+        seeds: EpisodeSeeds::OfRun(1),
+        jobs: 1,
+        scripted,
+        cell: Cell::of(&SimCells, None).unwrap(),
+        cache: EpisodeCache::InStore,
+    }
+}
+
+/// An engine on a thread of its own, with its socket, and what `prepare` returns before the engine is waited for.
+pub(crate) fn prepared_engine<T: Send + 'static>(
+    folder: &Path,
+    profile: ProfileName,
+    prepare: impl FnOnce(&mut Pump) -> T + Send + 'static,
+) -> (JoinHandle<()>, T) {
     let folder = folder.to_owned();
     let (ready, is_ready) = channel();
     let thread = std::thread::spawn(move || {
-        let config = Config {
-            data: &folder,
-            profile: ProfileName::Sim.into(),
-            seeds: holdpoint_trials::seeds::EpisodeSeeds::OfRun(1),
-            jobs: 1,
-            scripted: false,
-            cell: Cell::of(&SimCells, None).unwrap(),
-            cache: EpisodeCache::InStore,
-        };
-        let mut pump = Pump::new(Engine::start(config).unwrap(), Vec::new());
+        let mut pump = Pump::new(Engine::start(config(&folder, profile, false)).unwrap(), Vec::new());
         pump.open_socket(SignalHandling::Default).unwrap();
-        ready.send(()).unwrap();
+        ready.send(prepare(&mut pump)).unwrap();
         while !pump.engine().has_ended() {
             if matches!(pump.turn().0, SliceOutcome::Idle { .. }) {
-                pump.wait(Duration::from_millis(500));
+                pump.wait(Duration::from_millis(5));
             }
         }
     });
-    is_ready.recv_timeout(PATIENCE).unwrap();
-    thread
+    (thread, is_ready.recv_timeout(PATIENCE).unwrap())
+}
+
+/// An engine under `sim`.
+pub(crate) fn engine(folder: &Path) -> JoinHandle<()> {
+    prepared_engine(folder, ProfileName::Sim, |_| ()).0
 }
 
 pub(crate) fn client(folder: &Path) -> Client {
@@ -285,31 +298,11 @@ fn an_invalid_call_closes_only_its_own_connection() {
 #[test]
 fn a_shutdown_during_a_sequence_is_accepted() {
     let folder = quick_folder();
-    let folder_of_engine = folder.path().to_owned();
-    let (ready, is_ready) = channel();
-    let running = std::thread::spawn(move || {
-        let config = Config {
-            data: &folder_of_engine,
-            profile: ProfileName::Sim.into(),
-            seeds: holdpoint_trials::seeds::EpisodeSeeds::OfRun(1),
-            jobs: 1,
-            scripted: false,
-            cell: Cell::of(&SimCells, None).unwrap(),
-            cache: EpisodeCache::InStore,
-        };
-        let mut pump = Pump::new(Engine::start(config).unwrap(), Vec::new());
+    let (running, ()) = prepared_engine(folder.path(), ProfileName::Sim, |pump| {
         pump.pace_live_world(Some(1.0), Arc::new(|_| ()));
-        pump.open_socket(SignalHandling::Default).unwrap();
         // The first slice begins a sequence, which takes seconds at this pace.
         pump.turn();
-        ready.send(()).unwrap();
-        while !pump.engine().has_ended() {
-            if matches!(pump.turn().0, SliceOutcome::Idle { .. }) {
-                pump.wait(Duration::from_millis(5));
-            }
-        }
     });
-    is_ready.recv_timeout(PATIENCE).unwrap();
     let reply = client(folder.path()).send(Command::Shutdown).unwrap();
     assert!(matches!(reply, Reply::Accepted { .. }), "{reply:?}");
     running.join().unwrap();
