@@ -77,6 +77,11 @@ impl StubFactory {
         factory
     }
 
+    /// The cell as the engine is given it.
+    pub(crate) fn into_cell(self) -> Cell {
+        Cell::new(Arc::new(self)).unwrap()
+    }
+
     fn cell(&self) -> StubCell {
         let joints = JointState { q: self.spec.robot.home.clone(), ..JointState::default() };
         StubCell {
@@ -132,9 +137,7 @@ impl StubCell {
     fn tool(&self) -> Pose {
         Pose::from(&self.script.spec.robot.geometry.tool_pose(&self.joints.q))
     }
-}
 
-impl StubCell {
     fn seen(&self, last: GuardVerdict) -> Observation {
         Observation {
             tick: self.tick,

@@ -32,7 +32,7 @@ fn terms(cell: &Cell) -> SkillTerms {
 }
 
 fn run(factory: &StubFactory) -> SequenceReport {
-    let cell = Cell::new(Arc::new(factory.clone())).unwrap();
+    let cell = factory.clone().into_cell();
     let terms = terms(&cell);
     let baselines = embedded::baselines().unwrap().into_iter();
     let view = Baselines(baselines.map(|version| (version.id().family, version)).collect());
@@ -42,13 +42,12 @@ fn run(factory: &StubFactory) -> SequenceReport {
 
 #[test]
 fn evidence_is_bound_to_the_build_and_the_description_that_a_cell_states() {
-    let cell = |factory: StubFactory| Cell::new(Arc::new(factory)).unwrap();
-    let first = cell(StubFactory::new());
-    let again = cell(StubFactory::new());
+    let first = StubFactory::new().into_cell();
+    let again = StubFactory::new().into_cell();
     assert_eq!((first.digest(), first.computed_by()), (again.digest(), again.computed_by()));
-    let rebuilt = cell(StubFactory { build: "changed".to_owned(), ..StubFactory::new() });
+    let rebuilt = StubFactory { build: "changed".to_owned(), ..StubFactory::new() }.into_cell();
     assert!(first.digest() != rebuilt.digest() && first.computed_by() != rebuilt.computed_by());
-    let described = cell(StubFactory::exporting());
+    let described = StubFactory::exporting().into_cell();
     assert!(first.digest() != described.digest() && first.computed_by() == described.computed_by());
 }
 
@@ -82,7 +81,7 @@ fn baseline(task: TaskKind) -> Capability {
 
 /// What shadow records of a task of this kind in which the live cell stood still.
 fn shadowed(factory: StubFactory, task: TaskKind) -> ShadowTrace {
-    let cell = Cell::new(Arc::new(factory)).unwrap();
+    let cell = factory.into_cell();
     let mut shadow = Shadow::new(baseline(task), terms(&cell), cell.trial().unwrap());
     let record = stand_still(&mut shadow, &cell, 7);
     let (trace, fork) = shadow.conclude(Some(&record), 7);
@@ -101,7 +100,7 @@ fn twin_continues_from_an_exported_state() {
 /// A twin that the live cell's thread works would delay the live cell.
 #[test]
 fn twin_beside_works_on_a_thread_of_its_own_with_the_same_result() {
-    let cell = Cell::new(Arc::new(StubFactory::exporting())).unwrap();
+    let cell = StubFactory::exporting().into_cell();
     let candidate = baseline(TaskKind::Grasp);
     let threads = Arc::new(Mutex::new(BTreeSet::new()));
     let mut traces = Vec::new();
@@ -134,7 +133,7 @@ fn twin_begins_at_the_observed_state_where_none_is_exported() {
 
 #[test]
 fn difference_that_is_no_number_is_no_twin() {
-    let cell = Cell::new(Arc::new(StubFactory::observing(f64::NAN))).unwrap();
+    let cell = StubFactory::observing(f64::NAN).into_cell();
     let mut trial = cell.trial().unwrap();
     assert!(TwinStart::at(cell.live_cell().unwrap().as_ref(), trial.as_mut()).is_none());
 }

@@ -43,7 +43,7 @@ fn approved_already() -> QuestionRefusal {
 
 /// A candidate waits for people under a profile, and the clock is a script's or the machine's.
 fn waiting(profile: ProfileName, scripted: bool) -> (RollbackBench, PathBuf) {
-    let mut bench = RollbackBench::under(Profile::builtin(profile).unwrap());
+    let mut bench = RollbackBench::resting(profile);
     request_activation(&mut bench.pipeline, package("align-improved", &[]));
     if !scripted {
         let now_ms = bench.pipeline.record().now_ms();
@@ -171,7 +171,7 @@ fn an_unprotected_key_approves_nothing_where_people_decide() {
 
 #[test]
 fn a_text_that_is_no_name_is_in_no_command() {
-    let bench = RollbackBench::new();
+    let bench = RollbackBench::resting(ProfileName::Sim);
     let persons = bench.pipeline.record().version_table().store().persons().unwrap();
     for name in ["../../x", "x --by y; rm -rf .", ""] {
         let reply = person(&persons, name).unwrap_err();
@@ -359,7 +359,7 @@ fn the_authors_key_under_another_name_approves_nothing() {
 
 /// Medium risk: two people have to approve.
 fn waiting_for_two() -> (RollbackBench, PathBuf) {
-    let mut bench = RollbackBench::under(Profile::builtin(ProfileName::Human).unwrap());
+    let mut bench = RollbackBench::resting(ProfileName::Human);
     let mut submitted = package("align-improved", &[]);
     let (from, to) = ("estimated_risk = \"low\"", "estimated_risk = \"medium\"");
     assert!(submitted.submission.contains(from), "{}", submitted.submission);
@@ -476,7 +476,7 @@ fn an_answer_by_a_revoked_key_is_not_restored() {
 /// The reason of the gate, which decides before it asks, stood there after the first answer, too.
 #[test]
 fn reason_of_a_waiting_version_counts_the_approvals() {
-    let mut bench = RollbackBench::under(Profile::builtin(ProfileName::Human).unwrap());
+    let mut bench = RollbackBench::resting(ProfileName::Human);
     // A review takes two people.
     let id = crate::tests::awaiting_approval(&mut bench.pipeline, PolicyOutcome::Review, Vec::new());
     let lead = |bench: &RollbackBench| {

@@ -14,7 +14,8 @@ use holdpoint_governance::rollback::PostStatus;
 use tempfile::TempDir;
 
 use super::*;
-use crate::decide::pipeline::{Pipeline, SliceOutcome};
+use crate::decide::pipeline::{Pipeline, PipelineSettings, SliceOutcome};
+use crate::live::fake_cell::StubFactory;
 use crate::live::monitors::ActivationMonitor;
 use crate::live::station::LiveFault;
 use crate::quick_folder::quick_folder;
@@ -34,6 +35,7 @@ use holdpoint_record::wall_clock::WallClock;
 use holdpoint_runtime::capability;
 use holdpoint_runtime::recovery::{RecoveryReport, StoppedBy};
 use holdpoint_store::{Change, EvidenceKind};
+use holdpoint_trials::cell::Cell;
 use holdpoint_trials::seeds::{CALIBRATION_FROM_RUN, EpisodeSeeds};
 
 /// What stands for a twin's task: no faster and no farther from its limits than live tasks of the candidates are.
@@ -59,6 +61,19 @@ impl RollbackBench {
 
     pub(crate) fn under(profile: Profile) -> Self {
         Self::opened(quick_folder(), profile)
+    }
+
+    /// In a scripted cell, for a test in which no task runs.
+    pub(crate) fn resting(profile: ProfileName) -> Self {
+        Self::in_cell(StubFactory::exporting().into_cell(), Profile::builtin(profile).unwrap())
+    }
+
+    pub(crate) fn in_cell(cell: Cell, profile: Profile) -> Self {
+        let folder = quick_folder();
+        let settings =
+            PipelineSettings { cell, ..settings(profile, EpisodeSeeds::OfRun(CALIBRATION_FROM_RUN)) };
+        let pipeline = pipeline_of(folder.path(), settings, |_| WallClock::scripted(0, None));
+        Self { folder, pipeline }
     }
 
     /// Under a site's own profile.

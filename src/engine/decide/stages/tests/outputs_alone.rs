@@ -1,7 +1,5 @@
 //! Shadow in a cell that exports no state and sets no trial cell to an observation: the profile says what follows.
 
-use std::sync::Arc;
-
 use holdpoint_governance::cell_ability::CellAbility;
 use holdpoint_governance::composition::Kappas;
 use holdpoint_governance::decision::ReasonCode;
@@ -11,27 +9,17 @@ use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::lifecycle::{Stage, State};
 use holdpoint_governance::outcome::{BehaviorOutcome, InterfaceOutcome, PolicyOutcome, RecoveryOutcome};
 use holdpoint_governance::profile::{Profile, ProfileName};
-use holdpoint_trials::cell::Cell;
-use holdpoint_trials::seeds::{CALIBRATION_FROM_RUN, EpisodeSeeds};
 
-use crate::decide::pipeline::PipelineSettings;
 use crate::decide::stages::rollback::tests::{GOOD, RollbackBench};
 use crate::decide::stages::shadow::{self, ShadowStep};
 use crate::live::fake_cell::{StubFactory, stand_still};
-use crate::quick_folder::quick_folder;
-use crate::test_pipeline::{pipeline_of, settings};
 use crate::tests::compatible;
 use holdpoint_record::evidence_file::EvidenceFile;
-use holdpoint_record::wall_clock::WallClock;
 
 /// A candidate that went through shadow in a fake cell.
 fn shadowed(profile: &Profile) -> (RollbackBench, CapabilityId) {
-    let cell = Cell::new(Arc::new(StubFactory::new())).unwrap();
-    let folder = quick_folder();
-    let seeds = EpisodeSeeds::OfRun(CALIBRATION_FROM_RUN);
-    let settings = PipelineSettings { cell: cell.clone(), ..settings(profile.clone(), seeds) };
-    let pipeline = pipeline_of(folder.path(), settings, |_| WallClock::scripted(0, None));
-    let mut bench = RollbackBench { folder, pipeline };
+    let cell = StubFactory::new().into_cell();
+    let mut bench = RollbackBench::in_cell(cell.clone(), profile.clone());
     let id = bench.pass("grasp-improved", &[Stage::Validation, Stage::Sandbox]);
     let live = bench.pipeline.live();
     live.evidence_files.edit(&id).kappas = Some(Kappas {

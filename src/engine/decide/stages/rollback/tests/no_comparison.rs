@@ -1,15 +1,9 @@
 //! A safety event on which the rollback target is not compared, and why.
 
-use std::sync::Arc;
-
 use holdpoint_governance::monitor::SafetyEvent;
 use holdpoint_runtime::task::TaskRecord;
-use holdpoint_trials::cell::Cell;
 
 use super::*;
-use crate::decide::pipeline::PipelineSettings;
-use crate::live::fake_cell::StubFactory;
-use crate::quick_folder::quick_folder;
 
 const FORCE: Option<SafetyEvent> = Some(SafetyEvent::ForceLimit);
 
@@ -19,11 +13,9 @@ fn compared(
     start: Option<&CellCopy>,
     event: Option<SafetyEvent>,
 ) -> Result<Option<SharedEvent>, UncomparedReason> {
-    let cell = Cell::new(Arc::new(factory)).unwrap();
-    let folder = quick_folder();
     let profile = Profile::builtin(ProfileName::Sim).unwrap();
-    let settings = PipelineSettings { cell, ..settings(profile, EpisodeSeeds::OfRun(CALIBRATION_FROM_RUN)) };
-    let mut pipeline = pipeline_of(folder.path(), settings, |_| WallClock::scripted(0, None));
+    let mut bench = RollbackBench::in_cell(factory.into_cell(), profile);
+    let pipeline = &mut bench.pipeline;
     let target = pipeline.record().capability(&"grasp@1.0.0".parse().unwrap()).unwrap();
     let cause =
         Trigger { event, ..trigger(pipeline.record(), TriggerKind::SafetyEvent, Notice::StageBegins) };
@@ -50,7 +42,7 @@ fn a_cell_without_export_gives_no_comparison() {
 
 #[test]
 fn a_fork_compares_only_from_a_state_that_its_cell_takes() {
-    let cell = Cell::new(Arc::new(StubFactory::exporting())).unwrap();
+    let cell = StubFactory::exporting().into_cell();
     let copy = cell.live_cell().unwrap().copy().unwrap();
     // The arm of the fork never moves, so the target has no force.
     assert_eq!(compared(StubFactory::exporting(), Some(&copy), FORCE), Ok(None));
