@@ -91,7 +91,7 @@ fn all_changes_are_shown_before_a_decision() {
     package.submission.push_str(
         "\n[[interface_changes]]\npart = \"precondition\"\nname = \"holding\"\nchange = \"changed\"\n",
     );
-    let mut bench = RollbackBench::under(profile(ProfileName::Human));
+    let mut bench = RollbackBench::resting(ProfileName::Human);
     let pipeline = &mut bench.pipeline;
     pipeline.drain_events();
     let id = request_activation(pipeline, package);
@@ -238,7 +238,7 @@ fn no_rollback_activates_a_blocked_version() {
 /// An operator who rolls back the last version learns first that no version follows.
 #[test]
 fn a_blocked_rollback_target_does_not_take_over() {
-    let (mut bench, id) = RollbackBench::with_active("align-improved");
+    let (mut bench, id) = RollbackBench::resting_with_active("align-improved");
     block(&mut bench, &"align@1.0.0".parse().unwrap(), ProfileName::Sim);
     let reply = bench.pipeline.command(Command::Rollback(operation(&id)));
     assert!(matches!(&reply, Reply::Refused { hint: Some(hint), .. } if hint.contains("--stop-family")));
@@ -288,7 +288,7 @@ const BAD: EpisodeValues = EpisodeValues { anomaly: true, time_s: 2.0, ..Episode
 fn conditions_of_an_activation_reach_its_monitor() {
     let strict = [Condition::StricterThresholds { factor: 0.5 }, Condition::RollbackCoupled];
     let first_action = |conditions: &[Condition]| {
-        let mut bench = RollbackBench::new();
+        let mut bench = RollbackBench::resting(ProfileName::Sim);
         let id = bench.activate_package(package("align-improved", &[]), conditions);
         let view = bench.pipeline.snapshot().live.monitors.remove(0);
         let mut watched = bench.pipeline.live().monitors.of(&id).unwrap().clone();

@@ -68,6 +68,13 @@ impl RollbackBench {
         Self::in_cell(StubFactory::exporting().into_cell(), Profile::builtin(profile).unwrap())
     }
 
+    /// As [`RollbackBench::with_active`], in a scripted cell.
+    pub(crate) fn resting_with_active(name: &str) -> (Self, CapabilityId) {
+        let mut bench = Self::resting(ProfileName::Sim);
+        let id = bench.activate(name);
+        (bench, id)
+    }
+
     pub(crate) fn in_cell(cell: Cell, profile: Profile) -> Self {
         let folder = quick_folder();
         let settings =

@@ -13,7 +13,7 @@ use holdpoint_record::evidence_binding::measured_terms_of;
 /// A tighter envelope binds where the version is measured and where it has the arm.
 #[test]
 fn a_tighter_envelope_binds_in_the_sandbox_and_on_the_arm() {
-    let (mut bench, id) = RollbackBench::with_active(CANDIDATE);
+    let (mut bench, id) = RollbackBench::resting_with_active(CANDIDATE);
     let limits = |bench: &mut RollbackBench| {
         let live = bench.pipeline.live();
         let version = live.record.capability(&id).unwrap();
@@ -37,7 +37,7 @@ fn a_tighter_envelope_binds_in_the_sandbox_and_on_the_arm() {
 /// A manual restriction of an active version counts as an intervention, and its monitor knows.
 #[test]
 fn a_restriction_by_a_person_reaches_the_chart_of_interventions() {
-    let (mut bench, id) = RollbackBench::with_active(CANDIDATE);
+    let (mut bench, id) = RollbackBench::resting_with_active(CANDIDATE);
     let charted = |bench: &mut RollbackBench| {
         let live = bench.pipeline.live();
         let monitor = &live.monitors.of(&id).unwrap().monitor;
@@ -53,7 +53,7 @@ fn a_restriction_by_a_person_reaches_the_chart_of_interventions() {
 /// What was done is never told to be refused, whatever comes after it.
 #[test]
 fn unrecordable_caller_halts_the_engine() {
-    let (mut bench, id) = RollbackBench::with_active(CANDIDATE);
+    let (mut bench, id) = RollbackBench::resting_with_active(CANDIDATE);
     let caller = Caller::Process { uid: 7, user: None, process: Some(7) };
     let database = bench.pipeline.record().version_table().store().layout().database();
     let reply = bench.pipeline.command_of(Command::Restrict(operation(&id)), &caller, None);
