@@ -18,96 +18,59 @@ use holdpoint_text::{
     shell_word,
 };
 
-/// How a command ended. The codes are a stable interface.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub enum Exit {
-    /// 0: confirmed, or done.
-    Confirmed,
-    /// 1: the candidate was rejected, or a check failed.
-    Rejected,
-    /// 2: the command line, a file or the machine is not as required.
-    Usage,
-    /// 3: on hold, or timed out.
-    Held,
-    /// 4: the version was rolled back.
-    RolledBack,
-    /// 5: nothing was judged, so there is no outcome.
-    NothingJudged,
-    /// 6: the answer is missing, or not authenticated as the engine's; the effect of the request is unknown.
-    NotConfirmed,
-    /// 7: an expectation of a scenario does not hold.
-    Unmet,
-    /// 70: a fault of this program.
-    Internal,
-    /// 75: another process prevents it for now; a later try may succeed.
-    Busy,
+macro_rules! exits {
+    ($($(#[$doc:meta])* $name:ident = $code:literal, $meaning:literal, $label:literal;)+) => {
+        /// How a command ended. The codes are a stable interface.
+        #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+        pub enum Exit { $($(#[$doc])* $name),+ }
+
+        impl Exit {
+            /// All exit codes.
+            pub const ALL: [Self; [$($code),+].len()] = [$(Self::$name),+];
+
+            /// The process's exit code.
+            #[must_use]
+            pub const fn code(self) -> u8 {
+                match self { $(Self::$name => $code),+ }
+            }
+
+            /// What the code means, in one line.
+            #[must_use]
+            pub const fn meaning(self) -> &'static str {
+                match self { $(Self::$name => $meaning),+ }
+            }
+
+            /// The label of the outcome of a version or a run.
+            #[must_use]
+            pub const fn outcome_label(self) -> &'static str {
+                match self { $(Self::$name => $label),+ }
+            }
+        }
+    };
 }
 
-impl Exit {
-    /// All exit codes.
-    pub const ALL: [Self; 10] = [
-        Self::Confirmed,
-        Self::Rejected,
-        Self::Usage,
-        Self::Held,
-        Self::RolledBack,
-        Self::NothingJudged,
-        Self::NotConfirmed,
-        Self::Unmet,
-        Self::Internal,
-        Self::Busy,
-    ];
-
-    /// What the code means, in one line.
-    #[must_use]
-    pub const fn meaning(self) -> &'static str {
-        match self {
-            Self::Confirmed => "confirmed, or done",
-            Self::Rejected => "the candidate was rejected, or a check failed",
-            Self::Usage => "usage: the command line, a file or the machine is not as required",
-            Self::Held => "on hold, or timed out",
-            Self::RolledBack => "rolled back",
-            Self::NothingJudged => "nothing was judged: no version was submitted",
-            Self::NotConfirmed => "not confirmed by the engine; the effect of the request is unknown",
-            Self::Unmet => "not as expected: an expectation of the scenario does not hold",
-            Self::Internal => "internal: a fault of this program",
-            Self::Busy => "busy: another process prevents it for now",
-        }
-    }
-
-    /// The process's exit code.
-    #[must_use]
-    pub const fn code(self) -> u8 {
-        match self {
-            Self::Confirmed => 0,
-            Self::Rejected => 1,
-            Self::Usage => 2,
-            Self::Held => 3,
-            Self::RolledBack => 4,
-            Self::NothingJudged => 5,
-            Self::NotConfirmed => 6,
-            Self::Unmet => 7,
-            Self::Internal => 70,
-            Self::Busy => 75,
-        }
-    }
-
-    /// The label of the outcome of a version or a run.
-    #[must_use]
-    pub const fn outcome_label(self) -> &'static str {
-        match self {
-            Self::Confirmed => "confirmed",
-            Self::Rejected => "rejected",
-            Self::Usage => "usage",
-            Self::Held => "held",
-            Self::RolledBack => "rolled back",
-            Self::NothingJudged => "nothing was judged",
-            Self::NotConfirmed => "not confirmed",
-            Self::Unmet => "not as expected",
-            Self::Internal => "internal error",
-            Self::Busy => "busy",
-        }
-    }
+// The code, its meaning, and the label of an outcome.
+exits! {
+    /// Confirmed, or done.
+    Confirmed = 0, "confirmed, or done", "confirmed";
+    /// The candidate was rejected, or a check failed.
+    Rejected = 1, "the candidate was rejected, or a check failed", "rejected";
+    /// The command line, a file or the machine is not as required.
+    Usage = 2, "usage: the command line, a file or the machine is not as required", "usage";
+    /// On hold, or timed out.
+    Held = 3, "on hold, or timed out", "held";
+    /// The version was rolled back.
+    RolledBack = 4, "rolled back", "rolled back";
+    /// Nothing was judged, so there is no outcome.
+    NothingJudged = 5, "nothing was judged: no version was submitted", "nothing was judged";
+    /// The answer is missing, or not authenticated as the engine's; the effect of the request is unknown.
+    NotConfirmed = 6, "not confirmed by the engine; the effect of the request is unknown", "not confirmed";
+    /// An expectation of a scenario does not hold.
+    Unmet = 7, "not as expected: an expectation of the scenario does not hold", "not as expected";
+    /// A fault of this program.
+    Internal = 70, "internal: a fault of this program", "internal error";
+    /// Another process prevents it for now; a later try may succeed.
+    Busy = 75, "busy: another process prevents it for now", "busy";
 }
 
 impl From<Exit> for ExitCode {

@@ -147,12 +147,12 @@ fn killed_rebuild_leaves_the_damaged_or_the_rebuilt_store() {
     assert!(at_every_call(test, prepare, check) > 20);
 }
 
-/// Copies a folder's files and folders into a folder.
+/// Copies a folder's files and folders into a folder, which is made if missing.
 pub fn copy(from: &Path, to: &Path) {
+    fs::create_dir_all(to).unwrap();
     for entry in fs::read_dir(from).unwrap() {
         let (from, to) = (entry.as_ref().unwrap().path(), to.join(entry.unwrap().file_name()));
         if from.is_dir() {
-            fs::create_dir_all(&to).unwrap();
             copy(&from, &to);
         } else {
             // Permissions come along.

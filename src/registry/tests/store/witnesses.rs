@@ -17,24 +17,12 @@ use holdpoint_registry::{
 use holdpoint_store::{RefusalCause, StoreError, VerifyError};
 
 use crate::edits::make_full_store;
+use crate::killed::copy;
 use crate::proofs::{heads, public_key};
 use crate::quick_folder::quick_folder;
 use crate::support::*;
 
 const BY: &str = "{\"user\":\"ada\"}";
-
-/// Copies everything in a folder to another one.
-fn copy(from: &Path, to: &Path) {
-    fs::create_dir_all(to).unwrap();
-    for entry in fs::read_dir(from).unwrap() {
-        let (from, to) = (entry.as_ref().unwrap().path(), to.join(entry.unwrap().file_name()));
-        if from.is_dir() {
-            copy(&from, &to);
-        } else {
-            fs::copy(&from, &to).unwrap();
-        }
-    }
-}
 
 /// The store restored to its earlier state.
 fn put_back(folder: &Path, before: &Path) {
