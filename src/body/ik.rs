@@ -27,6 +27,9 @@ impl IkOptions {
     /// From anywhere: up to 100 iterations, seven times.
     pub const GLOBAL: Self =
         Self { iterations_max: 100, tolerance: 1e-6, posture_gain: 0.05, step_max_rad: 0.2, restarts: 6 };
+    /// Following a path from the previous solution.
+    pub const TRACKING: Self =
+        Self { iterations_max: 4, tolerance: 1e-5, posture_gain: 0.01, step_max_rad: 0.1, restarts: 0 };
 }
 
 /// The best configuration found, whether it converged or not.
