@@ -13,12 +13,21 @@ use holdpoint_trials::cell::Cell;
 use holdpoint_trials::seeds::{CALIBRATION_FROM_RUN, EpisodeSeeds};
 
 use crate::decide::pipeline::{Pipeline, PipelineSettings};
+use crate::live::fake_cell::StubFactory;
 use crate::live::stop_switch::Controls;
 use holdpoint_record::version_table::VersionTable;
 use holdpoint_record::wall_clock::WallClock;
 
 pub(crate) fn pipeline(folder: &Path, profile: ProfileName) -> Pipeline {
     pipeline_by(folder, Profile::builtin(profile).unwrap(), |_| WallClock::scripted(0, None))
+}
+
+/// As [`pipeline`], in a scripted cell, for a test in which no task runs.
+pub(crate) fn resting_pipeline(folder: &Path, profile: ProfileName) -> Pipeline {
+    let seeds = EpisodeSeeds::OfRun(CALIBRATION_FROM_RUN);
+    let cell = StubFactory::exporting().into_cell();
+    let settings = PipelineSettings { cell, ..settings(Profile::builtin(profile).unwrap(), seeds) };
+    pipeline_of(folder, settings, |_| WallClock::scripted(0, None))
 }
 
 /// As [`pipeline`], with another wall clock, which receives the wall time of the newest record.

@@ -36,6 +36,7 @@ use crate::decide::people::persons::enrolled;
 use crate::decide::pipeline::{Pipeline, SliceOutcome};
 use crate::quick_folder::quick_folder;
 pub(crate) use crate::test_pipeline::pipeline;
+use crate::test_pipeline::resting_pipeline;
 use crate::{Config, Engine, StartError};
 use holdpoint_record::version_table::TransitionNote;
 use holdpoint_text::Hint;
@@ -85,7 +86,7 @@ pub(crate) fn assert_accepted(reply: &Reply) {
 fn open_alarms_survive_a_restart_unchanged() {
     let folder = quick_folder();
     let id: CapabilityId = "grasp@1.0.0".parse().unwrap();
-    let mut first = pipeline(folder.path(), ProfileName::Sim);
+    let mut first = resting_pipeline(folder.path(), ProfileName::Sim);
     let record = &mut *first.live().record;
     let taken_off = AlarmKey::RolledBack(id.clone());
     let notice = Notice::Restricted { version: id.clone(), reason: None };
@@ -96,7 +97,7 @@ fn open_alarms_survive_a_restart_unchanged() {
     let (alarms, summary) = (first.snapshot().alarms, first.snapshot().alarm_summary);
     assert_eq!((alarms.len(), summary.latched, summary.unacknowledged), (2, 1, [0, 1, 0]));
     drop(first);
-    let second = pipeline(folder.path(), ProfileName::Sim);
+    let second = resting_pipeline(folder.path(), ProfileName::Sim);
     assert_eq!(second.snapshot().alarms, alarms);
     assert_eq!(second.snapshot().alarm_summary, summary);
 }

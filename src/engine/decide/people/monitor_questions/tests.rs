@@ -11,6 +11,7 @@ use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::lifecycle::Stage;
 use holdpoint_governance::monitor::MonitorAction;
 use holdpoint_governance::notice::Notice;
+use holdpoint_governance::profile::ProfileName;
 use holdpoint_governance::record::RecordKind;
 use holdpoint_protocol::clock::Clock;
 use holdpoint_protocol::command::{Command, Operation, Refusal, Reply};
@@ -38,7 +39,7 @@ fn wait_for_a_question(pipeline: &mut Pipeline) {
 
 #[test]
 fn escalation_is_answered_and_may_be_raised_again() {
-    let (mut bench, id) = RollbackBench::with_active("align-improved");
+    let (mut bench, id) = RollbackBench::resting_with_active("align-improved");
     let pipeline = &mut bench.pipeline;
     assert!(pipeline.live().monitors.questions().is_empty());
     assert!(matches!(pipeline.command(go_on(&id)), Reply::Refused { code: Refusal::NotNow, .. }));
@@ -78,7 +79,7 @@ fn escalation_is_answered_and_may_be_raised_again() {
 
 #[test]
 fn telemetry_silence_has_its_own_alarm_priority() {
-    let (mut bench, id) = RollbackBench::with_active("align-improved");
+    let (mut bench, id) = RollbackBench::resting_with_active("align-improved");
     let pipeline = &mut bench.pipeline;
     Arc::make_mut(&mut pipeline.context_mut().profile).alarms.telemetry_silent = Priority::Low;
     pipeline.live().world.cell.fault = Some(LiveFault::TelemetryLost);
@@ -89,7 +90,7 @@ fn telemetry_silence_has_its_own_alarm_priority() {
 
 #[test]
 fn refusals_change_no_evidence_file() {
-    let (mut bench, active) = RollbackBench::with_active("align-improved");
+    let (mut bench, active) = RollbackBench::resting_with_active("align-improved");
     let unknown: CapabilityId = "align@9.9.9".parse().unwrap();
     let pipeline = &mut bench.pipeline;
     pipeline.live().evidence_files.edit(&active).held = true;
@@ -119,7 +120,7 @@ fn refusals_change_no_evidence_file() {
 
 #[test]
 fn answer_after_the_deadline_is_refused() {
-    let (mut bench, id) = RollbackBench::with_active("align-improved");
+    let (mut bench, id) = RollbackBench::resting_with_active("align-improved");
     let pipeline = &mut bench.pipeline;
     pipeline.live().world.cell.fault = Some(LiveFault::TelemetryLost);
     wait_for_a_question(pipeline);
@@ -146,7 +147,7 @@ fn alarm_returns_to_normal_when_its_cause_ends() {
 
 #[test]
 fn alarm_is_shelved_for_a_limited_time() {
-    let mut bench = RollbackBench::new();
+    let mut bench = RollbackBench::resting(ProfileName::Sim);
     let pipeline = &mut bench.pipeline;
     let key = AlarmKey::Approval("align@1.1.0".parse().unwrap());
     pipeline.live().record.raise(key.clone(), Priority::Low, false, Notice::SocketNameTaken { times: 1 });

@@ -18,7 +18,7 @@ use crate::decide::people::persons::enrolled;
 use crate::decide::pipeline::Pipeline;
 use crate::decide::stages::activation::tests::{package, request_activation_by};
 use crate::quick_folder::quick_folder;
-use crate::test_pipeline::pipeline;
+use crate::test_pipeline::{pipeline, resting_pipeline};
 use crate::tests::awaiting_approval;
 use holdpoint_approvals::keyfile::KeyEncoding;
 use holdpoint_governance::approval::Role;
@@ -63,7 +63,7 @@ fn submitted(author: &str) -> Package {
 #[test]
 fn requester_cannot_approve_a_version_even_after_a_restart() {
     let folder = quick_folder();
-    let mut first = pipeline(folder.path(), ProfileName::Human);
+    let mut first = resting_pipeline(folder.path(), ProfileName::Human);
     let [rita, ben, sam] = ["rita", "ben", "sam"].map(|name| person(&mut first, name, Role::Safety));
     // It is registered on behalf of rita.
     let id = awaiting_approval(&mut first, PolicyOutcome::Review, Vec::new());
@@ -74,7 +74,7 @@ fn requester_cannot_approve_a_version_even_after_a_restart() {
         "what does not count is not shown as counted"
     );
     drop(first);
-    let mut second = pipeline(folder.path(), ProfileName::Human);
+    let mut second = resting_pipeline(folder.path(), ProfileName::Human);
     let open = second.snapshot().prompts.remove(0);
     assert_eq!(open.requester.name(), "rita");
     let shown = question(&mut second, &open, "ben").unwrap();
@@ -124,7 +124,7 @@ fn reactivation_and_release_need_a_second_person() {
 #[test]
 fn estimated_risk_and_a_script_lower_no_quorum() {
     let folder = quick_folder();
-    let mut pipeline = pipeline(folder.path(), ProfileName::Human);
+    let mut pipeline = resting_pipeline(folder.path(), ProfileName::Human);
     let submitted = package("align-shared", &[]);
     assert!(submitted.submission.contains("estimated_risk = \"low\""), "{}", submitted.submission);
     request_activation_by(&mut pipeline, submitted, None);
@@ -150,7 +150,7 @@ fn estimated_risk_and_a_script_lower_no_quorum() {
 #[test]
 fn author_is_recognized_and_excluded_by_key() {
     let folder = quick_folder();
-    let mut pipeline = pipeline(folder.path(), ProfileName::Human);
+    let mut pipeline = resting_pipeline(folder.path(), ProfileName::Human);
     let acme = person(&mut pipeline, "acme", Role::Safety);
     let mut submitted = submitted("acme");
     let loaded = holdpoint_runtime::capability::Capability::load("test", submitted.clone()).unwrap();
@@ -178,7 +178,7 @@ fn author_is_recognized_and_excluded_by_key() {
 #[test]
 fn a_registration_names_its_requester() {
     let folder = quick_folder();
-    let mut pipeline = pipeline(folder.path(), ProfileName::Sim);
+    let mut pipeline = resting_pipeline(folder.path(), ProfileName::Sim);
     person(&mut pipeline, "ana", Role::Engineer);
     request_activation_by(&mut pipeline, submitted("ana"), Some("ana"));
     let events = pipeline.live().record.take_events();
@@ -197,7 +197,7 @@ fn a_registration_names_its_requester() {
 #[test]
 fn version_without_a_known_requester_is_not_reactivated_where_people_decide() {
     let folder = quick_folder();
-    let mut pipeline = pipeline(folder.path(), ProfileName::Human);
+    let mut pipeline = resting_pipeline(folder.path(), ProfileName::Human);
     let now_ms = pipeline.record().now_ms();
     pipeline.live().record.set_clock(Clock::real(now_ms));
     let package = submitted("skill-lab");
@@ -218,7 +218,7 @@ fn version_without_a_known_requester_is_not_reactivated_where_people_decide() {
 #[test]
 fn authors_and_registrars_do_not_review_their_own_tries() {
     let folder = quick_folder();
-    let mut pipeline = pipeline(folder.path(), ProfileName::Human);
+    let mut pipeline = resting_pipeline(folder.path(), ProfileName::Human);
     for name in ["rita", "ben"] {
         person(&mut pipeline, name, Role::Safety);
     }

@@ -15,11 +15,10 @@ use tempfile::TempDir;
 
 use super::*;
 use crate::decide::pipeline::{Pipeline, PipelineSettings, SliceOutcome};
-use crate::live::fake_cell::StubFactory;
 use crate::live::monitors::ActivationMonitor;
 use crate::live::station::LiveFault;
 use crate::quick_folder::quick_folder;
-use crate::test_pipeline::{pipeline_of, settings};
+use crate::test_pipeline::{pipeline_of, resting_pipeline, settings};
 use crate::tests::assert_accepted;
 use holdpoint_body::Body;
 use holdpoint_governance::evidence::EpisodeValues;
@@ -65,7 +64,9 @@ impl RollbackBench {
 
     /// In a scripted cell, for a test in which no task runs.
     pub(crate) fn resting(profile: ProfileName) -> Self {
-        Self::in_cell(StubFactory::exporting().into_cell(), Profile::builtin(profile).unwrap())
+        let folder = quick_folder();
+        let pipeline = resting_pipeline(folder.path(), profile);
+        Self { folder, pipeline }
     }
 
     /// As [`RollbackBench::with_active`], in a scripted cell.

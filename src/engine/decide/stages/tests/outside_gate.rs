@@ -14,7 +14,7 @@ use crate::decide::stages::rollback::tests::RollbackBench;
 use crate::live::stop_mark::OwnStopMark;
 use crate::live::stop_switch::StopRequest;
 use crate::quick_folder::quick_folder;
-use crate::test_pipeline::pipeline;
+use crate::test_pipeline::resting_pipeline;
 use crate::tests::at_the_gate;
 
 /// Regression: a version became active during a person's stop, and the start of the cell did not report it.
@@ -51,7 +51,7 @@ fn stopped_cell_activates_no_version_outside_the_gate() {
 #[test]
 fn a_requester_unblocks_no_profile() {
     let folder = quick_folder();
-    let mut pipeline = pipeline(folder.path(), ProfileName::Sim);
+    let mut pipeline = resting_pipeline(folder.path(), ProfileName::Sim);
     let id = at_the_gate(&mut pipeline);
     let of = |by: &str| Operation { by: by.to_owned(), ..operation(&id) };
     let human = vec![ProfileName::Human];

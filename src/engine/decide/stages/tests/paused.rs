@@ -104,7 +104,7 @@ fn paused_active_version_keeps_running_and_is_confirmed_on_resume() {
 /// A pause of a confirmed version was accepted and changed nothing.
 #[test]
 fn pausing_a_confirmed_version_is_refused_with_a_hint() {
-    let (mut bench, id) = RollbackBench::with_active(CANDIDATE);
+    let (mut bench, id) = RollbackBench::resting_with_active(CANDIDATE);
     let version = bench.pipeline.record().version_table().version(&id).unwrap().0;
     transition(&mut bench, &id, LifecycleEvent::Confirm { version });
     let reply = bench.pipeline.command(Command::Pause(operation(&id)));
@@ -254,7 +254,7 @@ fn end_of_a_drift_or_fault_has_its_own_answer() {
 /// A reason of zero-width characters passed for a reason.
 #[test]
 fn every_command_refuses_an_unreadable_reason() {
-    let (mut bench, id) = RollbackBench::with_active(CANDIDATE);
+    let (mut bench, id) = RollbackBench::resting_with_active(CANDIDATE);
     for unseen in ["\u{200b}", " \u{2060}\u{feff}", "\u{3164}", "\t"] {
         let (by, reason) = ("ada".to_owned(), unseen.to_owned());
         let of = || Operation { version: id.clone(), by: by.clone(), reason: reason.clone() };
@@ -283,7 +283,7 @@ fn every_command_refuses_an_unreadable_reason() {
 /// Regression: the reason of a pause was nowhere in the store.
 #[test]
 fn a_pause_and_its_end_are_on_record_with_person_and_reason() {
-    let mut bench = RollbackBench::new();
+    let mut bench = RollbackBench::resting(ProfileName::Sim);
     let id = bench.pass(CANDIDATE, &Stage::ALL[..1]);
     pause(&mut bench, &id);
     resume(&mut bench, &id);

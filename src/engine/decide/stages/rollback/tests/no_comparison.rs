@@ -4,6 +4,7 @@ use holdpoint_governance::monitor::SafetyEvent;
 use holdpoint_runtime::task::TaskRecord;
 
 use super::*;
+use crate::live::fake_cell::StubFactory;
 
 const FORCE: Option<SafetyEvent> = Some(SafetyEvent::ForceLimit);
 
