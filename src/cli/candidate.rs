@@ -250,15 +250,11 @@ pub fn run(
 ) -> Result<Exit, CliError> {
     match &args.verb {
         CandidateVerb::Register(args) => return engine.run(context, EngineVerb::Register(args), out),
-        CandidateVerb::Compat(args) => {
-            return engine.run(context, EngineVerb::Stage(args, Stage::Validation), out);
+        CandidateVerb::Compat(of) => {
+            return engine.run(context, EngineVerb::Stage(of, Stage::Validation), out);
         }
-        CandidateVerb::Sandbox(args) => {
-            return engine.run(context, EngineVerb::Stage(args, Stage::Sandbox), out);
-        }
-        CandidateVerb::Shadow(args) => {
-            return engine.run(context, EngineVerb::Stage(args, Stage::Shadow), out);
-        }
+        CandidateVerb::Sandbox(of) => return engine.run(context, EngineVerb::Stage(of, Stage::Sandbox), out),
+        CandidateVerb::Shadow(of) => return engine.run(context, EngineVerb::Stage(of, Stage::Shadow), out),
         CandidateVerb::Sign(args) => sign(context, args, out)?,
         CandidateVerb::Show(args) => show(&read(&args.folder)?.0, out)?,
         CandidateVerb::Check(args) => {
