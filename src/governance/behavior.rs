@@ -441,7 +441,7 @@ fn component(
             both(&|alpha| real_pairs(&differences, 1.0, alpha))?
         }
         ComponentName::Time => {
-            let done = pairs.iter().filter(|pair| pair.active.success && pair.candidate.success);
+            let done = pairs.iter().filter(|pair| name.is_compared_in(pair));
             let longer: Vec<f64> = done
                 .filter(|pair| pair.active.time_s > 0.0)
                 .map(|pair| pair.candidate.time_s / pair.active.time_s - 1.0)

@@ -3,8 +3,8 @@
 //! Puts measured values beside their limits; what was not measured is left out, never filled in.
 
 use crate::evidence_file::EvidenceFile;
-use holdpoint_governance::behavior::{self, ComponentName, SequenceMeasure};
-use holdpoint_governance::evidence::{DrillKind, DrillTally, ShadowSequence, Signature};
+use holdpoint_governance::behavior::{self, BehaviorAssessment, ComponentName, SequenceMeasure};
+use holdpoint_governance::evidence::{DrillKind, DrillTally, Pair, ShadowSequence, Signature};
 use holdpoint_governance::explanation::{MeasuredQuantity, ShadowDifference, ShadowEvent};
 use holdpoint_governance::phase::WorkPhase;
 use holdpoint_governance::profile::EvaluationSettings;
@@ -21,15 +21,17 @@ const DISAGREEMENTS_MAX: usize = 50;
 #[must_use]
 pub fn behavior(evidence_file: &EvidenceFile) -> Vec<MeasuredValue> {
     let Some(behavior) = &evidence_file.behavior else { return Vec::new() };
-    let of = |signature: &Option<Signature>, name| signature.as_ref().map(|means| mean(means, name));
     let n = u64::from(behavior.pairs);
-    let components = behavior.components.iter().map(|component| MeasuredValue {
-        name: measured_quantity(&MeasuredQuantity::Component(component.name)),
-        candidate: of(&behavior.candidate, component.name),
-        active: of(&behavior.active, component.name),
-        interval: component.upper.map(|upper| [component.lower, upper]),
-        limit: Some(component.tolerance),
-        n,
+    let components = behavior.components.iter().map(|component| {
+        let means = compared_means(component.name, behavior, &evidence_file.pairs);
+        MeasuredValue {
+            name: measured_quantity(&MeasuredQuantity::Component(component.name)),
+            candidate: means.map(|[candidate, _]| candidate),
+            active: means.map(|[_, active]| active),
+            interval: component.upper.map(|upper| [component.lower, upper]),
+            limit: Some(component.tolerance),
+            n,
+        }
     });
     // A measure in which the two do not differ says nothing of either.
     let differing = behavior.harm.iter().filter(|harm| harm.worsening != 0.0 || !harm.is_within_tolerance());
@@ -56,14 +58,28 @@ pub fn behavior(evidence_file: &EvidenceFile) -> Vec<MeasuredValue> {
     components.chain(harm).chain(sequences).collect()
 }
 
-const fn mean(means: &Signature, name: ComponentName) -> f64 {
+/// The means of candidate and active version that a component compares, so that its interval belongs to their difference.
+fn compared_means(name: ComponentName, behavior: &BehaviorAssessment, pairs: &[Pair]) -> Option<[f64; 2]> {
+    let of_pairs = |values: &dyn Fn(&Pair) -> Option<[f64; 2]>| {
+        let all: Vec<[f64; 2]> = pairs.iter().filter_map(values).collect();
+        let mean = |side: fn(&[f64; 2]) -> f64| all.iter().map(side).sum::<f64>() / (all.len() as f64);
+        (!all.is_empty()).then(|| [mean(|[candidate, _]| *candidate), mean(|[_, active]| *active)])
+    };
+    let of_all = |mean: fn(&Signature) -> f64| {
+        let (candidate, active) = behavior.candidate.as_ref().zip(behavior.active.as_ref())?;
+        Some([mean(candidate), mean(active)])
+    };
     match name {
-        ComponentName::Success => means.success,
-        ComponentName::Time => means.time_s,
-        ComponentName::Retry => means.retry,
-        ComponentName::Violation => means.violation,
-        ComponentName::Anomaly => means.anomaly,
-        ComponentName::Recovery => means.recovery,
+        ComponentName::Success => of_all(|means| means.success),
+        ComponentName::Retry => of_all(|means| means.retry),
+        ComponentName::Violation => of_all(|means| means.violation),
+        ComponentName::Anomaly => of_all(|means| means.anomaly),
+        ComponentName::Time => {
+            of_pairs(&|pair| name.is_compared_in(pair).then_some([pair.candidate.time_s, pair.active.time_s]))
+        }
+        ComponentName::Recovery => of_pairs(&|pair| {
+            name.is_bad_in(pair).map(|(new, old)| [new, old].map(|bad| if bad { 1.0 } else { 0.0 }))
+        }),
     }
 }
 
@@ -214,7 +230,8 @@ fn difference(s: &ShadowSequence) -> ShadowDifference {
 mod tests {
     use super::*;
 
-    use holdpoint_governance::evidence::Conduct;
+    use holdpoint_governance::evidence::{Conduct, EpisodeValues};
+    use holdpoint_governance::finding::EvidenceGap;
 
     fn sequence(twin: [bool; 3], live: [bool; 3]) -> ShadowSequence {
         ShadowSequence {
@@ -231,6 +248,30 @@ mod tests {
             twin_conduct: Conduct::default(),
             twin_difference: None,
         }
+    }
+
+    /// Regression: the row had 0.033 against 0.280, and an interval of the difference from 0.016 better to 0.010 worse.
+    #[test]
+    fn means_are_of_the_pairs_that_the_interval_is_of() {
+        let ran = |success: bool, recovery: bool, time_s: f64| EpisodeValues {
+            success,
+            recovery,
+            time_s,
+            ..EpisodeValues::CLEAN
+        };
+        let pair = |seed, candidate, active| Pair { seed, active, candidate, live_like: false };
+        let pairs = [
+            pair(1, ran(true, false, 2.0), ran(false, true, 9.0)),
+            pair(2, ran(true, true, 4.0), ran(true, false, 6.0)),
+            pair(3, ran(true, false, 2.0), ran(true, false, 2.0)),
+            pair(4, ran(false, true, 9.0), ran(false, true, 9.0)),
+        ];
+        let assessment = behavior::without_value(EvidenceGap::NoEpisodes);
+        let means = |name, pairs: &[Pair]| compared_means(name, &assessment, pairs);
+        assert_eq!(means(ComponentName::Recovery, &pairs), Some([0.5, 0.25]));
+        assert_eq!(means(ComponentName::Time, &pairs), Some([3.0, 4.0]));
+        assert_eq!(means(ComponentName::Time, &pairs[..1]), None);
+        assert_eq!(means(ComponentName::Success, &pairs), None, "that one is in the assessment");
     }
 
     #[test]

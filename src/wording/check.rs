@@ -179,7 +179,9 @@ fn component_finding(of: &ComponentFinding) -> String {
             format!("shows a failure to the watcher in {new}, the active version in {old}; {more}")
         }
         ComponentName::Recovery => {
-            format!("needs the recovery manager in {new}, the active version in {old}; {more}")
+            // A pair in which one of them alone does the task counts as success.
+            let compared = "where both or neither does the task";
+            format!("needs the recovery manager in {new}, the active version in {old}, {compared}; {more}")
         }
         ComponentName::Success => {
             format!("does not do the task in {new}, the active version in {old}; {more}")

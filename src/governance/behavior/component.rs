@@ -74,6 +74,18 @@ impl ComponentName {
         matches!(self, Self::Violation | Self::Anomaly)
     }
 
+    /// Whether the component compares the two sides of a pair. Where one of them lost the task, that counts as success, and
+    /// not as its recovery too.
+    #[must_use]
+    pub const fn is_compared_in(self, pair: &Pair) -> bool {
+        let (new, old) = (pair.candidate.success, pair.active.success);
+        match self {
+            Self::Time => new && old,
+            Self::Recovery => new == old,
+            Self::Success | Self::Retry | Self::Violation | Self::Anomaly => true,
+        }
+    }
+
     /// Whether the two sides of a pair are bad in a component that is a share of episodes: the candidate's, the active
     /// version's. `None` for time and retries.
     #[must_use]
@@ -83,8 +95,7 @@ impl ComponentName {
             Self::Success => (!new.success, !old.success),
             Self::Violation => (new.violation, old.violation),
             Self::Anomaly => (new.anomaly, old.anomaly),
-            // Where one of them lost the task, that counts as success, and not as its recovery too.
-            Self::Recovery if new.success != old.success => (false, false),
+            Self::Recovery if !self.is_compared_in(pair) => (false, false),
             Self::Recovery => (new.recovery, old.recovery),
             Self::Time | Self::Retry => return None,
         })

@@ -379,27 +379,25 @@ fn component_finding(
     pairs: &[Pair],
     bound: Option<DecidingBound>,
 ) -> ComponentFinding {
+    type Side = fn(&Pair) -> &EpisodeValues;
     let BehaviorComponent { name, tolerance, .. } = *component;
-    let bad = |values: &EpisodeValues| badness(name, values);
-    let means = |among: fn(&&Pair) -> bool| {
-        let chosen: Vec<&Pair> = pairs.iter().filter(among).collect();
-        let mean = |of: fn(&Pair) -> &EpisodeValues| {
-            let sum: f64 = chosen.iter().map(|pair| bad(of(pair))).sum();
-            if chosen.is_empty() { 0.0 } else { sum / chosen.len() as f64 }
-        };
-        ComponentValues::Mean { candidate: mean(|pair| &pair.candidate), active: mean(|pair| &pair.active) }
-    };
+    let compared: Vec<&Pair> = pairs.iter().filter(|pair| name.is_compared_in(pair)).collect();
+    let values_of = |of: Side| -> Vec<f64> { compared.iter().map(|pair| badness(name, of(pair))).collect() };
+    let count = |of: Side| values_of(of).into_iter().filter(|value| *value > 0.0).count();
+    let mean = |of: Side| values_of(of).into_iter().sum::<f64>() / (compared.len().max(1) as f64);
     let values = match name {
         ComponentName::Violation
         | ComponentName::Anomaly
         | ComponentName::Recovery
         | ComponentName::Success => ComponentValues::Episodes {
-            candidate: pairs.iter().filter(|pair| bad(&pair.candidate) > 0.0).count(),
-            active: pairs.iter().filter(|pair| bad(&pair.active) > 0.0).count(),
+            candidate: count(|pair| &pair.candidate),
+            active: count(|pair| &pair.active),
             of: pairs.len(),
         },
-        ComponentName::Retry => means(|_| true),
-        ComponentName::Time => means(|pair| pair.candidate.success && pair.active.success),
+        ComponentName::Retry | ComponentName::Time => ComponentValues::Mean {
+            candidate: mean(|pair| &pair.candidate),
+            active: mean(|pair| &pair.active),
+        },
     };
     ComponentFinding { name, values, tolerance, bound }
 }
@@ -477,6 +475,20 @@ mod tests {
         assert_eq!(found.bound, None, "the mean decides");
         assert_eq!(weight(0.5, 0.05), Some(10.0));
         assert_eq!(weight(0.5, 0.0), None);
+    }
+
+    /// Regression: a recovery after a task that it alone lost made the candidate look worse than the verdict beside it.
+    #[test]
+    fn recovery_is_counted_where_both_versions_or_neither_do_the_task() {
+        let component = component(ComponentName::Recovery, -0.25, (-0.5, Some(0.1)), 0.15);
+        let mut pairs = [pair(false); 4];
+        for pair in &mut pairs[..3] {
+            pair.candidate.recovery = true;
+        }
+        (pairs[0].candidate.success, pairs[1].candidate.success) = (false, false);
+        (pairs[2].active.recovery, pairs[3].active.recovery) = (true, true);
+        let values = component_finding(&component, &pairs, None).values;
+        assert_eq!(values, ComponentValues::Episodes { candidate: 1, active: 2, of: 4 });
     }
 
     #[test]
