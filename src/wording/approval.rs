@@ -71,7 +71,8 @@ pub fn marked_lines(facts: &ApprovalFacts) -> Vec<RequestLine> {
     let mut lines = Lines::default();
     verdict(facts, &mut lines);
     lines.add(LineMark::Question, title(facts));
-    lines.extend(LineMark::Plain, facts.asked.as_ref().map(signer_line));
+    let asked = facts.asked.as_ref().map(|person| signer_line(person, &facts.signed_before));
+    lines.extend(LineMark::Plain, asked);
     if facts.purpose == RequestKind::Emergency {
         let review = "Two others review it later, or it is rolled back; it is flagged until then";
         lines.add(LineMark::Caution, review.to_owned());
@@ -256,9 +257,12 @@ fn title(facts: &ApprovalFacts) -> String {
     }
 }
 
-fn signer_line(person: &RequestedSigner) -> String {
+fn signer_line(person: &RequestedSigner, signed_before: &[EarlierSignature]) -> String {
     let RequestedSigner { name, role, void } = person;
     let counts = match void {
+        None if signed_before.iter().any(|signature| signature.name == *name) => {
+            "your approval is recorded and counts as one".to_owned()
+        }
         None => "your approval would count as one".to_owned(),
         Some(ReasonCode::ApprovalSelf) => {
             "your approval would NOT count: you wrote it, registered it or asked for this".to_owned()

@@ -166,6 +166,19 @@ fn a_signature_says_what_it_does() {
     assert_eq!(effect(&void), None);
 }
 
+/// An approver who opened the request again read that an approval of theirs would count.
+#[test]
+fn signer_line_does_not_promise_a_second_approval() {
+    let line = |facts: &ApprovalFacts| {
+        render(facts).into_iter().find(|line| line.starts_with("You are asked as ben")).unwrap()
+    };
+    assert!(line(&facts()).contains("would count as one"));
+    let mut again = facts();
+    again.signed_before[0].name = "ben".to_owned();
+    let line = line(&again);
+    assert!(line.contains("is recorded") && !line.contains("would count"), "{line}");
+}
+
 #[test]
 fn failures_are_counted_and_stand_first() {
     use DimensionOutcome::{Conditional, Incompatible, Inconclusive, Review};
