@@ -143,7 +143,7 @@ impl Requester {
             Self::Person { name, .. } => name,
             Self::Script => "script",
             Self::Program => "holdpoint",
-            Self::Unknown => "not known",
+            Self::Unknown => "no one on record",
         }
     }
 

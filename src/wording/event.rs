@@ -411,6 +411,19 @@ mod tests {
         }
     }
 
+    /// Regression: an unsigned registration was "requested by not known".
+    #[test]
+    fn an_unsigned_registration_names_no_one() {
+        let digest = "a".repeat(64);
+        let json = format!(
+            r#"{{"event":"registered","version":"align@1.1.0","digest":"{digest}","author":"cora",
+                "provenance":"manual","risk":"low","parent":null}}"#
+        );
+        let kind: EventKind = serde_json::from_str(&json).unwrap();
+        let line = sentence(&Event { seq: 1, at_ms: 0, kind }, LINE_WIDTH_MAX);
+        assert!(line.as_str().ends_with("requested by no one on record"), "{}", line.as_str());
+    }
+
     #[test]
     fn a_rollback_without_a_comparison_says_why() {
         let told = |more: &str| {
