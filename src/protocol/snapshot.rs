@@ -304,7 +304,7 @@ pub struct CandidateView {
     pub author: String,
     /// How the version came about, as the submission has it.
     pub provenance: Provenance,
-    /// Risk tier, as the submission estimates it.
+    /// Risk class by its changes; before the assessment of its dimensions, the submission's estimate.
     pub risk: Risk,
     /// Progress of the running stage; absent if none is running.
     pub progress: Option<ProgressView>,

@@ -293,12 +293,10 @@ fn rows(
 ) -> Vec<Row> {
     let name = candidate.version.to_string();
     let room = width.saturating_sub(name.width() + 2);
-    let by = format!(
-        "  {}, {}, risk {}",
-        super::short(&candidate.author, 24),
-        origin(candidate.provenance),
-        candidate.risk
-    );
+    // Before the assessment, the engine has only the author's estimate.
+    let basis = if candidate.dimensions.is_empty() { "estimated risk" } else { "risk" };
+    let (author, origin) = (super::short(&candidate.author, 24), origin(candidate.provenance));
+    let by = format!("  {author}, {origin}, {basis} {}", candidate.risk);
     let state = super::state_row(candidate.state, &candidate.flags, room, look);
     // The last column is for the sign that the author is cut off.
     let head = super::named(&name, state, width.saturating_sub(1)).with(ThemeRole::Muted, &by);

@@ -213,8 +213,8 @@ fn report_recovered(record: &mut EngineRecorder, version: &CapabilityId, notice:
 
 /// The display of a version that is history; its measurements stay in the store.
 fn terminal_summary(evidence_file: EvidenceFile) -> EvidenceFile {
-    let EvidenceFile { kappas, conditions, reasons, counted, bindings, .. } = evidence_file;
-    EvidenceFile { kappas, counted, bindings, conditions, reasons, ..EvidenceFile::default() }
+    let EvidenceFile { kappas, conditions, reasons, risk, counted, bindings, .. } = evidence_file;
+    EvidenceFile { kappas, counted, bindings, conditions, reasons, risk, ..EvidenceFile::default() }
 }
 
 /// Reads the newest evidence of every version.

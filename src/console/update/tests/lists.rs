@@ -115,6 +115,22 @@ fn the_key_filters_overview_and_registry_by_state() {
     assert_eq!(overview(&console).len(), 6);
 }
 
+/// A queued version had `risk low`, the author's estimate, and `risk medium` once it was assessed.
+#[test]
+fn risk_before_the_assessment_is_an_estimate() {
+    let registered = ("align@1.2.0", State::Registered, VersionFlags::default(), "cora");
+    let mut console = console_with(&[registered]);
+    let text = screen(&console, 200, 60);
+    assert!(text.contains("manual, estimated risk medium"), "{text}");
+    let mut now = console.model.engine_data.snapshot.as_deref().unwrap().clone();
+    let dimensions = json!([{ "dimension": "policy", "outcome": "compatible", "kappa": 1.0, "interval": null,
+        "threshold": 0.9, "measured": true }]);
+    now.candidates[0].dimensions = serde_json::from_value(dimensions).unwrap();
+    console.tell(MsgKind::Snapshot(Arc::new(now)));
+    let text = screen(&console, 200, 60);
+    assert!(text.contains("manual, risk medium"), "{text}");
+}
+
 #[test]
 fn the_filter_by_state_is_typed_removed_and_refused_where_no_version_is_listed() {
     let mut console = console_with(&versions());

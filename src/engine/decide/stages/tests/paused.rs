@@ -7,6 +7,7 @@ use holdpoint_governance::lifecycle::{LifecycleEvent, Stage, State, VersionFlags
 use holdpoint_governance::notice::Notice;
 use holdpoint_governance::profile::ProfileName;
 use holdpoint_governance::record::RecordKind;
+use holdpoint_governance::submission::Risk;
 use holdpoint_protocol::command::{Command, Operation, Refusal, Reply};
 use holdpoint_protocol::event::EventKind;
 use holdpoint_store::AuditFilter;
@@ -212,6 +213,22 @@ fn a_request_beside_an_activated_version_is_repeated() {
     bench.pipeline.jump_to(deadline_ms);
     while bench.pipeline.look_at_deadlines().unwrap() {}
     assert_eq!(bench.pipeline.record().holding(), None);
+}
+
+/// After a restart, a version of the history had its author's estimate as its risk.
+#[test]
+fn risk_of_a_rejected_version_stays_the_computed_one_after_a_restart() {
+    let mut bench = RollbackBench::new();
+    let id = bench.pass(CANDIDATE, &[]);
+    work(&mut bench, 1);
+    reject(&mut bench, &id);
+    let risk = |bench: &RollbackBench| {
+        let candidates = bench.pipeline.snapshot().candidates;
+        candidates.into_iter().find(|view| view.version == id).unwrap().risk
+    };
+    let before = risk(&bench);
+    assert_ne!(before, Risk::Low, "the author estimates that");
+    assert_eq!(risk(&bench.restart()), before);
 }
 
 /// The strip says which stage stopped a version: known at once, and after a restart.
