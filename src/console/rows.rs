@@ -17,7 +17,7 @@ use holdpoint_governance::version_status::VersionCondition;
 use holdpoint_protocol::detail::{Detail, DrillView, FieldDiff, MeasuredValue};
 use holdpoint_protocol::event::DimensionResult;
 use holdpoint_protocol::explanation::DecisionExplanation;
-use holdpoint_protocol::snapshot::{AlarmView, CandidateView, Disagreement, current_progress};
+use holdpoint_protocol::snapshot::{AlarmView, CandidateView, Disagreement, is_at_work, waits_its_turn};
 use holdpoint_wording::console::record::record_sentence;
 
 /// A row of the registry's tree.
@@ -90,7 +90,7 @@ pub enum CandidateRank {
     AtWork,
     /// It continues when a person acts.
     WithPeople,
-    /// Its stage has not come.
+    /// Its stage has not come, or waits for the end of another one.
     Queued,
     /// Nothing more happens to it by itself.
     Settled,
@@ -108,7 +108,8 @@ impl CandidateRank {
             VersionCondition::Superseded | VersionCondition::Rejected | VersionCondition::RolledBack => {
                 Self::Settled
             }
-            _ if works(candidate) => Self::AtWork,
+            _ if is_at_work(candidate) => Self::AtWork,
+            VersionCondition::Running if waits_its_turn(candidate) => Self::Queued,
             VersionCondition::Running => Self::AtWork,
             VersionCondition::Paused
             | VersionCondition::AwaitingApproval
@@ -124,11 +125,6 @@ impl CandidateRank {
     pub const fn is_pinned(self) -> bool {
         matches!(self, Self::Watched | Self::AtWork)
     }
-}
-
-/// Whether a stage of a version is running. A new stage has no count yet.
-const fn works(candidate: &CandidateView) -> bool {
-    current_progress(candidate).is_some() || (candidate.flags.running.is_some() && !candidate.flags.paused)
 }
 
 impl ConsoleModel {

@@ -19,7 +19,7 @@ pub enum StateFilter {
     All,
     /// A stage of it runs.
     Running,
-    /// Its next stage has not begun, or approvers are asked.
+    /// Its next stage has not begun, its stage waits for that of another version, or approvers are asked.
     Waiting,
     /// It continues when a person resumes it or has it evaluated again.
     Held,
@@ -74,6 +74,8 @@ pub struct ListedVersion<'a> {
 pub struct StateFilterFacts<'a> {
     /// Versions that the gate or an unanswered request holds.
     held: BTreeSet<&'a CapabilityId>,
+    /// Versions whose stage has begun and rests.
+    parked: BTreeSet<&'a CapabilityId>,
     /// Versions whose open request or question the operator may answer.
     asked: BTreeSet<&'a CapabilityId>,
     /// Name of the operator; absent if none is named.
@@ -87,20 +89,24 @@ impl<'a> StateFilterFacts<'a> {
         let now = model.engine_data.snapshot.as_deref();
         let candidates = now.map_or(&[][..], |now| &now.candidates);
         let held = candidates.iter().filter(|one| one.held).map(|one| &one.version).collect();
+        let parked = candidates.iter().filter(|one| one.parked).map(|one| &one.version).collect();
         let (prompts, questions) =
             now.map_or((&[][..], &[][..]), |now| (&now.prompts[..], &now.questions[..]));
         let open = prompts.iter().filter(|prompt| {
             !prompt.granted && operator.is_some_and(|name| !waiting_rows::is_closed_to(prompt, name))
         });
         let asked = questions.iter().filter(|_| operator.is_some()).map(|question| &question.version);
-        Self { held, asked: open.map(|prompt| &prompt.version).chain(asked).collect(), operator }
+        Self { held, parked, asked: open.map(|prompt| &prompt.version).chain(asked).collect(), operator }
     }
 
     /// Whether a filter takes a version.
     #[must_use]
     pub fn takes(&self, filter: StateFilter, one: ListedVersion<'_>) -> bool {
         use VersionCondition as C;
-        let condition = || C::of(one.state, one.flags, self.held.contains(one.version));
+        let condition = || match C::of(one.state, one.flags, self.held.contains(one.version)) {
+            C::Running if self.parked.contains(one.version) => C::Queued,
+            condition => condition,
+        };
         match filter {
             StateFilter::All => true,
             StateFilter::Running => condition() == C::Running,
@@ -209,6 +215,7 @@ mod tests {
         let version: CapabilityId = "grasp@1.0.0".parse().unwrap();
         let facts = |is_held: bool| StateFilterFacts {
             held: is_held.then_some(&version).into_iter().collect(),
+            parked: BTreeSet::new(),
             asked: BTreeSet::new(),
             operator: Some("ana"),
         };

@@ -48,6 +48,7 @@ use super::widgets::list::GUTTER;
 use super::widgets::pen::{Pen, below};
 use super::widgets::row::{Row, safe, wrap};
 use holdpoint_governance::lifecycle::{State, VersionFlags};
+use holdpoint_protocol::snapshot::{CandidateView, waits_its_turn};
 use holdpoint_text::WIDTH_MAX;
 use holdpoint_wording::console::shared;
 
@@ -144,6 +145,16 @@ pub fn state_row(state: State, flags: &VersionFlags, room: usize, look: &Look) -
         format!("{} {name}", look.glyph(mark.glyph))
     };
     Row::of(mark.role, &last(mark)).with(beside.role, &format!(" {}", last(beside)))
+}
+
+/// The state of a candidate, as [`state_row`]; of one whose stage waits for that of another version, that it waits.
+#[must_use]
+pub fn candidate_state(candidate: &CandidateView, room: usize, look: &Look) -> Row {
+    if waits_its_turn(candidate) {
+        let mark = StateMark::WAITS_ITS_TURN;
+        return Row::of(mark.role, &look.mark_label(mark));
+    }
+    state_row(candidate.state, &candidate.flags, room, look)
 }
 
 /// Text on one line of at most `width` columns; a longer one loses its middle, so that the ends of a version's name stay.

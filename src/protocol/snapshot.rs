@@ -37,7 +37,7 @@ use holdpoint_governance::wall_time::{ClockMismatch, WallTime};
 mod version_status;
 
 pub use super::request_kind::RequestKind;
-pub use version_status::{current_progress, is_at_work, re_evaluation};
+pub use version_status::{current_progress, is_at_work, re_evaluation, waits_its_turn};
 
 /// The state of the whole engine at one moment.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -334,6 +334,9 @@ pub struct CandidateView {
     /// Why its evidence is stale; empty while it counts. The numbers beside it are from before.
     #[serde(default)]
     pub stale: Vec<StaleCause>,
+    /// Its stage has begun and rests: a person paused it, or the stage of another version has come meanwhile.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub parked: bool,
     /// The try that its sandbox counts as; absent before its first pair.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub counted: Option<CountedTry>,

@@ -132,6 +132,7 @@ fn candidate(version: &str, state: State, flags: VersionFlags) -> CandidateView 
         held: false,
         closed: Vec::new(),
         stale: Vec::new(),
+        parked: false,
         counted: None,
         status: None,
     }

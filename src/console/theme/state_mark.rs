@@ -126,6 +126,9 @@ impl StateMark {
     /// Of something whose turn has not come.
     pub const AHEAD: Self = mark(Glyph::Ahead, "ahead", ThemeRole::Muted);
 
+    /// Of something that has begun and waits for its turn.
+    pub const WAITS_ITS_TURN: Self = mark(Glyph::Ahead, "waits its turn", ThemeRole::Text);
+
     /// Of something that waits for a person.
     pub const WAITING: Self = mark(Glyph::Waiting, "waits", ThemeRole::Waiting);
 

@@ -181,7 +181,9 @@ fn heading(model: &ConsoleModel, detail: &Detail, look: &Look, width: usize, fit
     let candidate = model.candidate(&detail.version);
     let state = model.version_state(&detail.version).map_or_else(Row::new, |(state, flags)| {
         let room = width.saturating_sub(name.width() + against.width() + 2);
-        Row::of(ThemeRole::Text, "  ").and(super::state_row(state, &flags, room, look))
+        let shown = candidate.map(|candidate| super::candidate_state(candidate, room, look));
+        Row::of(ThemeRole::Text, "  ")
+            .and(shown.unwrap_or_else(|| super::state_row(state, &flags, room, look)))
     });
     // A long name loses its middle, and the version it is compared with gives way; the state stays whole.
     let room = width.saturating_sub(state.width());

@@ -31,7 +31,7 @@ use crate::widgets::row::{Row, wrap};
 use holdpoint_governance::lifecycle::State;
 use holdpoint_governance::version_status::{VersionCondition, VersionStatus};
 use holdpoint_governance::wall_time::WallTime;
-use holdpoint_protocol::snapshot::{CandidateView, ProgressView, Snapshot, current_progress};
+use holdpoint_protocol::snapshot::{CandidateView, ProgressView, Snapshot, current_progress, waits_its_turn};
 use holdpoint_protocol::work_unit::PartCount;
 use holdpoint_wording::console::pipeline as wording;
 use holdpoint_wording::console::shared;
@@ -131,7 +131,7 @@ fn block(
     let now = model.engine_data.snapshot.as_deref();
     let mut rows = rows(candidate, now, headway, model.engine_ms(), look, width, chosen);
     let rank = CandidateRank::of(candidate);
-    if rank == CandidateRank::Queued && !chosen {
+    if rank == CandidateRank::Queued && !chosen && !candidate.parked {
         // The line of the queue says what all of them wait for.
         rows.truncate(1);
     }
@@ -166,7 +166,7 @@ fn brief(model: &ConsoleModel, candidate: &CandidateView, look: &Look, width: us
     };
     let is_marked = model.view_state.marked_versions.contains(&candidate.version);
     let lead = super::registry::lead(is_marked, true, look);
-    let state = super::state_row(candidate.state, &candidate.flags, 0, look);
+    let state = super::candidate_state(candidate, 0, look);
     let room = width.saturating_sub(lead.width());
     let behind = Row::of(ThemeRole::Text, &count).and(state);
     lead.and(super::named(&candidate.version.to_string(), behind, room))
@@ -204,8 +204,10 @@ fn queue_line(model: &ConsoleModel, width: usize) -> Option<Row> {
         let those = ranked.clone().filter(move |(rank, _)| *rank == wanted);
         those.map(|(_, one)| one).collect::<Vec<&CandidateView>>()
     };
-    let (at_work, queued, settled) =
+    let (at_work, mut queued, settled) =
         (of(CandidateRank::AtWork), of(CandidateRank::Queued), of(CandidateRank::Settled));
+    // A stage that rests goes on before any other begins.
+    queued.sort_by_key(|one| !one.parked);
     let names = |of: &[&CandidateView]| {
         let names: Vec<String> = of.iter().map(|one| one.version.to_string()).collect();
         names.join(", ")
@@ -297,7 +299,7 @@ fn rows(
     let basis = if candidate.dimensions.is_empty() { "estimated risk" } else { "risk" };
     let (author, origin) = (super::short(&candidate.author, 24), origin(candidate.provenance));
     let by = format!("  {author}, {origin}, {basis} {}", candidate.risk);
-    let state = super::state_row(candidate.state, &candidate.flags, room, look);
+    let state = super::candidate_state(candidate, room, look);
     // The last column is for the sign that the author is cut off.
     let head = super::named(&name, state, width.saturating_sub(1)).with(ThemeRole::Muted, &by);
     let mut rows = vec![head];
@@ -309,7 +311,9 @@ fn rows(
     rows.extend(limited.into_iter().flat_map(|status| status_rows(candidate, status, width, chosen)));
     let question =
         now.and_then(|now| now.prompts.iter().find(|request| request.version == candidate.version));
-    let still = now.and_then(pipeline_idle_reason);
+    let turn = status.as_ref().filter(|status| status.obstacle.is_some() && waits_its_turn(candidate));
+    let turn = turn.map(|status| holdpoint_wording::status_end(&candidate.version, status));
+    let still = now.and_then(pipeline_idle_reason).or(turn.as_deref());
     let muted = |text: &str| Row::of(ThemeRole::Muted, &super::short(text, width));
     let time = now.map_or_else(WallTime::default, |now| now.time_at(now_ms));
     if let Some(question) = question.filter(|_| candidate.flags.awaiting_approval) {
@@ -372,7 +376,7 @@ fn stage_mark(candidate: &CandidateView, place: usize) -> StateMark {
         // The gate has passed; the approvers decide next.
         StateMark::WAITING
     } else if running == Some(place) {
-        StateMark::RUNNING
+        if waits_its_turn(candidate) { StateMark::WAITS_ITS_TURN } else { StateMark::RUNNING }
     } else if place < done || confirmed {
         StateMark::DONE
     } else if stopped && place == done {

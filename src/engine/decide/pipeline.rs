@@ -105,7 +105,7 @@ pub struct Pipeline {
     live_harm: LiveHarmWatch,
     agent: Digest,
     work: Option<StageWork>,
-    /// Stages of versions that a person paused.
+    /// Stages of versions that a person paused, and of resumed ones until no other is under way.
     parked: Vec<StageWork>,
     /// Stages begin only by a call.
     on_call: bool,
@@ -488,6 +488,7 @@ impl Pipeline {
             signed_calls: &self.signed_calls,
             monitors: &self.monitors,
             world: &self.world,
+            parked: &self.parked,
         };
         view.snapshot()
     }

@@ -4,7 +4,7 @@
 
 use holdpoint_governance::lifecycle::{Stage, State};
 use holdpoint_governance::version_status::{
-    Obstacle, RecordedChanges, RunningWork, StatusFacts, VersionStatus,
+    Obstacle, RecordedChanges, RunningWork, StatusFacts, VersionCondition, VersionStatus,
 };
 
 use super::{CandidateView, ProgressView, Snapshot};
@@ -28,7 +28,16 @@ pub fn re_evaluation(version: &CandidateView) -> Option<&ProgressView> {
 /// Whether a stage of a version is running. A new stage has no count yet.
 #[must_use]
 pub const fn is_at_work(candidate: &CandidateView) -> bool {
-    current_progress(candidate).is_some() || (candidate.flags.running.is_some() && !candidate.flags.paused)
+    let has_begun = current_progress(candidate).is_some()
+        || (candidate.flags.running.is_some() && !candidate.flags.paused);
+    has_begun && !candidate.parked
+}
+
+/// Whether a stage of a version has begun and waits for that of another one.
+#[must_use]
+pub const fn waits_its_turn(candidate: &CandidateView) -> bool {
+    let condition = VersionCondition::of(candidate.state, &candidate.flags, candidate.held);
+    candidate.parked && matches!(condition, VersionCondition::Running)
 }
 
 /// What runs of a version that is at work.

@@ -131,6 +131,27 @@ fn risk_before_the_assessment_is_an_estimate() {
     assert!(text.contains("manual, risk medium"), "{text}");
 }
 
+/// Two versions were "running", the count of one stood still with its time passing, and no line told why.
+#[test]
+fn a_resumed_stage_shows_that_it_waits_for_another_version() {
+    let running = VersionFlags { running: Some(Stage::Sandbox), ..VersionFlags::default() };
+    let both =
+        [("align@1.3.0", State::Validated, running, "cora"), (CANDIDATE, State::Validated, running, "cora")];
+    let mut console = console_with(&both);
+    let mut now = console.model.engine_data.snapshot.as_deref().unwrap().clone();
+    let progress = json!({ "stage": "sandbox", "what": "paired episodes", "done": 280, "budget": 300, "since_ms": 0,
+        "early": "" });
+    now.candidates[0].parked = true;
+    now.candidates[0].progress = serde_json::from_value(progress).unwrap();
+    now.prompts.clear();
+    console.tell(MsgKind::Snapshot(Arc::new(now)));
+    let counts = console.model.state_counts();
+    assert_eq!((counts[1], counts[2]), (1, 1), "one runs, and one waits");
+    let text = screen(&console, 200, 60);
+    let waits = "stands still at 280 of 300 paired episodes: waits for grasp@1.3.0, in sandbox";
+    assert!(text.contains("waits its turn") && text.contains(waits), "{text}");
+}
+
 #[test]
 fn the_filter_by_state_is_typed_removed_and_refused_where_no_version_is_listed() {
     let mut console = console_with(&versions());

@@ -1,5 +1,6 @@
 //! The snapshot: the current state of cell, versions and requests.
 
+use super::StageWork;
 use crate::decide::clock_mismatch;
 use crate::decide::people::approvals::Approvals;
 use crate::decide::people::break_glass_approvals;
@@ -34,6 +35,7 @@ pub(crate) struct SnapshotView<'a> {
     pub(crate) signed_calls: &'a SignedCalls,
     pub(crate) monitors: &'a Monitors,
     pub(crate) world: &'a LiveWorld,
+    pub(super) parked: &'a [StageWork],
 }
 
 /// The reasons of the newest decision that explain what the version is now. Those of the gate, which decides before the
@@ -82,6 +84,7 @@ impl SnapshotView<'_> {
                 let evidence_file = self.evidence_files.of(&id).unwrap_or(&empty);
                 let submission = &member.capability.submission;
                 candidates.push(CandidateView {
+                    parked: self.parked.iter().any(|work| *work.id() == id),
                     version: id,
                     digest: member.capability.digest(),
                     state: version.state,

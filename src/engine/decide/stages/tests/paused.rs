@@ -8,8 +8,10 @@ use holdpoint_governance::notice::Notice;
 use holdpoint_governance::profile::ProfileName;
 use holdpoint_governance::record::RecordKind;
 use holdpoint_governance::submission::Risk;
+use holdpoint_governance::version_status::{Obstacle, RunningWork};
 use holdpoint_protocol::command::{Command, Operation, Refusal, Reply};
 use holdpoint_protocol::event::EventKind;
+use holdpoint_protocol::snapshot::{is_at_work, waits_its_turn};
 use holdpoint_store::AuditFilter;
 use holdpoint_wording::command_effect::{EngineEffect, VersionEffect, engine_effect, version_effect};
 
@@ -140,6 +142,35 @@ fn stage_of_a_paused_version_waits_and_resumes() {
     }
     assert!(done(&bench) > before, "it goes on from where it rested");
     assert_eq!(state_of(&bench, &id).1.running, Some(Stage::Sandbox));
+}
+
+/// Regression: both versions were shown as running, and no word said that the resumed one waits.
+#[test]
+fn resumed_stage_waits_for_the_stage_that_has_come_meanwhile() {
+    let mut bench = RollbackBench::new();
+    let first = bench.pass(CANDIDATE, &Stage::ALL[..1]);
+    work(&mut bench, 3);
+    pause(&mut bench, &first);
+    let second = bench.pass("place-refined", &Stage::ALL[..1]);
+    for _ in 0..20 {
+        if state_of(&bench, &second).1.running.is_none() {
+            work(&mut bench, 1);
+        }
+    }
+    assert_eq!(state_of(&bench, &second).1.running, Some(Stage::Sandbox));
+    let seen = |bench: &RollbackBench, id: &CapabilityId| {
+        let now = bench.pipeline.snapshot();
+        let view = now.candidates.iter().find(|view| view.version == *id).unwrap();
+        (is_at_work(view), waits_its_turn(view), now.status(view).obstacle)
+    };
+    assert_eq!(seen(&bench, &first), (false, false, None), "a person has paused it");
+    resume(&mut bench, &first);
+    let behind = Obstacle::Behind { version: second.clone(), work: RunningWork::Sandbox };
+    assert_eq!(seen(&bench, &first), (false, true, Some(behind)));
+    assert_eq!(seen(&bench, &second), (true, false, None));
+    reject(&mut bench, &second);
+    work(&mut bench, 1);
+    assert_eq!(seen(&bench, &first), (true, false, None), "its turn has come");
 }
 
 fn reject(bench: &mut RollbackBench, id: &CapabilityId) {
