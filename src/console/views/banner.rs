@@ -29,8 +29,11 @@ pub fn draw(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
     let clock = if model.last_seen().is_some() || model.absence().is_some() {
         Row::new()
     } else {
+        // The store's own time adds up every engine of it: only the time of this one is a sign of life.
+        let up_since_ms = model.engine_data.snapshot.as_ref().and_then(|now| now.up_since_ms);
+        let up_ms = model.engine_ms().saturating_sub(up_since_ms.unwrap_or_default());
         // Beside a time of day, the time of the engine reads as another one.
-        Row::of(ThemeRole::Muted, &format!(" engine {}", seconds(model.engine_ms())))
+        Row::of(ThemeRole::Muted, &format!(" engine {}", seconds(up_ms)))
     };
     let clocks = clocks(model);
     for piece in identity(model, width.saturating_sub(row.width() + clock.width())) {

@@ -144,6 +144,16 @@ fn the_first_line_names_the_clock_of_the_engine() {
     }
 }
 
+/// The second engine of a store showed the time of both, seconds after its start.
+#[test]
+fn the_clock_of_the_engine_begins_with_it() {
+    let mut console = TestConsole::new(0);
+    let up_since_ms = Some(57_000);
+    console.tell(MsgKind::Snapshot(Arc::new(Snapshot { up_since_ms, ..snapshot(0, 'e') })));
+    let screen = screen(&console, 80, 24);
+    assert!(screen.lines().next().unwrap().contains("engine 00:00:03"), "{screen}");
+}
+
 fn approval_record(seq: u64, kind: &str, change: &serde_json::Value) -> serde_json::Value {
     json!({ "seq": seq, "prev": digest('a'), "hash": digest('b'), "at_ms": seq, "kind": kind,
         "subject": CANDIDATE, "body": json!({ "change": change, "rows": [] }).to_string(), "wall_ms": 0 })
