@@ -39,6 +39,7 @@ use super::keymap::Keymap;
 use super::operator::Operator;
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::lifecycle::{State, VersionFlags};
+use holdpoint_governance::record::VersionSummary;
 use holdpoint_governance::wall_time::WallTime;
 use holdpoint_protocol::console_presence::ConsolePresence;
 use holdpoint_protocol::snapshot::{CandidateView, Snapshot};
@@ -284,6 +285,15 @@ impl ConsoleModel {
             return at_ms;
         }
         at_ms.saturating_add(self.now_ms.saturating_sub(self.engine_data.snapshot_ms))
+    }
+
+    /// How long ago a version last changed, ms: also the time without an engine, where the record has the machine's time.
+    #[must_use]
+    pub fn age_ms(&self, row: &VersionSummary) -> u64 {
+        match (row.changed_at, self.wall_ms()) {
+            (Some(then), Some(now_ms)) => u64::try_from(now_ms.saturating_sub(then.ms())).unwrap_or(0),
+            (None, _) | (_, None) => self.engine_ms().saturating_sub(row.changed_ms),
+        }
     }
 
     /// The engine's current wall time, ms since 1970: the snapshot's time and the time since then. Absent if the

@@ -276,6 +276,9 @@ pub struct VersionSummary {
     pub risk: Risk,
     /// Virtual time of its last change, ms.
     pub changed_ms: u64,
+    /// When that was by the machine's clock; absent in scripts.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub changed_at: Option<WallTime>,
     /// It became active by break-glass and is not reviewed yet.
     #[serde(default)]
     pub unreviewed: bool,

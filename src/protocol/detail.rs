@@ -17,6 +17,7 @@ use holdpoint_governance::phase::WorkPhase;
 use holdpoint_governance::record::{AuditRecord, VersionSummary};
 use holdpoint_governance::risk::RiskCause;
 use holdpoint_governance::submission::{InterfaceChange, Provenance, Risk};
+use holdpoint_governance::wall_time::WallTime;
 
 /// The most rows of one page; a larger limit is read as this one.
 pub const PAGE_MAX: usize = 10_000;
@@ -193,6 +194,9 @@ pub struct Detail {
     pub risk_causes: BTreeSet<RiskCause>,
     /// Virtual time of registration, ms.
     pub registered_ms: u64,
+    /// When that was by the machine's clock; absent in scripts.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub registered_at: Option<WallTime>,
     /// The latest assessment of the four dimensions, in the order I, P, B, R.
     pub dimensions: Vec<DimensionResult>,
     /// The composite score of the four dimensions; reported, never gating.

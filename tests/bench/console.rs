@@ -149,6 +149,7 @@ fn frames() -> Vec<Duration> {
         provenance: Provenance::Optimiser,
         risk: Risk::Low,
         changed_ms: number,
+        changed_at: None,
         unreviewed: false,
     };
     let mut rows: Vec<VersionSummary> = (0..ROWS).map(version).collect();

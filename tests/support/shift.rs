@@ -428,6 +428,7 @@ pub fn registry_page() -> RegistryPage {
         provenance: Provenance::Optimiser,
         risk: Risk::Medium,
         changed_ms: 300_000,
+        changed_at: None,
         unreviewed: false,
     };
     let none = VersionFlags::default();
@@ -513,6 +514,7 @@ pub fn detail() -> Detail {
         risk: Risk::High,
         risk_causes: [RiskCause::MoreZones, RiskCause::MoreForce, RiskCause::FirstOfAuthor].into(),
         registered_ms: 120_000,
+        registered_at: None,
         dimensions: dimensions([Some(1.0), Some(0.97), Some(0.931), Some(0.821)]),
         composite: Some(0.912),
         reasons: vec![

@@ -30,6 +30,7 @@ use holdpoint_governance::alarms::AlarmKey;
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::lifecycle::State;
 use holdpoint_governance::record::{AuditRecord, RecordKind};
+use holdpoint_governance::wall_time::WallTime;
 use holdpoint_protocol::detail::Detail;
 use holdpoint_wording::approval::stale_evidence;
 use holdpoint_wording::console::candidate as wording;
@@ -219,7 +220,7 @@ fn heading(model: &ConsoleModel, detail: &Detail, look: &Look, width: usize, fit
                 &detail.digest.short(),
                 &detail.evidence.map_or_else(|| "none yet".to_owned(), |digest| digest.short()),
                 &short(&parent, 24),
-                &model.moment(detail.registered_ms),
+                &detail.registered_at.map_or_else(|| model.moment(detail.registered_ms), WallTime::label),
             ),
         ));
     }

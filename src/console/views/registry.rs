@@ -279,7 +279,6 @@ fn draw(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
     let left = area.height.saturating_sub(1 + u16::try_from(items.len()).unwrap_or(u16::MAX));
     let detail_rows = left.clamp(DETAIL_ROWS, (area.height / 3).max(DETAIL_ROWS));
     let (list, foot) = cut(below(area, 1), area.height.saturating_sub(1 + detail_rows));
-    let now_ms = model.engine_ms();
     let limits = model.engine_data.registry.page.thresholds;
     pen.list(list, items.len(), Some(cursor), |index, _| match items.get(index) {
         Some(RegistryItem::Family { family, versions, open }) => {
@@ -291,8 +290,8 @@ fn draw(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
             let flat = model.engine_data.registry.is_flat();
             let marked = model.view_state.marked_versions.contains(&row.version);
             let anchor = model.engine_data.registry.page.anchors.contains(&row.version);
-            let line =
-                version(row, (flat, marked, anchor), limits, has_age.then_some(now_ms), &columns, look);
+            let age_ms = has_age.then(|| model.age_ms(row));
+            let line = version(row, (flat, marked, anchor), limits, age_ms, &columns, look);
             if columns.by > 0 { line.and(extra_columns(model, row, &columns)) } else { line }
         }
         None => Row::new(),
@@ -356,7 +355,7 @@ fn version(
     row: &VersionSummary,
     (flat, marked, anchor): (bool, bool, bool),
     limits: [f64; 4],
-    now_ms: Option<u64>,
+    age_ms: Option<u64>,
     columns: &RegistryColumns,
     look: &Look,
 ) -> Row {
@@ -386,8 +385,7 @@ fn version(
         let below = kappa.is_some_and(|kappa| !(kappa >= limit));
         line = line.with(ThemeRole::Past, if below { look.glyph(Glyph::Down) } else { " " });
     }
-    let age =
-        now_ms.map_or_else(String::new, |now_ms| format!(" {}", age(now_ms.saturating_sub(row.changed_ms))));
+    let age = age_ms.map_or_else(String::new, |age_ms| format!(" {}", age(age_ms)));
     if columns.by == 0 {
         return line.with(ThemeRole::Muted, &age);
     }
@@ -431,7 +429,7 @@ fn detail(model: &ConsoleModel, item: Option<&RegistryItem<'_>>, pen: &mut Pen<'
         ThemeRole::Text,
         &wording::detail(
             &state_label(row.state, &row.flags),
-            &duration(model.engine_ms().saturating_sub(row.changed_ms)),
+            &duration(model.age_ms(row)),
             if model.engine_data.registry.page.anchors.contains(&row.version) { "anchor, " } else { "" },
             &super::short(&row.author, 24),
             origin(row.provenance),

@@ -11,6 +11,7 @@ use holdpoint_governance::explanation::{LookupRefusal, SearchField, VerifiedChai
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::lifecycle::State;
 use holdpoint_governance::record::{AuditRecord, RecordKind, VersionGroup};
+use holdpoint_governance::wall_time::WallTime;
 use holdpoint_protocol::command::{Refusal, Reply};
 use holdpoint_protocol::detail::{AuditPage, AuditVerification, Detail, PAGE_MAX, RegistryPage};
 use holdpoint_record::context::Context;
@@ -139,6 +140,13 @@ pub fn detail(
         newest_first: true,
         ..AuditFilter::default()
     };
+    let registration = AuditFilter {
+        subject: Some(id.to_string()),
+        kind: Some(RecordKind::VersionRegistered),
+        limit: 1,
+        ..AuditFilter::default()
+    };
+    let registration = views.audit(&registration)?;
     let mut audit = bounded(views.audit(&filter)?);
     audit.iter_mut().for_each(shorten);
     let assessed = evidence_file.kappas.is_some();
@@ -154,6 +162,9 @@ pub fn detail(
         risk_causes: evidence_file.risk.as_ref().map(|risk| risk.causes.clone()).unwrap_or_default(),
         requester: member.origin.requester.clone(),
         registered_ms: stored.registered_ms,
+        registered_at: registration
+            .first()
+            .and_then(|record| (record.wall_ms > 0).then(|| WallTime::from_ms(record.wall_ms))),
         dimensions: evidence_file.dimensions(&context.profile),
         composite: evidence_file.composite(&context.profile),
         reasons: reasons(&evidence_file),

@@ -41,7 +41,8 @@ pub struct Views {
 }
 
 const SUMMARY_COLUMNS: &str = "name, state, row_version, running, paused, awaiting_approval, provisional, restricted, \
-    rollback_pending, kappa_i, kappa_p, kappa_b, kappa_r, baseline, author, provenance, risk, changed_ms";
+    rollback_pending, kappa_i, kappa_p, kappa_b, kappa_r, baseline, author, provenance, risk, changed_ms, \
+    (SELECT wall_ms FROM audit WHERE subject = version.name AND at_ms <= version.changed_ms ORDER BY seq DESC LIMIT 1)";
 
 impl Views {
     pub fn folder(&self) -> Option<std::path::PathBuf> {
@@ -145,16 +146,16 @@ impl Views {
         let found = one(&self.connection, &sql, [&name], |row| {
             Ok(VersionDetail {
                 summary: read_summary(row)?,
-                parent: parsed_option(row, 18)?,
-                candidate_digest: parsed(row, 19)?,
-                manifest_digest: parsed(row, 20)?,
-                bundle_digest: parsed(row, 21)?,
-                manifest: row.get(22)?,
-                submission: row.get(23)?,
-                permissions: row.get(24)?,
-                environments: row.get(25)?,
-                signature: row.get(26)?,
-                registered_ms: row.get(27)?,
+                parent: parsed_option(row, 19)?,
+                candidate_digest: parsed(row, 20)?,
+                manifest_digest: parsed(row, 21)?,
+                bundle_digest: parsed(row, 22)?,
+                manifest: row.get(23)?,
+                submission: row.get(24)?,
+                permissions: row.get(25)?,
+                environments: row.get(26)?,
+                signature: row.get(27)?,
+                registered_ms: row.get(28)?,
                 evidence: Vec::new(),
                 activations: Vec::new(),
                 approvals: Vec::new(),
@@ -492,6 +493,7 @@ fn read_summary(row: &Row<'_>) -> rusqlite::Result<VersionSummary> {
         provenance: parsed(row, 15)?,
         risk: parsed(row, 16)?,
         changed_ms: row.get(17)?,
+        changed_at: row.get::<_, Option<i64>>(18)?.filter(|wall_ms| *wall_ms > 0).map(WallTime::from_ms),
         unreviewed: false,
     })
 }

@@ -7,6 +7,7 @@ use crate::state_filter::StateFilter;
 use holdpoint_governance::approval::Requester;
 use holdpoint_governance::lifecycle::{Stage, State, VersionFlags};
 use holdpoint_governance::record::VersionSummary;
+use holdpoint_governance::wall_time::WallTime;
 use holdpoint_protocol::command::Reply;
 use holdpoint_protocol::detail::RegistryPage;
 use holdpoint_protocol::snapshot::ApprovalRequestView;
@@ -150,6 +151,19 @@ fn a_resumed_stage_shows_that_it_waits_for_another_version() {
     let text = screen(&console, 200, 60);
     let waits = "stands still at 280 of 300 paired episodes: waits for grasp@1.3.0, in sandbox";
     assert!(text.contains("waits its turn") && text.contains(waits), "{text}");
+}
+
+/// A version that was registered before a restart of the engine was younger than the time since then.
+#[test]
+fn age_of_a_version_counts_the_time_without_an_engine() {
+    const WALL_MS: i64 = 1_795_501_000_000;
+    let mut console = console_with(&[("align@1.2.0", State::Registered, VersionFlags::default(), "cora")]);
+    let now = console.model.engine_data.snapshot.as_deref().unwrap().clone();
+    console.tell(MsgKind::Snapshot(Arc::new(Snapshot { wall_ms: Some(WALL_MS), ..now })));
+    let mut row = console.model.engine_data.registry.page.rows[0].clone();
+    assert_eq!(console.model.age_ms(&row), 60_000, "without wall time");
+    row.changed_at = Some(WallTime::from_ms(WALL_MS - 360_000));
+    assert_eq!(console.model.age_ms(&row), 360_000);
 }
 
 #[test]

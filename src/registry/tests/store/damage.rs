@@ -6,9 +6,11 @@ use std::path::Path;
 
 use holdpoint_audit::history_error::HistoryError;
 use holdpoint_governance::alarms::{AlarmState, Priority};
-use holdpoint_governance::record::AuditRecord;
+use holdpoint_governance::record::{AuditRecord, VersionSummary};
 use holdpoint_registry::{Store, UnsignedRecords, Views, rebuild, verify};
-use holdpoint_store::{AuditFilter, Change, EvidenceKind, RefusalCause, VerifyError, VersionFilter};
+use holdpoint_store::{
+    AuditFilter, Change, EvidenceKind, RefusalCause, VerifyError, VersionDetail, VersionFilter,
+};
 use rusqlite::{Connection, params};
 
 use crate::proofs::heads;
@@ -311,8 +313,13 @@ pub fn contents(database: &Path) -> Result<String, String> {
     let read = || {
         let views = Views::open(database)?;
         let versions = views.versions(&VersionFilter::default())?;
-        let details: Result<Vec<_>, _> =
-            versions.0.iter().map(|version| views.version(&version.version)).collect();
+        // Nothing vouches for the machine's time of a record.
+        let without_wall = |mut detail: VersionDetail| {
+            detail.summary.changed_at = None;
+            detail
+        };
+        let detail = |of: &VersionSummary| views.version(&of.version).map(|found| found.map(without_wall));
+        let details: Result<Vec<_>, _> = versions.0.iter().map(detail).collect();
         let records: Vec<_> =
             views.audit(&AuditFilter::default())?.iter().map(|record| record.hash).collect();
         let (families, alarms, context) = (views.families()?, views.alarms()?, views.context()?);

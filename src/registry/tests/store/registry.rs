@@ -5,6 +5,7 @@ use holdpoint_governance::lifecycle::State as S;
 use holdpoint_governance::lifecycle::VersionFlags;
 use holdpoint_governance::profile::ProfileName;
 use holdpoint_governance::record::{ActivationCause, RecordKind, VersionGroup};
+use holdpoint_governance::wall_time::WallTime;
 use holdpoint_registry::{check_invariants, verify};
 use holdpoint_store::{
     ActiveCause, AuditBody, AuditFilter, Change, EvidenceKind, InterruptedWork, StoreError, Transaction,
@@ -376,6 +377,18 @@ fn version_lists_are_filtered_and_ordered() {
     assert_eq!(names(VersionFilter { text: Some("1.1".into()), ..Default::default() }).1, 1);
     assert_eq!(names(VersionFilter { text: Some("' OR 1".into()), ..Default::default() }).1, 0);
     assert_eq!(names(VersionFilter { state: Some(S::Active), ..Default::default() }).1, 1);
+}
+
+#[test]
+fn a_listed_version_has_the_wall_time_of_its_last_change() {
+    let folder = quick_folder();
+    let store = open(folder.path());
+    bootstrap(&store, "place");
+    let changes = vec![new_version("grasp@1.2.0", false)];
+    store.commit(Transaction { wall_ms: WALL_MS + 5_000, ..transaction("two", 5, changes) }).unwrap();
+    let (list, _) = store.views().unwrap().versions(&VersionFilter::default()).unwrap();
+    let wall: Vec<Option<i64>> = list.iter().map(|row| row.changed_at.map(WallTime::ms)).collect();
+    assert_eq!(wall, [Some(WALL_MS + 5_000), Some(WALL_MS)]);
 }
 
 fn bootstrap_only_registered(store: &holdpoint_registry::Store) {
