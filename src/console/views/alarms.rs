@@ -1,7 +1,7 @@
 //! View 5: every alarm that is not normal, in the order of attention, and the one under the cursor in full.
 //!
 //! ```text
-//! ▸ Alarms, 3 in 10 min (1 to 2 are normal) ─────────────────────────
+//! ▸ Alarms, 3 calls in 10 min (1 to 2 are normal) ──────────────────────
 //!   priority  state            since     times  what
 //! ▸ 1▲ CRIT   ⚠ unacknowledged 18:12:29  1      violation: grasp@1.0.0 violated a limit: force 71 N at the pads, limit 35 N
 //!   3● LOW    ‖ shelved        18:06:40  7 ⚠    monitor: the camera is worse than when the cell was commissioned

@@ -119,9 +119,10 @@ fn head(model: &ConsoleModel, snapshot: &Snapshot, look: &Look) -> Row {
         row.push(ThemeRole::Text, " ");
     } else {
         // Without an engine, no state is known to be good.
-        let (role, glyph) = match model.last_seen() {
-            None => (ThemeRole::Good, Glyph::Good),
-            Some(_) => (ThemeRole::Unknown, Glyph::Unknown),
+        let (role, glyph) = match (model.last_seen(), snapshot.alarm_summary.shelved) {
+            (None, 0) => (ThemeRole::Good, Glyph::Good),
+            (None, _) => (ThemeRole::Quiet, Glyph::Neutral),
+            (Some(_), _) => (ThemeRole::Unknown, Glyph::Unknown),
         };
         row.push(role, look.glyph(glyph));
         row.push(ThemeRole::Text, " ");
@@ -129,10 +130,13 @@ fn head(model: &ConsoleModel, snapshot: &Snapshot, look: &Look) -> Row {
     row
 }
 
-/// That no alarm is open, as of when if the data is old.
+/// That no alarm is open, or none but shelved ones, as of when if the data is old.
 #[must_use]
 pub fn no_alarm(model: &ConsoleModel) -> String {
-    model.last_seen().map_or_else(|| "no alarm".to_owned(), |seen| wording::no_alarm_last_seen(&seen))
+    let has_shelved =
+        model.engine_data.snapshot.as_ref().is_some_and(|snapshot| snapshot.alarm_summary.shelved > 0);
+    let none = if has_shelved { wording::ONLY_SHELVED_ALARMS } else { wording::NO_ALARM };
+    model.last_seen().map_or_else(|| none.to_owned(), |seen| wording::none_last_seen(&seen, none))
 }
 
 fn head_text(model: &ConsoleModel, snapshot: &Snapshot) -> String {

@@ -12,7 +12,8 @@ pub const NONE_IN_30_DAYS: &str = "No alarm was raised in the last 30 days";
 
 #[must_use]
 pub fn rate(more: &str, recent: usize) -> String {
-    format!(", {more}{recent} in 10 min (1 to 2 are normal)")
+    let calls = if recent == 1 { "call" } else { "calls" };
+    format!(", {more}{recent} {calls} in 10 min (1 to 2 are normal)")
 }
 
 #[must_use]

@@ -12,7 +12,10 @@ pub fn stopped_again(by: &str, since: &str, last: &str, again: &str, more: &str)
     format!("STOPPED by {by} {since}, {last} {again}{more}")
 }
 
+pub const NO_ALARM: &str = "no alarm";
+pub const ONLY_SHELVED_ALARMS: &str = "only shelved alarms";
+
 #[must_use]
-pub fn no_alarm_last_seen(seen: &str) -> String {
-    format!("last seen {seen}: no alarm")
+pub fn none_last_seen(seen: &str, none: &str) -> String {
+    format!("last seen {seen}: {none}")
 }

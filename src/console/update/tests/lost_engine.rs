@@ -417,8 +417,26 @@ fn no_alarm_of_a_lost_engine_has_its_time() {
         }
         for size in &SIZES[..4] {
             let screen = screen_text(&console, *size);
-            assert!(screen.contains(&wording::status::no_alarm_last_seen("18:31:56")), "{size:?}: {screen}");
+            let none = wording::status::none_last_seen("18:31:56", wording::status::NO_ALARM);
+            assert!(screen.contains(&none), "{size:?}: {screen}");
         }
+    }
+}
+
+/// A shelved alarm stood behind "no alarm".
+#[test]
+fn shelved_alarms_are_not_told_as_none() {
+    let mut console = TestConsole::new(0);
+    let mut now = snapshot(0, 'e');
+    now.alarms = vec![serde_json::from_value(alarm("high:1", "high", "shelved")).unwrap()];
+    now.alarm_summary = serde_json::from_value(json!({ "highest_unacknowledged": null,
+        "unacknowledged": [0, 0, 0], "acknowledged": 0, "latched": 0, "shelved": 1, "flood": false }))
+    .unwrap();
+    console.tell(MsgKind::Snapshot(Arc::new(now)));
+    for size in &SIZES[..4] {
+        let screen = screen_text(&console, *size);
+        let only = wording::status::ONLY_SHELVED_ALARMS;
+        assert!(screen.contains(only) && !screen.contains("no alarm"), "{size:?}: {screen}");
     }
 }
 
