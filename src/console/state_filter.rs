@@ -19,7 +19,7 @@ pub enum StateFilter {
     All,
     /// A stage of it runs.
     Running,
-    /// Its next stage has not begun, its stage waits for that of another version, or approvers are asked.
+    /// Its next stage has not begun, or approvers are asked.
     Waiting,
     /// It continues when a person resumes it or has it evaluated again.
     Held,

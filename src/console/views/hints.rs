@@ -50,17 +50,10 @@ fn warnings(model: &ConsoleModel, width: u16, fit: Fit) -> Vec<(bool, String)> {
     lines.map(|(at, line)| (at == 0, line)).collect()
 }
 
-/// An answer in lines that leave room for the key that stops; if it is too long, the last line says so.
+/// An answer in lines that leave room for the key that stops.
 fn notice_lines(model: &ConsoleModel, notice: &ConsoleNotice, width: usize, rows_max: usize) -> Vec<String> {
     let room = width.saturating_sub(stop(model).width() + 3);
-    let mut lines = wrap(&notice.text, room, rows_max + 1);
-    if lines.len() > rows_max {
-        lines.truncate(rows_max);
-        if let Some(last) = lines.last_mut() {
-            *last = super::short(&format!("{last}{}", "…".repeat(room.max(1))), room);
-        }
-    }
-    lines
+    wrap(&notice.text, room, rows_max)
 }
 
 pub fn draw(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {

@@ -107,7 +107,8 @@ impl Row {
     }
 }
 
-/// Foreign text in lines of at most `width` columns, broken between words if it can be; at most `rows_max`.
+/// Foreign text in lines of at most `width` columns, broken between words if it can be; at most `rows_max`. An ellipsis
+/// ends a text that is longer.
 #[must_use]
 pub fn wrap(text: &str, width: usize, rows_max: usize) -> Vec<String> {
     if width == 0 || rows_max == 0 {
@@ -117,7 +118,12 @@ pub fn wrap(text: &str, width: usize, rows_max: usize) -> Vec<String> {
     let safe = safe(text, width.saturating_mul(rows_max).min(holdpoint_text::WIDTH_MAX));
     let mut lines: Vec<String> =
         textwrap::wrap(&safe, width).into_iter().map(|line| self::safe(line.trim_end(), width)).collect();
-    lines.truncate(rows_max);
+    if lines.len() > rows_max {
+        lines.truncate(rows_max);
+        if let Some(last) = lines.last_mut() {
+            *last = self::safe(&format!("{last}…"), width);
+        }
+    }
     lines
 }
 
@@ -140,6 +146,8 @@ mod tests {
     fn wrapping_is_bounded() {
         assert_eq!(wrap("one two three", 7, 9), ["one two", "three"]);
         assert!(wrap("one", 0, 9).is_empty());
+        // The text was cut between words, and nothing told so.
+        assert_eq!(wrap("one twofold three", 7, 2), ["one", "twofol…"]);
         assert_eq!(wrap(&"x".repeat(10_000), 10, 3).len(), 3);
     }
 }
