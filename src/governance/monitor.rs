@@ -409,7 +409,10 @@ impl Monitor {
 
     /// Every chart: the rate, what the monitor does at the limit, the statistic and its limit.
     pub fn charts(&self) -> impl Iterator<Item = (Rate, ChartLevel, f64, f64)> + '_ {
-        self.charts.iter().flat_map(|chart| {
+        // A chart without what it judges by is never fed: its 0 would say that nothing was past the limit.
+        let (knows_harm, knows_slow) = (self.limits.is_some(), self.slow_over_s.is_some());
+        let is_fed = move |rate| (rate != Rate::Harm || knows_harm) && (rate != Rate::Slow || knows_slow);
+        self.charts.iter().filter(move |chart| is_fed(chart.rate)).flat_map(|chart| {
             [
                 (chart.rate, ChartLevel::Warning, chart.warning.statistic(), chart.warning.threshold()),
                 (chart.rate, ChartLevel::Trip, chart.trip.statistic(), chart.trip.arl()),

@@ -144,6 +144,17 @@ fn under(name: ProfileName, conditions: &[Condition]) -> Monitor {
     Monitor::strict(&profile(name), &expected, Strictness::of(conditions), 0).unwrap()
 }
 
+/// A version under `human` showed 0 % of the limit of harm beside events of harm past its limit.
+#[test]
+fn a_rate_that_is_not_judged_has_no_chart() {
+    for name in ProfileName::ALL {
+        let monitor = monitor(name);
+        let has_harm = monitor.charts().any(|(rate, ..)| rate == Rate::Harm);
+        assert_eq!(has_harm, name == ProfileName::Sim, "{name:?}");
+        assert!(monitor.charts().any(|(rate, ..)| rate == Rate::Failure), "{name:?}");
+    }
+}
+
 /// The values of an episode where one in `every` shows an anomaly.
 fn one_in(every: u64, tick: u64) -> &'static EpisodeValues {
     const BAD: EpisodeValues = EpisodeValues { anomaly: true, ..GOOD };
