@@ -42,9 +42,7 @@ pub fn rows(now: &Snapshot, candidate: &CandidateView, look: &Look, width: usize
         if !near.is_empty() {
             let is_past = near.iter().any(|(_, share)| *share >= 1.0);
             let role = if is_past { ThemeRole::Past } else { ThemeRole::Text };
-            let near: Vec<String> =
-                near.iter().map(|(name, share)| format!("{name} {:.0} %", share * 100.0)).collect();
-            rows.extend(wrapped(role, &wording::of_their_limits(&near.join(", "), &then)));
+            rows.extend(wrapped(role, &wording::of_their_limits(&shares(&near), &then)));
         }
     }
     let below = below_limit(&candidate.dimensions);
@@ -83,4 +81,31 @@ fn nearest(monitor: &MonitorView) -> Vec<(String, f64)> {
     }
     near.sort_by(|(_, one), (_, other)| other.total_cmp(one));
     near
+}
+
+/// The shares above 0 %, so that what a trip does has room behind them.
+fn shares(near: &[(String, f64)]) -> String {
+    let percents = near.iter().map(|(name, share)| (name, (share * 100.0).round()));
+    let above: Vec<String> = percents
+        .filter(|(_, percent)| *percent > 0.0)
+        .map(|(name, percent)| format!("{name} {percent:.0} %"))
+        .collect();
+    if above.is_empty() { wording::EACH_AT_ZERO.to_owned() } else { above.join(", ") }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Ten rates at 0 % left no room for what a trip does.
+    #[test]
+    fn rates_at_zero_stand_together() {
+        let of = |near: &[(&str, f64)]| {
+            let near: Vec<(String, f64)> =
+                near.iter().map(|(name, share)| ((*name).to_owned(), *share)).collect();
+            shares(&near)
+        };
+        assert_eq!(of(&[("violation", 0.85), ("time", 0.26), ("retry", 0.0)]), "violation 85 %, time 26 %");
+        assert_eq!(of(&[("retry", 0.0), ("time", 0.001)]), wording::EACH_AT_ZERO);
+    }
 }

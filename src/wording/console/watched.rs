@@ -3,6 +3,7 @@
 use holdpoint_governance::ids::CapabilityId;
 
 pub const THEN_CONFIRMED: &str = ", then it is confirmed";
+pub const EACH_AT_ZERO: &str = "each at 0 %";
 pub const DEACTIVATES_IT: &str = "deactivates it";
 
 #[must_use]
