@@ -230,7 +230,9 @@ fn heading(model: &ConsoleModel, detail: &Detail, look: &Look, width: usize, fit
     let counted = candidate.and_then(|candidate| candidate.counted.as_ref());
     let counted = counted.map(|counted| counted_try(&detail.version.family, counted));
     rows.extend(counted.map(|line| Row::of(ThemeRole::Muted, &short(&line, width))));
-    if let Some(deployment) = candidate.and_then(|candidate| candidate.deployment) {
+    // A version that is out of the pipeline is deployed nowhere, whatever an earlier decision gave.
+    let in_pipeline = candidate.filter(|candidate| !candidate.state.is_terminal());
+    if let Some(deployment) = in_pipeline.and_then(|candidate| candidate.deployment) {
         rows.push(Row::of(ThemeRole::Text, &format!("deployment {deployment}")));
     }
     rows

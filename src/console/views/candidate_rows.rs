@@ -7,10 +7,12 @@ use crate::rows::CandidateItem;
 use crate::theme::state_mark::{of_dimension, of_ruling};
 use crate::widgets::bar::against_limit;
 use crate::widgets::row::{Row, wrap};
+use holdpoint_governance::decision::Reason;
 use holdpoint_governance::outcome::DimensionOutcome;
 use holdpoint_protocol::detail::{DrillView, FieldDiff, MeasuredValue};
 use holdpoint_protocol::event::DimensionResult;
 use holdpoint_protocol::explanation::DecisionExplanation;
+use holdpoint_record::rationale::remedy::is_in_favor;
 use holdpoint_wording::console::candidate as wording;
 use holdpoint_wording::explanation::permission_use;
 use serde_json::Value;
@@ -25,10 +27,10 @@ pub fn item(model: &ConsoleModel, item: &CandidateItem<'_>, look: &Look, width: 
         CandidateItem::Dimension(result) => vec![dimension(result, look, width)],
         CandidateItem::Worsening(measure) => vec![worsened(measure, look, width)],
         CandidateItem::Measure(measure) => vec![measured(measure, width)],
-        CandidateItem::Reason(reason) => text(ThemeRole::Text, &reason_line(reason), width),
+        CandidateItem::Reason(reason) => text(ThemeRole::Text, &signed_reason(reason), width),
         CandidateItem::Unproven(reason, measure) => {
             let caveat = wording::not_established(&change(measure.interval.unwrap_or_default()));
-            text(ThemeRole::Text, &format!("{}; {caveat}", reason_line(reason)), width)
+            text(ThemeRole::Text, &format!("{}; {caveat}", signed_reason(reason)), width)
         }
         CandidateItem::Condition(condition) => {
             let glyph = look.glyph(Glyph::Warning);
@@ -54,6 +56,15 @@ pub fn item(model: &ConsoleModel, item: &CandidateItem<'_>, look: &Look, width: 
                 .with(ThemeRole::Text, &super::short(&record.body, 400)),
         ],
     }
+}
+
+/// Whether a reason speaks for the version.
+const fn sign(in_favor: bool) -> &'static str {
+    if in_favor { "+" } else { "-" }
+}
+
+fn signed_reason(reason: &Reason) -> String {
+    format!("{} {}", sign(is_in_favor(reason.code)), reason_line(reason))
 }
 
 fn text(role: ThemeRole, text: &str, width: usize) -> Vec<Row> {
@@ -209,7 +220,7 @@ fn decision_rows(
     };
     say(ThemeRole::Muted, &format!("record {}", decision.record));
     for reason in &decision.reasons {
-        let sign = if reason.in_favour { "+" } else { "-" };
+        let sign = sign(reason.in_favour);
         let measured = reason.measured.as_deref().map(|text| format!(" ({text})")).unwrap_or_default();
         let code = reason.code.as_ref().map(ToString::to_string).unwrap_or_default();
         say(ThemeRole::Text, &format!("{sign} {code}: {}{measured}", reason.text));
@@ -229,7 +240,9 @@ fn decision_rows(
 #[cfg(test)]
 #[allow(clippy::unwrap_used, reason = "a test says what it expects by failing")]
 mod tests {
+    use holdpoint_governance::behavior::ComponentName;
     use holdpoint_governance::decision::Dimension;
+    use holdpoint_governance::finding::Finding;
 
     use super::*;
     use crate::look::{ColorDepth, Glyphs, Theme};
@@ -249,6 +262,16 @@ mod tests {
         assert!(text(None, false, DimensionOutcome::Incompatible).starts_with("✖ recovery    ?  "));
         assert!(text(Some(0.9), true, DimensionOutcome::Compatible).starts_with("✔ recovery  0.900 "));
         assert!(text(None, false, DimensionOutcome::NoData).starts_with("? recovery    ?  "));
+    }
+
+    /// An improvement stood between the reasons of a rejection, and nothing told it from them.
+    #[test]
+    fn a_reason_has_the_sign_of_its_weight() {
+        let of = |dimension, finding| signed_reason(&Reason::new(dimension, finding));
+        let better = Finding::ComponentBetter { component: ComponentName::Success };
+        assert!(of(Dimension::Behavior, better).starts_with("+ behavior-improved: "));
+        let higher = Finding::PermissionHigher { permission: "zone tray".to_owned() };
+        assert!(of(Dimension::Policy, higher).starts_with("- policy-escalation: "));
     }
 
     /// An improvement of success was "worse by -0.357..-0.201".

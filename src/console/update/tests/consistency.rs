@@ -2,6 +2,8 @@
 
 use super::*;
 use crate::rows::CandidateItem;
+use holdpoint_governance::deployability::Deployability;
+use holdpoint_governance::lifecycle::State;
 use holdpoint_protocol::detail::Detail;
 use holdpoint_wording::console as wording;
 
@@ -73,6 +75,21 @@ fn an_empty_pane_explains_itself_by_state() {
         console.model.view_state.panes[View::Candidate as usize] = pane;
         let text = screen(&console, 100, 30);
         assert!(text.contains(&expected), "{state} {pane}:\n{text}");
+    }
+}
+
+/// A rejected version still had the deployment outcome of an earlier decision.
+#[test]
+fn a_rejected_version_shows_no_deployment_outcome() {
+    for (state, is_shown) in [(State::Shadowed, true), (State::Rejected, false)] {
+        let mut console = TestConsole::new(0);
+        let mut now = snapshot(0, 'e');
+        (now.candidates[0].state, now.candidates[0].deployment) = (state, Some(Deployability::Conditionally));
+        console.tell(MsgKind::Snapshot(Arc::new(now)));
+        open_detail(&mut console, detail(&json!({})));
+        let text = screen(&console, 120, 36);
+        let outcome = format!("deployment {}", Deployability::Conditionally);
+        assert_eq!(text.contains(&outcome), is_shown, "{state}: {text}");
     }
 }
 
