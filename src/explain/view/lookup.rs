@@ -11,7 +11,6 @@ use holdpoint_governance::explanation::{LookupRefusal, SearchField, VerifiedChai
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::lifecycle::State;
 use holdpoint_governance::record::{AuditRecord, RecordKind, VersionGroup};
-use holdpoint_governance::wall_time::WallTime;
 use holdpoint_protocol::command::{Refusal, Reply};
 use holdpoint_protocol::detail::{AuditPage, AuditVerification, Detail, PAGE_MAX, RegistryPage};
 use holdpoint_record::context::Context;
@@ -162,9 +161,7 @@ pub fn detail(
         risk_causes: evidence_file.risk.as_ref().map(|risk| risk.causes.clone()).unwrap_or_default(),
         requester: member.origin.requester.clone(),
         registered_ms: stored.registered_ms,
-        registered_at: registration
-            .first()
-            .and_then(|record| (record.wall_ms > 0).then(|| WallTime::from_ms(record.wall_ms))),
+        registered_at: registration.first().and_then(AuditRecord::wall),
         dimensions: evidence_file.dimensions(&context.profile),
         composite: evidence_file.composite(&context.profile),
         reasons: reasons(&evidence_file),
