@@ -146,6 +146,7 @@ impl EffectRunner {
             }
             Effect::Register { id, folder, passphrase } => {
                 let known = known_versions(place.model);
+                let folder = folder.as_deref().map(folder::in_home);
                 match (self.services.read_candidate)(folder.as_deref(), &known) {
                     Ok(command) => self.send_signed(place.model, id, command, passphrase),
                     Err(problem) => refused(id, Refusal::BadInput, &problem),

@@ -360,7 +360,7 @@ impl Form {
         } else {
             FormFocus::Cancel
         };
-        let minutes = if intent.needs_minutes() { EditLine::new("30") } else { EditLine::default() };
+        let minutes = if intent.needs_minutes() { EditLine::offer("30") } else { EditLine::default() };
         Self {
             intent,
             consequences,

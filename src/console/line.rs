@@ -9,6 +9,8 @@ pub const LINE_MAX: usize = 512;
 #[derive(Clone, Debug, Default)]
 pub struct EditLine {
     input: Input,
+    /// Whether the text is an offer: the first typed character replaces it.
+    is_offer: bool,
 }
 
 impl PartialEq for EditLine {
@@ -21,7 +23,13 @@ impl EditLine {
     /// A line with this text, the cursor at its end.
     #[must_use]
     pub fn new(text: &str) -> Self {
-        Self { input: Input::new(text.chars().take(LINE_MAX).collect()) }
+        Self { input: Input::new(text.chars().take(LINE_MAX).collect()), is_offer: false }
+    }
+
+    /// A line with an offered text: a key that edits keeps it, and a typed character replaces it.
+    #[must_use]
+    pub fn offer(text: &str) -> Self {
+        Self { is_offer: true, ..Self::new(text) }
     }
 
     #[must_use]
@@ -37,7 +45,13 @@ impl EditLine {
 
     /// Types one character; control characters are ignored.
     pub fn insert(&mut self, typed: char) {
-        if !typed.is_control() && self.text().chars().count() < LINE_MAX {
+        if typed.is_control() {
+            return;
+        }
+        if std::mem::take(&mut self.is_offer) {
+            self.input.reset();
+        }
+        if self.text().chars().count() < LINE_MAX {
             self.input.handle(InputRequest::InsertChar(typed));
         }
     }
@@ -50,6 +64,7 @@ impl EditLine {
     }
 
     pub fn edit(&mut self, request: InputRequest) {
+        self.is_offer = false;
         self.input.handle(request);
     }
 }
@@ -66,5 +81,18 @@ mod tests {
         assert_eq!(line.text(), "abc d");
         line.paste(&"x".repeat(2 * LINE_MAX));
         assert_eq!(line.text().chars().count(), LINE_MAX);
+    }
+
+    #[test]
+    fn typed_text_replaces_an_offer_that_no_key_has_edited() {
+        let mut line = EditLine::offer("30");
+        line.insert('\n');
+        assert_eq!(line.text(), "30");
+        line.paste("45");
+        assert_eq!(line.text(), "45");
+        let mut edited = EditLine::offer("30");
+        edited.edit(InputRequest::DeletePrevChar);
+        edited.insert('5');
+        assert_eq!(edited.text(), "35");
     }
 }

@@ -1,4 +1,4 @@
-//! Completions of a typed path, from the contents of its folder. Must not open a file.
+//! A typed path: `~` in it, and its completions from the contents of its folder. Must not open a file.
 
 use std::path::Path;
 
@@ -8,12 +8,27 @@ const ENTRIES_MAX: usize = 2_000;
 /// The most names that are offered.
 const NAMES_MAX: usize = 200;
 
+/// A path with the home folder in the place of a `~` at its beginning, as a shell reads it.
+pub fn in_home(path: &str) -> String {
+    let home = std::env::var("HOME").ok();
+    with_home(path, home.as_deref())
+}
+
+fn with_home(path: &str, home: Option<&str>) -> String {
+    let home = home.filter(|home| Path::new(home).is_absolute());
+    match (path.strip_prefix('~'), home) {
+        (Some(rest), Some(home)) if rest.is_empty() || rest.starts_with('/') => format!("{home}{rest}"),
+        _ => path.to_owned(),
+    }
+}
+
 /// Whole lines: the typed text with a folder's name as its last part, in the order of names. A folder with subfolders
 /// ends with a slash; one with a manifest does not: it is a candidate.
 pub fn completions(typed: &str, path: &str) -> Vec<String> {
     let Some(before) = typed.strip_suffix(path) else { return Vec::new() };
     let (parent, prefix) = path.rfind('/').map_or(("", path), |at| path.split_at(at + 1));
-    let folder = if parent.is_empty() { Path::new(".") } else { Path::new(parent) };
+    let folder = if parent.is_empty() { ".".to_owned() } else { in_home(parent) };
+    let folder = Path::new(&folder);
     let Ok(entries) = std::fs::read_dir(folder) else { return Vec::new() };
     let mut names: Vec<String> = entries
         .take(ENTRIES_MAX)
@@ -33,6 +48,17 @@ pub fn completions(typed: &str, path: &str) -> Vec<String> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_tilde_at_the_beginning_is_the_home_folder() {
+        let home = Some("/home/ana");
+        assert_eq!(with_home("~/mine", home), "/home/ana/mine");
+        assert_eq!(with_home("~", home), "/home/ana");
+        for path in ["~bob/mine", "a/~/b", "./~", "/srv/mine", ""] {
+            assert_eq!(with_home(path, home), path);
+        }
+        assert_eq!(with_home("~/mine", None), "~/mine");
+    }
 
     #[test]
     fn folders_are_offered_and_candidates_end_there() {
