@@ -394,7 +394,7 @@ mod tests {
     use super::report::FamilyStatusRow;
     use super::*;
     use holdpoint_governance::ids::Digest;
-    use holdpoint_governance::lifecycle::VersionFlags;
+    use holdpoint_governance::lifecycle::{Stage, VersionFlags};
     use holdpoint_governance::notice::{Notice, OperatorAct};
     use holdpoint_governance::tries::{CountedTry, TryAuthor};
     use holdpoint_governance::version_status::{RecordedChanges, StatusFacts, VersionStatus};
@@ -404,6 +404,7 @@ mod tests {
             version: "grasp@1.1.0".parse().unwrap(),
             state,
             running: None,
+            interrupted: false,
             paused: false,
             awaiting_approval: false,
             provisional,
@@ -479,6 +480,10 @@ mod tests {
         for part in ["sandboxed, paused", "(paused by mia: an odd noise)"] {
             assert!(paused.line().contains(part), "{}", paused.line());
         }
+        let at_work = VersionRow { running: Some(Stage::Shadow), ..row(State::Sandboxed, false) };
+        assert!(at_work.line().contains("running shadow"), "{}", at_work.line());
+        let interrupted = VersionRow { interrupted: true, ..at_work };
+        assert!(!interrupted.line().contains("running"), "{}", interrupted.line());
         let family = FamilyStatusRow {
             family: "grasp".to_owned(),
             active: Some(version.version),

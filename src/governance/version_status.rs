@@ -162,6 +162,8 @@ crate::closed_set! {
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case", tag = "obstacle")]
 pub enum Obstacle {
+    /// No engine runs.
+    EngineAbsent,
     /// The engine is halted after a fault of its own.
     EngineHalted,
     /// A person stopped the cell.

@@ -75,6 +75,7 @@ pub fn status_end(version: &CapabilityId, of: &VersionStatus) -> String {
 
 fn obstacle_sentence(version: &CapabilityId, of: &Obstacle) -> String {
     match of {
+        Obstacle::EngineAbsent => "waits for an engine: none runs".to_owned(),
         Obstacle::EngineHalted => "waits: the engine is halted".to_owned(),
         Obstacle::CellStopped => "waits: the cell is stopped".to_owned(),
         Obstacle::NoActiveVersion => {
@@ -146,6 +147,13 @@ mod tests {
             told(&behind),
             "queued for sandbox; waits for align@2.0.0, in confirmation: one runs at a time"
         );
+        let interrupted = VersionStatus {
+            stage: Some(Stage::Shadow),
+            since: None,
+            obstacle: Some(Obstacle::EngineAbsent),
+            ..status(VersionCondition::Running, None)
+        };
+        assert_eq!(told(&interrupted), "in shadow; waits for an engine: none runs");
     }
 
     #[test]

@@ -23,7 +23,7 @@ use holdpoint_governance::notice::{Notice, NoticeOrText};
 use holdpoint_governance::profile::{ProfileName, SiteName, titled};
 use holdpoint_governance::record::{AuditRecord, VersionSummary};
 use holdpoint_governance::tries::CountedTry;
-use holdpoint_governance::version_status::{StatusFacts, VersionCondition, VersionStatus};
+use holdpoint_governance::version_status::{Obstacle, StatusFacts, VersionCondition, VersionStatus};
 use holdpoint_governance::wall_time::WallTime;
 use holdpoint_protocol::snapshot::{EscalationView, RequestKind, Snapshot, StartupProgressView, StoppedView};
 use holdpoint_protocol::work_unit::PartCount;
@@ -114,6 +114,9 @@ pub(super) struct VersionRow {
     pub(super) version: CapabilityId,
     pub(super) state: State,
     pub(super) running: Option<Stage>,
+    /// Whether that stage stands because no engine runs.
+    #[serde(skip)]
+    pub(super) interrupted: bool,
     pub(super) paused: bool,
     pub(super) awaiting_approval: bool,
     pub(super) provisional: bool,
@@ -209,6 +212,11 @@ impl StatusReport {
                 family: status.name,
             })
             .collect();
+        let in_use_by = match engine {
+            Some(_) => None,
+            None => views.folder().and_then(|folder| lock_owner(&Layout::new(folder)).ok()?),
+        };
+        let runs = engine.is_some() || silent.is_some() || in_use_by.is_some();
         // A running engine knows its requests; otherwise the store has the last ones.
         let waiting = match engine {
             Some(engine) => engine
@@ -258,10 +266,7 @@ impl StatusReport {
         let (site, site_file) = record.map_or((None, None), |record| (record.site, record.site_file));
         Ok(Self {
             engine_running: engine.is_some(),
-            in_use_by: match engine {
-                Some(_) => None,
-                None => views.folder().and_then(|folder| lock_owner(&Layout::new(folder)).ok()?),
-            },
+            in_use_by,
             silent: silent.map(ToString::to_string),
             unverified: None,
             last_record: silent.map(|_| last_record(views)).transpose()?.flatten(),
@@ -289,7 +294,10 @@ impl StatusReport {
             profile: context.map(|(profile, _, _)| profile),
             families,
             versions: rows
-                .map(|version| Ok(VersionRow::new(version, status_of(views, version, engine)?, engine)))
+                .map(|version| {
+                    let status = status_of(views, version, engine, runs)?;
+                    Ok(VersionRow { interrupted: !runs, ..VersionRow::new(version, status, engine) })
+                })
                 .collect::<Result<_, CliError>>()?,
             waiting: waiting.into_iter().filter(|row| wanted(&row.version)).collect(),
             questions: engine
@@ -381,11 +389,13 @@ impl FamilyStatusRow {
     }
 }
 
-/// The status of a version: the engine's if that knows the version as it is now, or else by the store alone.
+/// The status of a version: the engine's if that knows the version as it is now, or else by the store alone. `runs` if an
+/// engine runs, also one that does not answer.
 fn status_of(
     views: &Views,
     version: &VersionSummary,
     engine: Option<&Snapshot>,
+    runs: bool,
 ) -> Result<VersionStatus, CliError> {
     let given = engine.and_then(|engine| {
         let mut candidates = engine.candidates.iter();
@@ -397,12 +407,13 @@ fn status_of(
         return Ok(given);
     }
     let recorded = views.recorded_changes(&version.version).map_err(CliError::usage)?;
+    let absent = (!runs && version.flags.running.is_some()).then_some(Obstacle::EngineAbsent);
     Ok(VersionStatus::of(&StatusFacts {
         state: version.state,
         flags: &version.flags,
         held: recorded.has_lapsed(),
         reasons: &[],
-        obstacle: None,
+        obstacle: absent.as_ref(),
         recorded: &recorded,
     }))
 }
@@ -418,6 +429,7 @@ impl VersionRow {
             version: version.version.clone(),
             state: version.state,
             running: flags.running,
+            interrupted: false,
             paused: flags.paused,
             awaiting_approval: flags.awaiting_approval,
             provisional: flags.provisional,
@@ -444,7 +456,7 @@ impl VersionRow {
     pub(super) fn line(&self) -> String {
         let mut line = format!("version  {}: {}", self.version, self.state);
         if let Some(stage) = self.running {
-            line.push_str(&format!(", running {stage}"));
+            line.push_str(&sentences::stage_at_work(stage, self.interrupted));
         }
         let flags = [
             (self.paused, self.state.paused_label()),

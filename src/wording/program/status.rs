@@ -4,6 +4,7 @@ use std::fmt::Display;
 
 use holdpoint_governance::alarms::Shelving;
 use holdpoint_governance::ids::CapabilityId;
+use holdpoint_governance::lifecycle::Stage;
 use holdpoint_governance::wall_time::WallTime;
 use holdpoint_protocol::snapshot::{RequestKind, StartupProgressView, StoppedView};
 use holdpoint_text::signing_options;
@@ -140,6 +141,12 @@ pub fn provisional(episodes: Option<(u32, u32)>) -> String {
         || ", provisional".to_owned(),
         |(worked, needed)| format!(", provisional {worked} of {needed} episodes"),
     )
+}
+
+/// The stage of a version: it runs, or it has no engine that runs it.
+#[must_use]
+pub fn stage_at_work(stage: Stage, is_interrupted: bool) -> String {
+    if is_interrupted { format!(", {stage} interrupted") } else { format!(", running {stage}") }
 }
 
 /// A promotion that a person paused.
