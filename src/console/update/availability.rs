@@ -100,6 +100,7 @@ impl<'a> ActionAvailability<'a> {
             A::JumpToAlarm => model.alarm_rows().iter().any(|item| item.alarm().state.calls()),
             A::Copy => model.view_state.view.behavior().copied(model).is_some(),
             A::Filter => self.rows > 1 || !model.view_state.filter().is_empty(),
+            A::Abort => operations::is_anything_under_way(model),
             A::Freeze => model.engine_data.snapshot.is_some(),
             A::Mark => self.rows > 1,
             A::Left | A::Right if model.view_state.view == View::Health => model.engine_data.health.is_some(),

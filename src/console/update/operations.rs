@@ -14,7 +14,7 @@ use holdpoint_governance::lifecycle::{State, VersionFlags};
 use holdpoint_governance::profile::ProfileName;
 use holdpoint_governance::wall_time::WallTime;
 use holdpoint_protocol::command::Command;
-use holdpoint_protocol::snapshot::AlarmView;
+use holdpoint_protocol::snapshot::{AlarmView, CandidateView};
 use holdpoint_text::Hint as _;
 use holdpoint_wording::console::operations as wording;
 use holdpoint_wording::console::shared;
@@ -375,7 +375,6 @@ fn rollback_target<'a>(model: &'a ConsoleModel, id: &CapabilityId) -> Option<&'a
 /// candidate under the cursor that is not queued, a running candidate, a waiting one.
 pub(super) fn abort(model: &ConsoleModel) -> Option<(Abort, Vec<String>)> {
     let snapshot = model.engine_data.snapshot.as_ref()?;
-    let unsettled = |flags: &VersionFlags| flags.provisional || flags.restricted;
     let actives: Vec<(&CapabilityId, VersionFlags)> = snapshot
         .families
         .iter()
@@ -383,7 +382,7 @@ pub(super) fn abort(model: &ConsoleModel) -> Option<(Abort, Vec<String>)> {
         .collect();
     let here = model.version_here();
     let escalation = snapshot.questions.first().map(|question| &question.version);
-    let open = || actives.iter().filter(|(_, flags)| unsettled(flags)).map(|(id, _)| *id);
+    let open = || actives.iter().filter(|(_, flags)| is_unsettled(flags)).map(|(id, _)| *id);
     let active = escalation
         .or_else(|| open().find(|id| Some(*id) == here.as_ref()))
         .or_else(|| open().next())
@@ -459,10 +458,27 @@ fn effect_of_abort(what: &Abort, id: &CapabilityId) -> String {
     }
 }
 
+/// Whether anything is under way that an abort stops. Of a confirmed version it is a rollback, which has a key of its own.
+pub(super) fn is_anything_under_way(model: &ConsoleModel) -> bool {
+    model.engine_data.snapshot.as_ref().is_some_and(|now| {
+        let mut flags = now.families.iter().filter_map(|family| family.flags);
+        !now.questions.is_empty()
+            || flags.any(|flags| is_unsettled(&flags))
+            || now.candidates.iter().any(continues)
+    })
+}
+
+const fn is_unsettled(flags: &VersionFlags) -> bool {
+    flags.provisional || flags.restricted
+}
+
 /// Whether a candidate continues without an operator.
 fn is_under_way(model: &ConsoleModel, id: &CapabilityId) -> bool {
-    let candidate = model.candidate(id);
-    candidate.is_some_and(|c| !c.state.is_terminal() && c.state != State::Active && !c.flags.paused)
+    model.candidate(id).is_some_and(continues)
+}
+
+fn continues(candidate: &CandidateView) -> bool {
+    !candidate.state.is_terminal() && candidate.state != State::Active && !candidate.flags.paused
 }
 
 /// Acknowledging and unshelving act at once, because they are easily undone; the others open a form.

@@ -69,6 +69,20 @@ fn hints_follow_the_state_of_the_version() {
     assert!(!offered(&console, Action::Pause) && offered(&console, Action::Resume));
     with(&mut console, |now| now.prompts.clear());
     assert!(!offered(&console, Action::Show(View::Approvals)), "nothing waits");
+    assert!(offered(&console, Action::Abort));
+    let confirm = |now: &mut Snapshot, provisional| {
+        now.prompts.clear();
+        now.questions.clear();
+        now.candidates.truncate(1);
+        now.candidates[0].version = "grasp@1.2.0".parse().unwrap();
+        now.candidates[0].state = State::Active;
+        let flags = Some(VersionFlags { provisional, ..VersionFlags::default() });
+        now.families.iter_mut().for_each(|family| family.flags = flags);
+    };
+    with(&mut console, |now| confirm(now, true));
+    assert!(offered(&console, Action::Abort), "what is provisional is under way");
+    with(&mut console, |now| confirm(now, false));
+    assert!(!offered(&console, Action::Abort), "a confirmed version has the key of a rollback");
     // Help keeps a disabled key in its place, with the reason.
     console.keys("?resume");
     let text = screen(&console, 120, 36);
