@@ -141,7 +141,9 @@ fn block(
         let is_watched = rank == CandidateRank::Watched;
         let watched = now.filter(|_| is_watched).map(|now| watched::rows(now, candidate, look, width));
         let watched = watched.unwrap_or_default();
-        let counted = watched.len() + usize::from(!is_watched);
+        // A sentence about what limits it is not parted by the stages.
+        let limits = if is_watched { 0 } else { limit_rows(candidate, now, width, chosen).len() + 1 };
+        let counted = watched.len() + limits;
         rows.splice(1..1, watched);
         rows.insert((1 + counted).min(rows.len()), strip);
     }
@@ -306,9 +308,8 @@ fn rows(
     if !candidate.state.is_terminal() || chosen {
         rows.push(strip(candidate, look, width));
     }
-    let status = now.map(|now| now.status(candidate)).or_else(|| candidate.status.clone());
-    let limited = status.as_ref().filter(|status| status.is_limited());
-    rows.extend(limited.into_iter().flat_map(|status| status_rows(candidate, status, width, chosen)));
+    let status = status_in(candidate, now);
+    rows.extend(limit_rows(candidate, now, width, chosen));
     let question =
         now.and_then(|now| now.prompts.iter().find(|request| request.version == candidate.version));
     let turn = status.as_ref().filter(|status| status.obstacle.is_some() && waits_its_turn(candidate));
@@ -339,6 +340,16 @@ fn rows(
         }
     }
     rows
+}
+
+fn status_in(candidate: &CandidateView, now: Option<&Snapshot>) -> Option<VersionStatus> {
+    now.map(|now| now.status(candidate)).or_else(|| candidate.status.clone())
+}
+
+/// The status of a version that goes on under a limit; nothing of another one.
+fn limit_rows(candidate: &CandidateView, now: Option<&Snapshot>, width: usize, chosen: bool) -> Vec<Row> {
+    let limited = status_in(candidate, now).filter(VersionStatus::is_limited);
+    limited.map_or_else(Vec::new, |status| status_rows(candidate, &status, width, chosen))
 }
 
 /// The status of the chosen version in full. Of another one, what is needed at a glance: a limit and its author, the cause of

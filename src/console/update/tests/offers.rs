@@ -6,7 +6,9 @@ use crate::action::Action;
 use crate::update::availability::ActionAvailability;
 use crate::views::hints;
 use holdpoint_governance::lifecycle::{Stage, State, VersionFlags};
+use holdpoint_governance::notice::{Notice, OperatorAct};
 use holdpoint_governance::profile::ProfileName;
+use holdpoint_governance::version_status::{VersionCondition, VersionStatus};
 use holdpoint_protocol::snapshot::{CandidateView, ProgressView};
 use holdpoint_protocol::work_unit::WorkUnit;
 use holdpoint_wording::console as wording;
@@ -69,26 +71,54 @@ fn hints_follow_the_state_of_the_version() {
     assert!(!offered(&console, Action::Pause) && offered(&console, Action::Resume));
     with(&mut console, |now| now.prompts.clear());
     assert!(!offered(&console, Action::Show(View::Approvals)), "nothing waits");
-    assert!(offered(&console, Action::Abort));
-    let confirm = |now: &mut Snapshot, provisional| {
-        now.prompts.clear();
-        now.questions.clear();
-        now.candidates.truncate(1);
-        now.candidates[0].version = "grasp@1.2.0".parse().unwrap();
-        now.candidates[0].state = State::Active;
-        let flags = Some(VersionFlags { provisional, ..VersionFlags::default() });
-        now.families.iter_mut().for_each(|family| family.flags = flags);
-    };
-    with(&mut console, |now| confirm(now, true));
-    assert!(offered(&console, Action::Abort), "what is provisional is under way");
-    with(&mut console, |now| confirm(now, false));
-    assert!(!offered(&console, Action::Abort), "a confirmed version has the key of a rollback");
     // Help keeps a disabled key in its place, with the reason.
     console.keys("?resume");
     let text = screen(&console, 120, 36);
     assert!(text.contains("resume") && text.contains("(off: ") && text.contains("is paused"), "{text}");
     let possible = ActionAvailability::of(&console.model);
     assert!(possible.why_not(Action::Go).is_some_and(|why| why == wording::cell_restart::NOT_STOPPED));
+}
+
+/// The hint stood under a pipeline in which nothing was evaluated.
+#[test]
+fn an_abort_is_offered_while_something_is_under_way() {
+    let mut console = TestConsole::new(0);
+    let offered = |console: &TestConsole| hints::actions(&console.model).contains(&Action::Abort);
+    assert!(offered(&console), "a candidate continues");
+    for provisional in [true, false] {
+        with(&mut console, |now| {
+            now.prompts.clear();
+            now.candidates[0].version = "grasp@1.2.0".parse().unwrap();
+            now.candidates[0].state = State::Active;
+            now.families[0].flags = Some(VersionFlags { provisional, ..VersionFlags::default() });
+        });
+        assert_eq!(offered(&console), provisional, "a confirmed version has the key of a rollback");
+    }
+}
+
+/// The stages stood between two lines of the sentence.
+#[test]
+fn the_sentence_of_a_pause_is_not_parted_by_the_stages() {
+    let mut console = TestConsole::new(0);
+    with(&mut console, |now| {
+        now.prompts.clear();
+        let (by, reason) = ("mia".to_owned(), format!("{}the tray", "wait for ".repeat(12)));
+        let act = OperatorAct::Paused;
+        let status = VersionStatus {
+            condition: VersionCondition::Paused,
+            stage: None,
+            since: None,
+            cause: Some(Notice::OperatorDid { act, by, reason }.into()),
+            obstacle: None,
+            ends: VersionCondition::Paused.end(),
+        };
+        let flags = VersionFlags { paused: true, ..VersionFlags::default() };
+        now.candidates[0] = CandidateView { flags, status: Some(status), ..at_work(CANDIDATE) };
+    });
+    let text = screen(&console, 120, 36);
+    let place = |part: &str| text.lines().position(|line| line.contains(part));
+    let (begins, ends, stages) = (place("paused (paused by mia"), place("tray);"), place("validate"));
+    assert!(begins.is_some() && begins < ends && ends < stages, "{text}");
 }
 
 /// The help began with the keys of every view, and those of this one were below its end.
