@@ -155,7 +155,7 @@ actions! {
     NextPane = "next-pane", Lists, ["tab"];
     /// Previous pane
     PreviousPane = "previous-pane", Lists, ["backtab"];
-    /// List only running, waiting, held, rejected or own versions: the next of these, then all
+    /// List only running, queued, waiting, held, rejected or own versions: the next of these, then all
     StateFilter = "state-filter", Lists, ["i"];
     /// Sort by the next column
     Sort = "sort", Lists, ["s"];

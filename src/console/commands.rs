@@ -288,7 +288,7 @@ mod tests {
             ("goal", wording::NEEDS_GOAL.to_owned()),
             ("demo grasp-low-flight", embedded::names().collect::<Vec<_>>().join(", ")),
             ("drift strong", "allowed are".to_owned()),
-            ("filter moon", "running, waiting, held".to_owned()),
+            ("filter moon", "running, queued, waiting, held".to_owned()),
             ("close", wording::needs_profile()),
             ("close moon", "moon".to_owned()),
             ("alarms now", wording::takes_nothing("alarms")),

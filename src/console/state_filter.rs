@@ -19,7 +19,9 @@ pub enum StateFilter {
     All,
     /// A stage of it runs.
     Running,
-    /// Its next stage has not begun, or approvers are asked.
+    /// Its next stage has not begun.
+    Queued,
+    /// Approvers are asked.
     Waiting,
     /// It continues when a person resumes it or has it evaluated again.
     Held,
@@ -30,8 +32,8 @@ pub enum StateFilter {
 
 impl StateFilter {
     /// In the order in which a key steps through them.
-    pub const ALL: [Self; 6] =
-        [Self::All, Self::Running, Self::Waiting, Self::Held, Self::Rejected, Self::Mine];
+    pub const ALL: [Self; 7] =
+        [Self::All, Self::Running, Self::Queued, Self::Waiting, Self::Held, Self::Rejected, Self::Mine];
 
     /// Its name on the command line and on the screen.
     #[must_use]
@@ -39,6 +41,7 @@ impl StateFilter {
         match self {
             Self::All => "all",
             Self::Running => "running",
+            Self::Queued => "queued",
             Self::Waiting => "waiting",
             Self::Held => "held",
             Self::Rejected => "rejected",
@@ -110,7 +113,8 @@ impl<'a> StateFilterFacts<'a> {
         match filter {
             StateFilter::All => true,
             StateFilter::Running => condition() == C::Running,
-            StateFilter::Waiting => matches!(condition(), C::Queued | C::AwaitingApproval),
+            StateFilter::Queued => condition() == C::Queued,
+            StateFilter::Waiting => condition() == C::AwaitingApproval,
             StateFilter::Held => {
                 matches!(condition(), C::Paused | C::PromotionPaused | C::Held | C::Demoted)
             }
@@ -137,9 +141,9 @@ impl ConsoleModel {
     /// How many versions of the view's list each filter takes, in the order of [`StateFilter::ALL`]; a typed filter
     /// does not count.
     #[must_use]
-    pub fn state_counts(&self) -> [usize; 6] {
+    pub fn state_counts(&self) -> [usize; 7] {
         let facts = StateFilterFacts::of(self);
-        let mut counts = [0; 6];
+        let mut counts = [0; 7];
         let mut count = |one: ListedVersion<'_>| {
             for (count, filter) in counts.iter_mut().zip(StateFilter::ALL) {
                 *count += usize::from(facts.takes(filter, one));
@@ -223,7 +227,7 @@ mod tests {
         let paused = VersionFlags { paused: true, ..none };
         let asked = VersionFlags { awaiting_approval: true, ..none };
         for (state, flags, is_held, expected) in [
-            (State::Registered, none, false, Some(StateFilter::Waiting)),
+            (State::Registered, none, false, Some(StateFilter::Queued)),
             (State::Shadowed, asked, false, Some(StateFilter::Waiting)),
             (State::Shadowed, none, true, Some(StateFilter::Held)),
             (State::Sandboxed, paused, false, Some(StateFilter::Held)),

@@ -29,7 +29,7 @@ const PAUSED: VersionFlags = VersionFlags {
     rollback_pending: false,
 };
 
-/// One version that runs, two that wait, two on hold and one rejected; `place@1.1.0` is the operator's own.
+/// One version that runs, one queued, one that waits, two on hold and one rejected; `place@1.1.0` is the operator's own.
 fn versions() -> Vec<(&'static str, State, VersionFlags, &'static str)> {
     let none = VersionFlags { paused: false, ..PAUSED };
     let running = VersionFlags { running: Some(Stage::Sandbox), ..none };
@@ -80,13 +80,14 @@ fn overview(console: &TestConsole) -> Vec<String> {
 #[test]
 fn the_key_filters_overview_and_registry_by_state() {
     let mut console = console_with(&versions());
-    assert_eq!(console.model.state_counts(), [6, 1, 2, 2, 1, 2]);
-    let text = screen(&console, 120, 36);
-    assert!(text.contains("running 1  waiting 2  held 2  rejected 1  mine 2"), "{text}");
+    assert_eq!(console.model.state_counts(), [6, 1, 1, 1, 2, 1, 2]);
+    let text = screen(&console, 160, 36);
+    assert!(text.contains("running 1  queued 1  waiting 1  held 2  rejected 1  mine 2"), "{text}");
     let own = ["grasp@1.3.0", "place@1.1.0"];
     for (filter, expected) in [
         (StateFilter::Running, &["align@1.1.0"][..]),
-        (StateFilter::Waiting, &["align@1.2.0", CANDIDATE][..]),
+        (StateFilter::Queued, &["align@1.2.0"][..]),
+        (StateFilter::Waiting, &[CANDIDATE][..]),
         (StateFilter::Held, &["place@1.1.0", "place@1.2.0"][..]),
         (StateFilter::Rejected, &["place@1.3.0"][..]),
         (StateFilter::Mine, &own[..]),
