@@ -1,6 +1,7 @@
 //! A decision whose key has a passphrase.
 
 use holdpoint_approvals::{Nonce, Passphrase};
+use holdpoint_protocol::command::Reply;
 use holdpoint_protocol::snapshot::SigningView;
 
 use super::*;
@@ -125,6 +126,28 @@ fn stops_work_while_a_passphrase_is_checked() {
         assert!(!effects.is_empty(), "{key:?} stopped nothing");
         assert!(!decides(&effects), "{effects:?}");
     }
+}
+
+/// Letters typed on after the answer acted as keys of the view.
+#[test]
+fn text_typed_while_a_passphrase_is_checked_goes_nowhere_after_the_answer() {
+    let mut console = at_passphrase();
+    console.keys(WORDS);
+    let effects = console.press(KeyCode::Enter);
+    let Some(Effect::Decide { id, .. }) = effects.first() else { panic!("{effects:?}") };
+    console.keys(":p");
+    let reply = Reply::Accepted { text: "approved".to_owned(), version: None };
+    console.tell(MsgKind::Answer { id: id.clone(), reply: Box::new(reply) });
+    assert!(console.model.input.overlay.is_none());
+    let before = console.model.view_state.clone();
+    for letter in "ace 3".chars() {
+        console.now_ms += GUARD_MS - 1;
+        assert!(console.press(KeyCode::Char(letter)).is_empty(), "{letter:?}");
+        assert_eq!(console.model.view_state, before, "{letter:?}");
+    }
+    console.now_ms += GUARD_MS;
+    console.keys("3");
+    assert_eq!(console.model.view_state.view, View::Candidate, "a key after a pause is a key");
 }
 
 #[test]
