@@ -217,6 +217,13 @@ impl ConsoleModel {
         snapshot.map_or_else(|| seconds(at_ms), |snapshot| snapshot.moment(at_ms))
     }
 
+    /// As [`Self::moment`], for what is on record with its wall time.
+    #[must_use]
+    pub fn recorded_moment(&self, at_ms: u64, wall: Option<WallTime>) -> String {
+        let snapshot = self.engine_data.snapshot.as_deref();
+        snapshot.map_or_else(|| seconds(at_ms), |snapshot| snapshot.recorded_moment(at_ms, wall))
+    }
+
     /// A verb as a shell command, with the store of this console.
     #[must_use]
     pub fn in_shell(&self, verb: &str) -> String {

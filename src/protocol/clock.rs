@@ -6,6 +6,7 @@
 use std::time::Instant;
 
 use holdpoint_body::RATE_HZ;
+use holdpoint_governance::wall_time::WallTime;
 
 use super::snapshot::Snapshot;
 
@@ -120,6 +121,13 @@ impl Snapshot {
             .map(|ms| i64::try_from(ms).unwrap_or(i64::MAX));
         let time = time_of_day(wall_ms.saturating_sub(ago_ms).saturating_add(ahead_ms));
         if at_ms < up_since_ms { format!("before {time}") } else { time }
+    }
+
+    /// As [`Self::moment`], for what is on record with its wall time: that is known for a moment before this engine, too.
+    #[must_use]
+    pub fn recorded_moment(&self, at_ms: u64, wall: Option<WallTime>) -> String {
+        let is_earlier = self.up_since_ms.is_some_and(|up_since_ms| at_ms < up_since_ms);
+        wall.filter(|_| is_earlier).map_or_else(|| self.moment(at_ms), WallTime::label)
     }
 }
 

@@ -46,13 +46,15 @@ fn go_lines(model: &ConsoleModel, stopped: &StoppedView) -> Vec<String> {
 /// All stops of the cell, with their authors.
 fn stop_lines(model: &ConsoleModel, stopped: &StoppedView) -> Vec<String> {
     let why = |reason: &str| if reason.is_empty() { String::new() } else { format!(": {reason:?}") };
-    let (author, since) = (stop_author(&stopped.by, &stopped.caller), model.moment(stopped.since_ms));
+    let author = stop_author(&stopped.by, &stopped.caller);
+    let since = model.recorded_moment(stopped.since_ms, stopped.wall);
     let mut lines = vec![wording::stopped_by(&author, &since, &why(&stopped.reason))];
     if stopped.unnamed > 0 {
         lines.push(wording::stopped_again_unnamed(stopped.unnamed));
     }
     lines.extend(stopped.again.iter().map(|stop| {
-        let (author, at) = (stop_author(&stop.by, &stop.caller), model.moment(stop.at_ms));
+        let author = stop_author(&stop.by, &stop.caller);
+        let at = model.recorded_moment(stop.at_ms, stop.wall);
         wording::and_by(&author, &at, &why(&stop.reason))
     }));
     lines

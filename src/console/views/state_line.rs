@@ -297,4 +297,25 @@ mod tests {
         edit(&mut scripted, |now| now.up_since_ms = None);
         assert_eq!(scripted.moment(106_000), "00:01:46");
     }
+
+    /// A stop from before a restart came as `before 18:30:56`, however long before it was.
+    #[test]
+    fn a_stop_of_an_earlier_engine_has_the_time_of_its_record() {
+        let mut model = console();
+        model.engine_data.engine = EngineState::Running;
+        model.now_ms = 0;
+        let wall = WallTime::from_ms(((18 * 60 + 20) * 60 + 7) * 1_000);
+        for (since_ms, expected) in [(99_999, wall.label()), (106_000, "18:31:02".to_owned())] {
+            edit(&mut model, |now| {
+                let stopped = now.stopped.as_mut().unwrap();
+                (stopped.since_ms, stopped.wall) = (since_ms, Some(wall));
+            });
+            let shown = wording::starts_the_cell(
+                &holdpoint_wording::console::status::stopped_by("bert", &expected),
+                "W",
+                ", \"noise\"",
+            );
+            assert_eq!(line(&model), shown);
+        }
+    }
 }

@@ -91,13 +91,13 @@ pub fn stopped(model: &ConsoleModel) -> Option<String> {
             (by, Some(account)) => format!("{account} as {:?}", super::short(by, 16)),
         }
     };
-    let first = model.moment(stopped.since_ms);
+    let first = model.recorded_moment(stopped.since_ms, stopped.wall);
     Some(match stopped.again.last() {
         None => wording::stopped_by(&by(&stopped.by, &stopped.caller), &first),
         Some(last) => {
             let between = stopped.unnamed.saturating_add(stopped.again.len() as u64).saturating_sub(1);
             let more = if between > 0 { format!(" and {between} more") } else { String::new() };
-            let again = model.moment(last.at_ms);
+            let again = model.recorded_moment(last.at_ms, last.wall);
             let (stopped, last) = (by(&stopped.by, &stopped.caller), by(&last.by, &last.caller));
             wording::stopped_again(&stopped, &first, &last, &again, &more)
         }

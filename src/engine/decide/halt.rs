@@ -243,10 +243,12 @@ fn note(record: &mut EngineRecorder, world: &mut LiveWorld, stop: StopRecord) ->
     let body = stop.text();
     let StopRecord { by, caller, reason, code: _ } = stop;
     record.tell(EventKind::CellStopped { by: by.clone(), caller: caller.clone(), reason: reason.clone() });
-    let at_ms = record.now_ms();
+    let (at_ms, wall) = (record.now_ms(), record.version_table().wall().machine_time());
     match &mut world.halted {
-        Some(halted) => halted.record_repeat(RepeatedStop { by, caller, reason, at_ms }),
-        None => world.halted = Some(StoppedView::first(by, caller, reason, at_ms)),
+        Some(halted) => halted.record_repeat(RepeatedStop { by, caller, reason, at_ms, wall }),
+        None => {
+            world.halted = Some(StoppedView { wall, ..StoppedView::first(by, caller, reason, at_ms) });
+        }
     }
     let written = if world.unwritten.bodies.is_empty() {
         record.note(RecordKind::CellStopped, String::new(), body.clone())
@@ -401,10 +403,13 @@ fn stops_since_start(views: &dyn RecordViews) -> Result<Vec<AuditRecord>, StoreE
 fn on_record(views: &dyn RecordViews) -> Result<Option<StoppedView>, StoreError> {
     let mut found = stops_since_start(views)?.into_iter();
     let Some(first) = found.next() else { return Ok(None) };
+    let wall = |record: &AuditRecord| (record.wall_ms > 0).then(|| WallTime::from_ms(record.wall_ms));
     let mut stopped = StopRecord::read(&first.body).view(first.at_ms);
+    stopped.wall = wall(&first);
     for record in found {
         let StopRecord { by, caller, reason, code: _ } = StopRecord::read(&record.body);
-        stopped.record_repeat(RepeatedStop { by, caller, reason, at_ms: record.at_ms });
+        let at_ms = record.at_ms;
+        stopped.record_repeat(RepeatedStop { by, caller, reason, at_ms, wall: wall(&record) });
     }
     Ok(Some(stopped))
 }

@@ -190,6 +190,7 @@ fn every_operator_who_stopped_is_named() {
         caller: Caller::Script,
         reason: format!("{by} saw something"),
         at_ms,
+        wall: None,
     };
     let screens = |now: &Snapshot| {
         let mut console = TestConsole::new(0);

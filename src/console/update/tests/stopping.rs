@@ -83,10 +83,10 @@ fn a_form_that_does_not_fit_is_read_to_its_end_first() {
     let mut stopped = StoppedView::first("bo".to_owned(), Caller::Script, "r ".repeat(80), 1_000);
     for at_ms in [2_000, 3_000, 4_000] {
         let (by, reason) = ("cy".to_owned(), "he is at the far side and cannot be seen ".repeat(3));
-        stopped.record_repeat(RepeatedStop { by, caller: Caller::Script, reason, at_ms });
+        stopped.record_repeat(RepeatedStop { by, caller: Caller::Script, reason, at_ms, wall: None });
     }
     let (by, reason) = ("dora".to_owned(), "I AM INSIDE THE CELL".to_owned());
-    stopped.record_repeat(RepeatedStop { by, caller: Caller::Script, reason, at_ms: 5_000 });
+    stopped.record_repeat(RepeatedStop { by, caller: Caller::Script, reason, at_ms: 5_000, wall: None });
     let mut now = snapshot(0, 'e');
     now.stopped = Some(stopped);
     console.tell(MsgKind::Snapshot(Arc::new(now)));
