@@ -133,7 +133,7 @@ actions! {
     Detach = "detach", Everywhere, [];
     /// Leave this view; from the overview, end the program
     Quit = "quit", Everywhere, ["q", "ctrl-c"];
-    /// Refused: suspending would stop the monitors
+    /// Refused: a suspended console shows no alarm
     Suspend = "suspend", Everywhere, ["ctrl-z"];
     /// Up
     Up = "up", Lists, ["k", "up"];

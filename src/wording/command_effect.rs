@@ -236,7 +236,10 @@ pub fn engine_effect(of: &EngineEffect<'_>) -> String {
             format!("from the next sequence on the agent runs {}", names.join(", "))
         }
         E::Drift(None) => "the drift has ended".to_owned(),
-        E::Drift(Some(kind)) => format!("the drift {kind} has set in"),
+        E::Drift(Some(kind)) => {
+            let kind = kind.name().replace('_', "-");
+            format!("the drift {kind} has set in; the cell has no other one")
+        }
         E::Fault(None) => "the fault is repaired".to_owned(),
         E::Fault(Some(fault)) => format!("the fault {fault} has set in"),
         E::Pace => "the live cell runs at the new pace".to_owned(),

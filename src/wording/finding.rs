@@ -85,7 +85,7 @@ pub fn finding(found: &Finding) -> String {
             format!("the policies of {mode} cannot be evaluated ({}); the guard will deny it", errors.join(", "))
         }
         F::EnvelopeTighter { speed_m_s, force_n } => format!(
-            "some modes are allowed only up to {speed_m_s} m/s and {force_n} N, tighter than declared"
+            "some modes are allowed only up to {speed_m_s} m/s and {force_n} N, and it declares more of one or both"
         ),
         F::SimulationOnlyDeclared => "D.environments admits simulation alone".into(),
         F::CoverageLow => "the policies cover too few of the reachable modes".into(),
