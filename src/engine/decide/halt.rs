@@ -330,7 +330,7 @@ pub(crate) fn go(
         // One of the stops that end here; its maker has created the mark again.
         stop_mark::settle(layout, &found.request.id);
     }
-    if stop_mark::is_there(record.version_table().store().layout()) {
+    if stop_mark::is_requested(record.version_table().store().layout()) {
         let path = record.version_table().store().layout().stop_request();
         return Ok(Reply::Refused {
             code: Refusal::NotNow,

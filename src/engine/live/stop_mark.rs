@@ -5,7 +5,8 @@
 //! that share a lock, and only the engine holds the store's lock. Once the stop is on record, or stored beside the database,
 //! the mark is removed; while anything is in its place the cell cannot be started.
 //!
-//! Anything in its place is a stop: a folder, a pipe, a link, an unreadable text.
+//! Anything in its place is a stop: a folder, a pipe, a link, an unreadable text. While an engine does not take the mark, the
+//! stops of other processes wait behind it, in files `stop.asked.PROCESS`. The watch puts one after the other in its place.
 
 mod watch;
 
@@ -13,6 +14,7 @@ use std::fs::{self, File, OpenOptions};
 use std::io::{self, ErrorKind, Read as _, Write as _};
 use std::os::fd::AsRawFd as _;
 use std::os::unix::fs::{MetadataExt as _, OpenOptionsExt as _};
+use std::path::{Path, PathBuf};
 
 use holdpoint_protocol::wire::ID_BYTES_MAX;
 use holdpoint_store::{Layout, lock_sharers};
@@ -29,6 +31,9 @@ pub use watch::StopMarkWatch;
 /// A file that has no name yet (`open(2)`).
 #[allow(clippy::cast_possible_wrap, reason = "a flag's bits, which the kernel takes as they are")]
 const NAMELESS: i32 = OFlags::TMPFILE.bits() as i32;
+
+/// The beginning of the name of a mark that waits behind another one.
+const BEHIND: &str = "stop.asked.";
 
 /// The most bytes read of a mark: id, name and reason, escaped.
 const MARK_BYTES_MAX: u64 = 32 << 10;
@@ -51,30 +56,43 @@ impl OwnStopMark {
     /// # Errors
     /// [`ErrorKind::AlreadyExists`] if another stop is requested; any other if the folder takes no mark.
     pub fn put(layout: &Layout, id: &str, by: &str, reason: &str) -> io::Result<Self> {
+        Self::put_at(layout, &layout.stop_request(), (id, by, reason))
+    }
+
+    /// Requests a stop of the cell behind the mark of another stop, which no engine has taken.
+    ///
+    /// # Errors
+    /// [`ErrorKind::AlreadyExists`] if a stop of this process waits there; any other if the folder takes no mark.
+    pub fn put_behind(layout: &Layout, id: &str, by: &str, reason: &str) -> io::Result<Self> {
+        let path = layout.folder().join(format!("{BEHIND}{}", std::process::id()));
+        Self::put_at(layout, &path, (id, by, reason))
+    }
+
+    fn put_at(layout: &Layout, path: &Path, (id, by, reason): (&str, &str, &str)) -> io::Result<Self> {
         let text = StopMarkText { id: id.to_owned(), by: by.to_owned(), reason: reason.to_owned() };
         let text = serde_json::to_string(&text)?;
-        match Self::put_whole(layout, &text) {
-            Err(error) if error.kind() != ErrorKind::AlreadyExists => Self::put_by_name(layout, &text),
+        match Self::put_whole(layout, path, &text) {
+            Err(error) if error.kind() != ErrorKind::AlreadyExists => Self::put_by_name(path, &text),
             put => put,
         }
     }
 
     /// Without a name until it is complete: the engine never sees a part of it.
-    fn put_whole(layout: &Layout, text: &str) -> io::Result<Self> {
+    fn put_whole(layout: &Layout, path: &Path, text: &str) -> io::Result<Self> {
         let mut options = OpenOptions::new();
         options.read(true).write(true).mode(0o600).custom_flags(NAMELESS);
         let mut file = options.open(layout.folder())?;
         write_shared(&mut file, text)?;
         let open = format!("/proc/self/fd/{}", file.as_raw_fd());
-        linkat(CWD, open, CWD, layout.stop_request(), AtFlags::SYMLINK_FOLLOW)?;
+        linkat(CWD, open, CWD, path, AtFlags::SYMLINK_FOLLOW)?;
         Ok(Self(file))
     }
 
     /// For file systems without unnamed files.
-    fn put_by_name(layout: &Layout, text: &str) -> io::Result<Self> {
+    fn put_by_name(path: &Path, text: &str) -> io::Result<Self> {
         let mut options = OpenOptions::new();
         options.read(true).write(true).create_new(true).mode(0o600);
-        let mut file = options.open(layout.stop_request())?;
+        let mut file = options.open(path)?;
         write_shared(&mut file, text)?;
         Ok(Self(file))
     }
@@ -152,6 +170,27 @@ pub(crate) fn look(layout: &Layout) -> Option<StopMarkFile> {
 /// Whether anything is in the place of the mark.
 pub(crate) fn is_there(layout: &Layout) -> bool {
     !fs::symlink_metadata(layout.stop_request()).is_err_and(|error| error.kind() == ErrorKind::NotFound)
+}
+
+/// The marks that wait behind another one.
+fn waiting(layout: &Layout) -> Vec<PathBuf> {
+    let Ok(entries) = fs::read_dir(layout.folder()) else { return Vec::new() };
+    let names = entries.flatten().map(|entry| entry.file_name());
+    let behind = names.filter(|name| name.as_encoded_bytes().starts_with(BEHIND.as_bytes()));
+    behind.map(|name| layout.folder().join(name)).collect()
+}
+
+/// Whether a stop is requested that is not taken yet: by a mark, or by one behind it.
+pub(crate) fn is_requested(layout: &Layout) -> bool {
+    is_there(layout) || !waiting(layout).is_empty()
+}
+
+/// Puts a mark that waits in the place of the one before, if that is free.
+fn bring_forward(layout: &Layout) {
+    if let Some(path) = waiting(layout).first() {
+        // Both names lead to the same stop for a moment. A mark that cannot be moved keeps the cell from being started.
+        drop(fs::hard_link(path, layout.stop_request()).and_then(|()| fs::remove_file(path)));
+    }
 }
 
 fn read(file: &File) -> Option<StopMarkText> {

@@ -143,6 +143,7 @@ impl StopCall {
                 return StopOutcome::Marked(failure.unwrap_or_else(silent));
             }
             if Instant::now() >= until {
+                mark.put_behind(layout, self);
                 return StopOutcome::NotConfirmed(unconfirmed_reason(holder, failure, &mark));
             }
         }
@@ -159,7 +160,11 @@ fn unconfirmed_reason(holder: LockHolder, failure: Option<String>, mark: &StopMa
             LockHolder::Nobody | LockHolder::Untold => format!("no process answered within {secs} s"),
         }
     });
-    if let Some(problem) = &mark.problem {
+    if mark.is_behind {
+        why.push_str(
+            "; another stop was requested before and is not taken either: this one waits behind it in the store's folder",
+        );
+    } else if let Some(problem) = &mark.problem {
         why.push_str(&format!("; no mark could be put into the store's folder: {problem}"));
     } else if holder == LockHolder::Untold {
         why.push_str("; a mark of the stop was made in the store's folder, but it is unknown whether an engine took it");
@@ -190,6 +195,8 @@ struct StopMarkAttempt {
     refused: bool,
     /// Whether its own mark was missing at the last check.
     was_removed: bool,
+    /// Whether its own mark waits behind that of another stop.
+    is_behind: bool,
 }
 
 impl StopMarkAttempt {
@@ -212,6 +219,19 @@ impl StopMarkAttempt {
                 self.refused = error.kind() != ErrorKind::AlreadyExists;
                 self.problem = Some(error.to_string());
             }
+        }
+    }
+
+    /// Creates the mark behind that of another stop, which no engine has taken.
+    fn put_behind(&mut self, layout: &Layout, stop: &StopCall) {
+        if self.own.is_some() || self.refused || self.problem.is_none() {
+            return;
+        }
+        match OwnStopMark::put_behind(layout, &stop.request.id, &stop.by, &stop.reason) {
+            Ok(own) => (self.own, self.is_behind) = (Some(own), true),
+            // An earlier stop of this process waits there.
+            Err(error) if error.kind() == ErrorKind::AlreadyExists => self.is_behind = true,
+            Err(error) => self.problem = Some(error.to_string()),
         }
     }
 

@@ -18,13 +18,16 @@ use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::fs::inotify::{self, CreateFlags, ReadFlags, WatchFlags};
 use rustix::io::Errno;
 
-use super::{StopMarkFile, is_there, look};
+use super::{StopMarkFile, bring_forward, is_there, look};
 use crate::live::stop_switch::{StopRequest, StopSwitch};
 use holdpoint_record::caller;
 use holdpoint_wording::program::engine::{FOLDER_AWAY, MARK_REMOVED};
 
 /// Interval between checks of the folder.
 const LOOK_EVERY: Duration = Duration::from_millis(20);
+
+/// How many checks without a mark pass between two searches for one that waits.
+const BEHIND_EVERY: u32 = 25;
 
 /// How long an incomplete mark may still be being written, in checks of [`WRITTEN_LOOK`].
 const WRITTEN_LOOKS: u32 = 10;
@@ -161,6 +164,7 @@ fn watch(layout: &Layout, folder: &StopMarkFolder, switch: &StopSwitch, ended: &
     let mut answers: VecDeque<(Instant, File)> = VecDeque::new();
     let mut seen = StopMarkTracker { last: look(layout).map(|found| found.is), untold: 0 };
     let mut own_stops = 0_u64;
+    let mut checks = 0;
     while ended.try_recv() == Err(TryRecvError::Empty) {
         if !switch.is_halted() {
             // They belong to a stop that is over.
@@ -180,6 +184,11 @@ fn watch(layout: &Layout, folder: &StopMarkFolder, switch: &StopSwitch, ended: &
         }
         if let Some(found) = found {
             take(layout, switch, found, &mut answers);
+        } else {
+            if checks == 0 {
+                bring_forward(layout);
+            }
+            checks = (checks + 1) % BEHIND_EVERY;
         }
         folder.wait();
     }
@@ -225,7 +234,7 @@ fn is_same(one: &File, other: &File) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::live::stop_mark::{OwnStopMark, settle};
+    use crate::live::stop_mark::{OwnStopMark, is_requested, settle};
 
     /// A folder, and an engine's watch over it.
     fn watched() -> (tempfile::TempDir, Layout, Arc<StopSwitch>, StopMarkWatch) {
@@ -262,6 +271,27 @@ mod tests {
         wait_for("the same mark stops it again", || switch.is_halted());
         assert!(switch.first_stop().is_some(), "and is asked for");
         drop((watch, own));
+    }
+
+    /// Of two stops of an engine that did not answer, the second one was lost.
+    #[test]
+    fn a_mark_behind_another_one_is_taken_after_it() {
+        let folder = tempfile::tempdir().unwrap();
+        let (layout, switch) = (Layout::new(folder.path()), Arc::new(StopSwitch::default()));
+        let first = OwnStopMark::put(&layout, "a", "ana", "").unwrap();
+        assert!(OwnStopMark::put(&layout, "b", "bo", "").is_err());
+        let second = OwnStopMark::put_behind(&layout, "b", "bo", "he is inside").unwrap();
+        let watch = StopMarkWatch::start(layout.clone(), Arc::clone(&switch)).unwrap();
+        let takes = |id: &str| switch.first_stop().is_some_and(|request| request.id == id);
+        wait_for("the first one is taken", || takes("a"));
+        settle(&layout, "a");
+        assert!(is_requested(&layout), "the second one waits");
+        switch.pop_stop();
+        wait_for("the second one is taken", || takes("b"));
+        assert!(switch.first_stop().is_some_and(|request| request.by == "bo"));
+        settle(&layout, "b");
+        assert!(!is_requested(&layout));
+        drop((watch, first, second));
     }
 
     /// A lock shared for ten seconds counted as the confirmation of a later stop.
