@@ -176,6 +176,8 @@ pub(super) fn intent(
         Action::Pause if state.may_pause(&flags) => {
             let what = if state == State::Active {
                 wording::PAUSED_ACTIVE_KEEPS_THE_ARM
+            } else if flags.awaiting_approval {
+                wording::PAUSED_REQUEST_ENDS
             } else {
                 wording::PAUSED_STAGE_STOPS
             };
@@ -382,7 +384,7 @@ pub(super) fn abort(model: &ConsoleModel) -> Option<(Abort, Vec<String>)> {
         .collect();
     let here = model.version_here();
     let escalation = snapshot.questions.first().map(|question| &question.version);
-    let open = || actives.iter().filter(|(_, flags)| is_unsettled(flags)).map(|(id, _)| *id);
+    let open = || actives.iter().filter(|(_, flags)| is_unsettled(*flags)).map(|(id, _)| *id);
     let active = escalation
         .or_else(|| open().find(|id| Some(*id) == here.as_ref()))
         .or_else(|| open().next())
@@ -462,13 +464,11 @@ fn effect_of_abort(what: &Abort, id: &CapabilityId) -> String {
 pub(super) fn is_anything_under_way(model: &ConsoleModel) -> bool {
     model.engine_data.snapshot.as_ref().is_some_and(|now| {
         let mut flags = now.families.iter().filter_map(|family| family.flags);
-        !now.questions.is_empty()
-            || flags.any(|flags| is_unsettled(&flags))
-            || now.candidates.iter().any(continues)
+        !now.questions.is_empty() || flags.any(is_unsettled) || now.candidates.iter().any(continues)
     })
 }
 
-const fn is_unsettled(flags: &VersionFlags) -> bool {
+const fn is_unsettled(flags: VersionFlags) -> bool {
     flags.provisional || flags.restricted
 }
 

@@ -116,12 +116,14 @@ fn text(model: &ConsoleModel, now: &Snapshot, state: OverridingState) -> String 
         OverridingState::Silent => wording::silent(&seen, &stop),
         OverridingState::Stopped => {
             let who = status::stopped(model).unwrap_or_default();
-            // The last stop is the one to ask about.
-            let stopped = now.stopped.as_ref();
-            let first = stopped.map_or("", |stop| stop.reason.as_str());
-            let why = stopped.and_then(|stop| stop.again.last()).map_or(first, |last| last.reason.as_str());
-            let why = if why.is_empty() { String::new() } else { format!(", {why:?}") };
-            wording::starts_the_cell(&who, &key(Action::Go), &why)
+            // Those of the first and the last stop, as their authors.
+            let reasons = now.stopped.iter().flat_map(|stop| {
+                let last = stop.again.last().map(|last| last.reason.as_str());
+                std::iter::once(stop.reason.as_str()).chain(last)
+            });
+            let why: Vec<String> =
+                reasons.filter(|why| !why.is_empty()).map(|why| format!(", {why:?}")).collect();
+            wording::starts_the_cell(&who, &key(Action::Go), &why.concat())
         }
         OverridingState::Unverified => wording::starting(now.reading, &stop),
         OverridingState::Holding => wording::halted(now.holding.as_deref().unwrap_or_default()),
@@ -174,7 +176,7 @@ mod tests {
     use crate::model::{ConsoleSettings, STALE_AFTER_MS, View};
     use holdpoint_governance::wall_time::{ClockMismatch, WallTime};
     use holdpoint_protocol::command::Caller;
-    use holdpoint_protocol::snapshot::{ClockMismatchView, StartupProgressView, StoppedView};
+    use holdpoint_protocol::snapshot::{ClockMismatchView, RepeatedStop, StartupProgressView, StoppedView};
     use holdpoint_service::engine_handle::EngineEndError;
     use serde_json::json;
 
@@ -264,6 +266,23 @@ mod tests {
         assert_eq!(line(&model), format!(" RUNNING{}; goal pick-align-place", wording::NOTHING_DRIVES));
         model.view_state.view = View::Audit;
         assert!(is_shown(&model), "in every view, whatever it says");
+    }
+
+    /// `me too` hid that somebody was in the cell.
+    #[test]
+    fn the_first_and_the_last_stop_have_their_reasons() {
+        let mut model = console();
+        model.engine_data.engine = EngineState::Running;
+        model.now_ms = 0;
+        for by in ["ana", "cora"] {
+            let (by, reason) = (by.to_owned(), format!("{by} saw it"));
+            edit(&mut model, |now| {
+                let again = RepeatedStop { by, caller: Caller::Script, reason, at_ms: 107_000, wall: None };
+                now.stopped.as_mut().unwrap().record_repeat(again);
+            });
+        }
+        let line = line(&model);
+        assert!(line.ends_with(", \"noise\", \"cora saw it\""), "{line}");
     }
 
     #[test]

@@ -12,10 +12,12 @@ pub const ALARM_NORMAL_AGAIN: &str = "the alarm is normal again";
 pub const PAUSED_ACTIVE_KEEPS_THE_ARM: &str =
     "It keeps the arm, provisionally, and is monitored; it is not confirmed until it is resumed";
 pub const PAUSED_STAGE_STOPS: &str = "Its stage stops; only reject, demote and resume go through";
+pub const PAUSED_REQUEST_ENDS: &str =
+    "Its request for approval ends; once it is resumed and its turn comes, approvers are asked anew";
 pub const ONLY_UNPAUSED_CAN_BE_PAUSED: &str =
     "only a candidate or a provisional version that is not paused can be paused";
 pub const RESUMED_ACTIVE_IS_CONFIRMED: &str = "It is confirmed once its window is over without a trip";
-pub const RESUMED_CONTINUES: &str = "It continues from its state; this approves nothing";
+pub const RESUMED_CONTINUES: &str = "It continues from its state when its turn comes; this approves nothing";
 pub const ONLY_PAUSED_OR_HELD_CAN_BE_RESUMED: &str = "only what is paused or on hold can be resumed";
 pub const NEVER_COMES_BACK: &str = "It never comes back under this version";
 pub const ONLY_A_CANDIDATE_CAN_BE_REJECTED: &str = "only a candidate can be rejected";
