@@ -172,6 +172,16 @@ impl<'a> CommandOutput<'a> {
         Ok(())
     }
 
+    /// One line for people; on a terminal it is wrapped between words. One with a command stays whole, so that the command can
+    /// be copied.
+    ///
+    /// # Errors
+    /// As [`CommandOutput::line`].
+    pub fn wrapped_line(&mut self, text: &str) -> Result<(), CliError> {
+        let is_wrapped = self.width.is_some() && !text.contains('`');
+        if is_wrapped { self.paragraph("", text) } else { self.line(text) }
+    }
+
     /// The lines of a paragraph, for a caller that counts them; without a terminal they have at most `width` columns.
     #[must_use]
     pub fn wrapped(&self, indent: &str, text: &str, width: u16) -> Vec<String> {
@@ -283,6 +293,24 @@ mod tests {
         assert!(text.lines().all(|line| line.len() <= 80 && line.starts_with("  ")), "{text}");
         assert_eq!(text.split_whitespace().collect::<Vec<_>>(), words);
         assert_eq!(printed(false, |out| out.paragraph("", "a\u{1b}[2Jb")), "a\\u{1b}[2Jb\n");
+    }
+
+    #[test]
+    fn a_line_is_wrapped_on_a_terminal_alone() {
+        let text = "word ".repeat(30).trim_end().to_owned();
+        for (width, lines) in [(None, 1), (Some(80), 2)] {
+            let mut bytes = Vec::new();
+            CommandOutput { width, ..CommandOutput::to(&mut bytes, false) }.wrapped_line(&text).unwrap();
+            let shown = String::from_utf8(bytes).unwrap();
+            assert_eq!(shown.lines().count(), lines, "{shown}");
+            assert!(shown.split_whitespace().all(|word| word == "word"), "{shown}");
+        }
+        let command = format!("`{text}` starts it");
+        let mut bytes = Vec::new();
+        CommandOutput { width: Some(80), ..CommandOutput::to(&mut bytes, false) }
+            .wrapped_line(&command)
+            .unwrap();
+        assert_eq!(String::from_utf8(bytes).unwrap(), format!("{command}\n"));
     }
 
     #[test]

@@ -174,7 +174,7 @@ pub(super) fn run(
     match &args.until {
         None if !args.watch => {
             let report = source.read()?;
-            print(&report, &mut BTreeSet::new(), out)?;
+            print(&report, &mut BTreeSet::new(), false, out)?;
             source
                 .silent
                 .take()
@@ -210,7 +210,7 @@ fn watch(source: &mut ReportSource<'_>, out: &mut CommandOutput<'_>) -> Result<E
     loop {
         let report = source.read()?;
         if last.as_ref() != Some(&report) {
-            print(&report, &mut printed, out)?;
+            print(&report, &mut printed, true, out)?;
             last = Some(report);
         }
         if out.is_gone() {
@@ -240,7 +240,7 @@ fn wait(
         let state = row.state;
         let late = Instant::now() >= deadline;
         if last.as_ref() != Some(&report) && (args.watch || ended.is_some() || late) {
-            print(&report, &mut printed, out)?;
+            print(&report, &mut printed, args.watch, out)?;
             last = Some(report);
         }
         match ended {
@@ -305,15 +305,18 @@ fn is_reached(until: AwaitedState, row: &VersionRow) -> bool {
     }
 }
 
-/// Prints a report: all of it as JSON, or the lines that changed since the last report.
+/// Prints a report: all of it as JSON, or the lines that changed since the last report. One that is watched ends with what
+/// concerns the whole cell, because a window shows the end.
 fn print(
     report: &StatusReport,
     printed: &mut BTreeSet<String>,
+    is_watched: bool,
     out: &mut CommandOutput<'_>,
 ) -> Result<(), CliError> {
-    let lines = report.lines();
+    let (head, rows) = (report.head(), report.rows());
+    let lines = if is_watched { [rows, head].concat() } else { [head, rows].concat() };
     out.answer(report, |out| {
-        lines.iter().filter(|line| !printed.contains(*line)).try_for_each(|line| out.line(line))
+        lines.iter().filter(|line| !printed.contains(*line)).try_for_each(|line| out.wrapped_line(line))
     })?;
     *printed = lines.into_iter().collect();
     out.flush()

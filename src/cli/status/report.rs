@@ -316,8 +316,8 @@ impl StatusReport {
         })
     }
 
-    /// One line for each row, for people. A line states its whole row, so that lines can be compared.
-    pub(super) fn lines(&self) -> Vec<String> {
+    /// What concerns the whole cell, for people. A line states its whole row, so that lines can be compared.
+    pub(super) fn head(&self) -> Vec<String> {
         let mut lines = Vec::new();
         let profile =
             self.profile.map_or_else(|| "none".to_owned(), |profile| titled(profile, self.site.as_ref()));
@@ -336,6 +336,12 @@ impl StatusReport {
         lines.extend(self.last_record.as_ref().map(last_record_line));
         lines.extend(self.stopped_line.clone());
         lines.extend(self.unauthorized.as_ref().map(|why| sentences::not_authorized(why)));
+        lines
+    }
+
+    /// One line for each other row.
+    pub(super) fn rows(&self) -> Vec<String> {
+        let mut lines = Vec::new();
         lines.extend(self.people.iter().map(PersonActRow::line));
         lines.extend(self.families.iter().map(FamilyStatusRow::line));
         lines.extend(self.versions.iter().map(VersionRow::line));
