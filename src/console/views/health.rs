@@ -262,6 +262,9 @@ fn draw_families(
         } else {
             format!("{family}, {}", quantity.legend())
         };
+        // A family out of sight must not look like one that is not there.
+        let hidden = if shown + 1 == fit { families.len().saturating_sub(fit) } else { 0 };
+        let title = if hidden > 0 { wording::and_hidden(&title, hidden) } else { title };
         let inside = pen.pane(part, &title, place == here, &right);
         chart(model, series, (quantity, family), pen, inside);
     }

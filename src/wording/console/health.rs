@@ -17,6 +17,12 @@ pub const FORCE: &str = "N, median of the largest, band: to the 95th percentile"
 pub const NO_LIVE_TASK: &str = "No live task of this span is on record. Tasks are kept of versions that came in \
      through the gate, from then on; those of a family's first version are not.";
 
+/// The title of the last chart for which there is room, and the number of the others.
+#[must_use]
+pub fn and_hidden(title: &str, hidden: usize) -> String {
+    format!("{title}; {hidden} hidden")
+}
+
 #[must_use]
 pub fn column_is_no(end: &str) -> String {
     format!("a column is no {end}")
