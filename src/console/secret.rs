@@ -96,7 +96,7 @@ pub enum SigningKey {
     Sign,
     /// Back to the decision.
     Back,
-    /// Close, after the request was sent.
+    /// To take it back, while the passphrase is checked.
     Away,
 }
 

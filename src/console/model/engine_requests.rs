@@ -46,6 +46,8 @@ pub struct PendingRequest {
     pub what: String,
     /// What it does to the actions that can be undone, once it is accepted.
     pub undo: Option<UndoChange>,
+    /// Whether it went to the engine after it was signed; until then it can be taken back.
+    pub is_sent: bool,
 }
 
 /// See the module's head.
@@ -72,5 +74,16 @@ impl Default for EngineRequests {
             own_files_ms: 0,
             changes_at_query: BTreeMap::new(),
         }
+    }
+}
+
+impl EngineRequests {
+    /// Notes that a signed request goes to the engine; false if it was taken back, and must not.
+    #[must_use]
+    pub fn hand_over(&mut self, id: &str) -> bool {
+        self.pending.get_mut(id).is_some_and(|pending| {
+            pending.is_sent = true;
+            true
+        })
     }
 }

@@ -334,8 +334,11 @@ impl Session {
         }
     }
 
-    /// Passes on a request that another thread returned.
+    /// Passes on a request that another thread signed, unless it was taken back meanwhile.
     fn hand_over(&mut self, request: Request) {
+        if !self.model.requests.hand_over(&request.id) {
+            return;
+        }
         if let EffectOutcome::Message(what) = self.effects.submit(&self.model, request) {
             self.take(what, FrameReason::Key);
         }

@@ -38,7 +38,7 @@ fn add_pending(model: &mut ConsoleModel, about: RequestSubject, what: String) ->
     if !what.is_empty() {
         model.key_log.note_request(&id, &what);
     }
-    model.requests.pending.insert(id.clone(), PendingRequest { about, what, undo: None });
+    model.requests.pending.insert(id.clone(), PendingRequest { about, what, undo: None, is_sent: false });
     id
 }
 

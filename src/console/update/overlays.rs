@@ -194,11 +194,28 @@ fn signing_key(model: &mut ConsoleModel, key: KeyEvent) -> Vec<Effect> {
         SigningKey::Typed if signing.is_checked() => typed_meanwhile(model),
         SigningKey::Typed => {}
         SigningKey::Back => prompt.signing = None,
-        SigningKey::Away => model.input.overlay = None,
+        SigningKey::Away => return take_back(model),
         SigningKey::Sign => {
             let answer = signing.what;
             return decide(model, answer);
         }
+    }
+    Vec::new()
+}
+
+/// Takes back a request whose passphrase is being checked. One that went to the engine is answered by it.
+fn take_back(model: &mut ConsoleModel) -> Vec<Effect> {
+    let signing = model.input.overlay.as_mut().and_then(Overlay::signing_mut);
+    let Some(signing) = signing else { return Vec::new() };
+    let found = model.requests.pending.iter().find(|(id, _)| signing.waits_for(id));
+    match found.map(|(id, pending)| (id.clone(), pending.is_sent)) {
+        Some((_, true)) => return refuse(model, wording::TOO_LATE),
+        Some((id, false)) => {
+            model.requests.pending.remove(&id);
+            model.key_log.answered(&id, wording::TAKEN_BACK, true);
+            signing.failed(wording::TAKEN_BACK.to_owned());
+        }
+        None => model.input.overlay = None,
     }
     Vec::new()
 }
@@ -274,7 +291,7 @@ pub(super) fn form_key(model: &mut ConsoleModel, key: KeyEvent, action: Option<A
             SigningKey::Typed if signing.is_checked() => typed_meanwhile(model),
             SigningKey::Typed => {}
             SigningKey::Back => form.signing = None,
-            SigningKey::Away => model.input.overlay = None,
+            SigningKey::Away => return take_back(model),
             SigningKey::Sign => return confirm(model),
         }
         return Vec::new();

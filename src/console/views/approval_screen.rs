@@ -258,20 +258,25 @@ pub(super) fn signing_rows<W>(
     let room = width.saturating_sub(head.width() + 1);
     let mut row =
         Row::of(ThemeRole::Focus, &head).with(ThemeRole::Text, &"*".repeat(signing.secret.len().min(room)));
-    if signing.request_id.is_some() {
-        row = Row::of(ThemeRole::Muted, wording::PASSPHRASE_CHECKED);
+    let pending = signing.request_id.as_ref().map(|id| model.requests.pending.get(id));
+    let is_sent = pending.map(|pending| pending.is_some_and(|pending| pending.is_sent));
+    if let Some(is_sent) = is_sent {
+        let text = if is_sent { wording::SIGNED_AND_SENT } else { wording::PASSPHRASE_CHECKED };
+        row = Row::of(ThemeRole::Muted, text);
     }
     let mut rows = vec![row];
     if let Some(problem) = &signing.problem {
         let text = format!("{} {problem}", pen.look.glyph(Glyph::Warning));
         rows.extend(wrapped(ThemeRole::Problem, &text, width));
     }
-    rows.push(
-        Row::of(ThemeRole::Key, "Enter")
+    rows.push(match is_sent {
+        None => Row::of(ThemeRole::Key, "Enter")
             .with(ThemeRole::Text, signs)
             .with(ThemeRole::Key, "Esc")
             .with(ThemeRole::Text, back),
-    );
+        Some(false) => Row::of(ThemeRole::Key, "Esc").with(ThemeRole::Text, wording::TAKES_IT_BACK),
+        Some(true) => Row::new(),
+    });
     rows
 }
 

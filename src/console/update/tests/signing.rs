@@ -3,6 +3,7 @@
 use holdpoint_approvals::{Nonce, Passphrase};
 use holdpoint_protocol::command::Reply;
 use holdpoint_protocol::snapshot::SigningView;
+use holdpoint_wording::console as wording;
 
 use super::*;
 
@@ -126,6 +127,31 @@ fn stops_work_while_a_passphrase_is_checked() {
         assert!(!effects.is_empty(), "{key:?} stopped nothing");
         assert!(!decides(&effects), "{effects:?}");
     }
+}
+
+/// Esc closed the field, and the arm started all the same.
+#[test]
+fn esc_takes_back_what_is_not_sent_yet_and_is_refused_later() {
+    let signed = |console: &mut TestConsole| {
+        console.keys(WORDS);
+        match console.press(KeyCode::Enter).first() {
+            Some(Effect::Decide { id, .. }) => id.clone(),
+            other => panic!("{other:?}"),
+        }
+    };
+    let mut console = at_passphrase();
+    let id = signed(&mut console);
+    console.press(KeyCode::Esc);
+    let shown = field(&console).and_then(|signing| signing.problem.as_deref());
+    assert_eq!(shown, Some(wording::overlays::TAKEN_BACK));
+    assert!(!console.model.requests.hand_over(&id), "it does not go to the engine");
+    // It can be signed again.
+    let id = signed(&mut console);
+    assert!(console.model.requests.hand_over(&id));
+    console.press(KeyCode::Esc);
+    assert!(field(&console).is_some_and(|signing| signing.request_id.as_ref() == Some(&id)));
+    assert!(console.model.notice.as_ref().is_some_and(|notice| notice.text == wording::overlays::TOO_LATE));
+    assert!(!visible_text(&console).contains(wording::approval_screen::BACK_TO_THE_QUESTION));
 }
 
 /// Letters typed on after the answer acted as keys of the view.
@@ -275,8 +301,11 @@ fn submitting_needs_an_operator_and_stopping_does_not() {
     assert!(
         matches!(&effects[..], [Effect::Register { folder: None, passphrase: Some(with), .. }] if *with == passphrase())
     );
-    // A key without a passphrase signs at once.
-    console.press(KeyCode::Esc);
+    // Taken back, and left. A key without a passphrase signs at once.
+    for _ in 0..3 {
+        console.press(KeyCode::Esc);
+    }
+    assert!(console.form().is_none());
     console.sit_with("bo", Protection::None);
     console.keys(":register somewhere");
     console.press(KeyCode::Enter);
