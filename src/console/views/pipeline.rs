@@ -334,8 +334,9 @@ fn rows(
             None => muted(&wording::stage_begins(name)),
         });
     } else if let Some(status) = status.filter(|status| !status.is_limited()) {
-        let is_rejected = status.condition == VersionCondition::Rejected;
-        if chosen || is_rejected || status.is_waiting() {
+        let has_failed =
+            matches!(status.condition, VersionCondition::Rejected | VersionCondition::RolledBack);
+        if chosen || has_failed || status.is_waiting() {
             rows.extend(status_rows(candidate, &status, width, chosen));
         }
     }
@@ -353,7 +354,7 @@ fn limit_rows(candidate: &CandidateView, now: Option<&Snapshot>, width: usize, c
 }
 
 /// The status of the chosen version in full. Of another one, what is needed at a glance: a limit and its author, the cause of
-/// a rejection, or what it waits for.
+/// a rejection or a rollback, or what it waits for.
 fn status_rows(candidate: &CandidateView, status: &VersionStatus, width: usize, chosen: bool) -> Vec<Row> {
     let id = &candidate.version;
     let role = if status.is_waiting() { ThemeRole::Waiting } else { ThemeRole::Muted };
@@ -363,7 +364,7 @@ fn status_rows(candidate: &CandidateView, status: &VersionStatus, width: usize, 
     }
     let told = match status.condition {
         _ if status.is_limited() => holdpoint_wording::version_status(id, status),
-        VersionCondition::Rejected => {
+        VersionCondition::Rejected | VersionCondition::RolledBack => {
             let cause = holdpoint_wording::status_cause(status);
             cause.unwrap_or_else(|| holdpoint_wording::status_end(id, status))
         }

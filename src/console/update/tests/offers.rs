@@ -121,6 +121,25 @@ fn the_sentence_of_a_pause_is_not_parted_by_the_stages() {
     assert!(begins.is_some() && begins < ends && ends < stages, "{text}");
 }
 
+/// A rejected version had its reason there, and a rolled back one had none.
+#[test]
+fn a_rolled_back_version_shows_why_beside_another_one() {
+    let mut console = TestConsole::new(0);
+    with(&mut console, |now| {
+        now.prompts.clear();
+        now.candidates[0] = at_work(CANDIDATE);
+        let condition = VersionCondition::RolledBack;
+        let (by, reason) = ("mia".to_owned(), "it shakes".to_owned());
+        let cause = Some(Notice::OperatorDid { act: OperatorAct::Demoted, by, reason }.into());
+        let ends = condition.end();
+        let status = Some(VersionStatus { condition, stage: None, since: None, cause, obstacle: None, ends });
+        let (state, flags) = (State::RolledBack, VersionFlags::default());
+        now.candidates.push(CandidateView { state, flags, status, progress: None, ..at_work("align@2.0.0") });
+    });
+    let text = screen(&console, 120, 36);
+    assert!(text.contains("it shakes"), "{text}");
+}
+
 /// The help began with the keys of every view, and those of this one were below its end.
 #[test]
 fn help_begins_with_the_keys_of_the_view() {
