@@ -34,8 +34,7 @@ pub fn raw_title(seq: u64) -> String {
 #[must_use]
 pub fn observed(activations: u64, unsafe_activations: u64, tasks: u64, violations: u64) -> String {
     format!(
-        "since this engine began: {activations} let in, {unsafe_activations} unsafe; \
-         {}, {}",
+        "since this engine began: {activations} let in, {unsafe_activations} unsafe; in upgrades {}, {}",
         counted(tasks, "task"),
         counted(violations, "violation")
     )
