@@ -18,6 +18,7 @@ use crate::cli::context::CliContext;
 use crate::cli::output::CommandOutput;
 use crate::error::{CliError, Exit};
 use holdpoint_governance::record::RecordKind;
+use holdpoint_governance::wall_time::WallTime;
 use holdpoint_registry::{ExportError, Views};
 use holdpoint_store::AuditFilter;
 use holdpoint_wording::program::audit as sentences;
@@ -211,10 +212,9 @@ fn list(views: &Views, filter: &AuditFilter, out: &mut CommandOutput<'_>) -> Res
     }
     let mut table = TextTable::new(&["seq", "time", "kind", "subject", "hash"]);
     for record in &records {
-        let time = format!("{:.3} s", record.at_ms as f64 / 1_000.0);
         table.row([
             record.seq.to_string(),
-            time,
+            moment(record.at_ms, Some(record.wall_ms)),
             record.kind.to_string(),
             record.subject.clone(),
             record.hash.short(),
@@ -222,6 +222,12 @@ fn list(views: &Views, filter: &AuditFilter, out: &mut CommandOutput<'_>) -> Res
     }
     out.table(&table)?;
     rest(out)
+}
+
+/// When a record was written, for people: the engine's time where no wall time is known, as in scripts.
+pub(super) fn moment(at_ms: u64, wall_ms: Option<i64>) -> String {
+    let wall = wall_ms.filter(|wall_ms| *wall_ms > 0).map(WallTime::from_ms);
+    wall.map_or_else(|| format!("{:.3} s", at_ms as f64 / 1_000.0), WallTime::label)
 }
 
 fn export_to(views: &Views, from_seq: u64, sink: &mut dyn std::io::Write) -> Result<u64, CliError> {
@@ -234,6 +240,21 @@ pub(super) fn export_error(error: ExportError) -> CliError {
         ExportError::Write(error) => CliError::from(error),
         error @ (ExportError::Read(_) | ExportError::Store(_) | ExportError::Json(_)) => {
             CliError::usage(error)
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Engine seconds alone did not tell when something happened.
+    #[test]
+    fn a_record_has_its_wall_time_where_it_is_known() {
+        let wall = WallTime::from_ms(1_795_501_000_000);
+        assert_eq!(moment(5_250, Some(wall.ms())), wall.label());
+        for unknown in [None, Some(0)] {
+            assert_eq!(moment(5_250, unknown), "5.250 s");
         }
     }
 }

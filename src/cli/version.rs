@@ -5,6 +5,7 @@
 use clap::{Args, Subcommand, ValueEnum};
 use serde_json::{Value, json};
 
+use super::audit;
 use super::decide::{
     self, ANY_NAME, BreakGlassArgs, DemoteArgs, ProfileBlockArgs, ReleaseArgs, RepeatArgs, VersionArgs,
     known_family, unknown_version,
@@ -178,9 +179,10 @@ pub fn run(
             Ok(Exit::Confirmed)
         }
         VersionVerb::Show { version } => {
-            let detail = views()?.version(version).map_err(CliError::usage)?;
+            let views = views()?;
+            let detail = views.version(version).map_err(CliError::usage)?;
             let detail = detail.ok_or_else(|| unknown_version(version))?;
-            out.answer(&detail_json(&detail), |out| show(&detail, out))?;
+            out.answer(&detail_json(&detail), |out| show(&views, &detail, out))?;
             Ok(Exit::Confirmed)
         }
         VersionVerb::History { family } => {
@@ -238,7 +240,13 @@ fn with_flag(flags: &str, first: &str) -> String {
     if flags.is_empty() { first.to_owned() } else { format!("{first} {flags}") }
 }
 
-fn show(detail: &VersionDetail, out: &mut CommandOutput<'_>) -> Result<(), CliError> {
+/// When a record was written, for people.
+fn moment_of(views: &Views, record: u64, at_ms: u64) -> Result<String, CliError> {
+    let stamp = views.stamp(record).map_err(CliError::usage)?;
+    Ok(audit::moment(at_ms, stamp.and_then(|stamp| stamp.wall_ms)))
+}
+
+fn show(views: &Views, detail: &VersionDetail, out: &mut CommandOutput<'_>) -> Result<(), CliError> {
     let summary = &detail.summary;
     out.line(&format!("{}  {}  {}", summary.version, summary.state, flags(summary)))?;
     let [interface, policy, behavior, recovery] = summary.kappas.map(kappa);
@@ -260,14 +268,14 @@ fn show(detail: &VersionDetail, out: &mut CommandOutput<'_>) -> Result<(), CliEr
                 entry.kind.to_string(),
                 entry.profile.to_string(),
                 entry.digest.short(),
-                seconds(entry.at_ms),
+                moment_of(views, entry.seq, entry.at_ms)?,
                 sentences::is_current(entry.current).to_owned(),
             ]);
         }
         out.table(&table)?;
     }
     for activation in &detail.activations {
-        let at = seconds(activation.at_ms);
+        let at = moment_of(views, activation.seq, activation.at_ms)?;
         out.line(&sentences::pointer_moved(activation.seq, activation.cause, &at))?;
     }
     out.line(&sentences::audit_records(detail.audit_links.len()))
@@ -309,7 +317,7 @@ fn history(views: &Views, family: &Family, out: &mut CommandOutput<'_>) -> Resul
         for entry in moves.values() {
             table.row([
                 entry.seq.to_string(),
-                seconds(entry.at_ms),
+                moment_of(views, entry.seq, entry.at_ms)?,
                 entry.cause.to_string(),
                 name(&entry.active),
                 name(&entry.pinned),

@@ -25,7 +25,7 @@ pub fn submitted(
 /// Whether evidence still counts.
 #[must_use]
 pub const fn is_current(current: bool) -> &'static str {
-    if current { "yes" } else { "no: voided since" }
+    if current { "yes" } else { "no: it was voided later" }
 }
 
 /// A move of the pointer to the active version.
