@@ -63,6 +63,8 @@ pub struct EngineRequests {
     pub own_files_ms: u64,
     /// The count at the last query of each kind.
     pub changes_at_query: BTreeMap<RequestSubject, u64>,
+    /// Alarms that were changed while changes of others still wait for an answer.
+    pub alarms_changed: usize,
 }
 
 impl Default for EngineRequests {
@@ -73,6 +75,7 @@ impl Default for EngineRequests {
             changes: 0,
             own_files_ms: 0,
             changes_at_query: BTreeMap::new(),
+            alarms_changed: 0,
         }
     }
 }

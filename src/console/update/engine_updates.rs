@@ -77,6 +77,7 @@ pub(super) fn attached(
         model.engine_data.started_here = false;
         model.engine_data.attached_ms = Some(model.now_ms);
         model.requests.pending.clear();
+        model.requests.alarms_changed = 0;
         model.requests.changes_at_query.clear();
         model.key_log.lost(wording::ENGINE_WAS_LOST);
         let (lost, now) = if is_same {
@@ -238,6 +239,14 @@ pub(super) fn answer(model: &mut ConsoleModel, id: &str, reply: Reply) -> Vec<Ef
     }
     match reply {
         _ if stays_in_sight => Vec::new(),
+        Reply::Accepted { text, .. } if about == Some(RequestSubject::Alarm) => {
+            let requests = &mut model.requests;
+            let others = requests.alarms_changed;
+            let is_last = !requests.pending.values().any(|pending| pending.about == RequestSubject::Alarm);
+            requests.alarms_changed = if is_last { 0 } else { others + 1 };
+            show_message(model, wording::alarm_changed(&text, others), false);
+            Vec::new()
+        }
         Reply::Accepted { text, .. } | Reply::Stopped { text, kept: StopPersistence::OnRecord } => {
             show_message(model, text, false);
             Vec::new()

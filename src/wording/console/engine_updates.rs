@@ -39,3 +39,13 @@ pub fn next_is_submitted(refusal: &str) -> String {
 pub fn next_must_be_asked_for(refusal: &str) -> String {
     format!("{refusal}, by another client meanwhile: `:demo` again takes the next one")
 }
+
+/// The engine's answer about an alarm, and the number of those that were changed with it.
+#[must_use]
+pub fn alarm_changed(text: &str, others: usize) -> String {
+    match others {
+        0 => text.to_owned(),
+        1 => format!("{text}, and so is 1 other"),
+        _ => format!("{text}, and so are {others} others"),
+    }
+}

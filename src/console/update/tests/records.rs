@@ -5,6 +5,7 @@ use super::*;
 use crate::audit::AuditGroup;
 use crate::model::EVENT_LOG_PANE;
 use holdpoint_governance::record::RecordKind;
+use holdpoint_protocol::command::Reply;
 use holdpoint_protocol::detail::AuditPage;
 use holdpoint_protocol::event::{Event, EventKind};
 use holdpoint_wording::console as wording;
@@ -358,6 +359,16 @@ fn every_marked_alarm_is_acknowledged_by_one_key() {
         .collect();
     // The third is already acknowledged.
     assert_eq!(named, ["low:1", "high:1"]);
+    let ids = effects.iter().filter_map(|effect| match effect {
+        Effect::Ask { id, question: EngineQuery::Acknowledge { .. } } => Some(id.clone()),
+        _ => None,
+    });
+    for id in ids {
+        let reply = Box::new(Reply::Accepted { text: "it is acknowledged".to_owned(), version: None });
+        console.tell(MsgKind::Answer { id, reply });
+    }
+    let told = console.model.notice.as_ref().map(|notice| notice.text.clone());
+    assert_eq!(told, Some(wording::engine_updates::alarm_changed("it is acknowledged", 1)));
     console.keys(" ");
     assert!(console.model.view_state.marked.is_empty());
     assert!(console.keys("gm").is_empty() && console.model.view_state.marked.len() == 1);
