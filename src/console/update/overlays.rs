@@ -6,7 +6,7 @@ use super::{act, engine_requests, operations, refuse, show_message, swallow_text
 use crate::action::Action;
 use crate::approval_screen::{ApprovalFocus, DecisionObstacle};
 use crate::effect::Effect;
-use crate::form::{ConfirmedOperation, DismissedForm, FormFocus, FormProblem, Intent};
+use crate::form::{ConfirmedOperation, FormFocus, FormProblem, Intent};
 use crate::formatters::takeover_time;
 use crate::model::{ConsoleModel, EngineData, Overlay, RequestSubject};
 use crate::secret::{PassphraseEntry as _, Signing, SigningKey};
@@ -181,17 +181,13 @@ fn stops_meanwhile<W>(signing: &Signing<W>, action: Option<Action>) -> Option<Ac
     action.filter(|action| signing.is_checked() && matches!(action, Action::Abort | Action::Stop))
 }
 
-/// A key typed while a passphrase is checked goes nowhere, and so do those typed on after the answer, until a pause.
-fn typed_meanwhile(model: &mut ConsoleModel) {
-    model.input.refused_form = Some(DismissedForm::new(String::new(), model.now_ms));
-}
-
 /// Keys while the passphrase of a decision is typed.
 fn signing_key(model: &mut ConsoleModel, key: KeyEvent) -> Vec<Effect> {
     let Some(Overlay::Approval(prompt)) = &mut model.input.overlay else { return Vec::new() };
     let Some(signing) = &mut prompt.signing else { return Vec::new() };
     match signing.key(key) {
-        SigningKey::Typed if signing.is_checked() => typed_meanwhile(model),
+        // What is typed on after the answer goes nowhere, too.
+        SigningKey::Typed if signing.is_checked() => swallow_text(model),
         SigningKey::Typed => {}
         SigningKey::Back => prompt.signing = None,
         SigningKey::Away => return take_back(model),
@@ -288,7 +284,8 @@ pub(super) fn form_key(model: &mut ConsoleModel, key: KeyEvent, action: Option<A
             return act(model, action);
         }
         match signing.key(key) {
-            SigningKey::Typed if signing.is_checked() => typed_meanwhile(model),
+            // What is typed on after the answer goes nowhere, too.
+            SigningKey::Typed if signing.is_checked() => swallow_text(model),
             SigningKey::Typed => {}
             SigningKey::Back => form.signing = None,
             SigningKey::Away => return take_back(model),

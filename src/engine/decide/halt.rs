@@ -403,13 +403,12 @@ fn stops_since_start(views: &dyn RecordViews) -> Result<Vec<AuditRecord>, StoreE
 fn on_record(views: &dyn RecordViews) -> Result<Option<StoppedView>, StoreError> {
     let mut found = stops_since_start(views)?.into_iter();
     let Some(first) = found.next() else { return Ok(None) };
-    let wall = |record: &AuditRecord| (record.wall_ms > 0).then(|| WallTime::from_ms(record.wall_ms));
     let mut stopped = StopRecord::read(&first.body).view(first.at_ms);
-    stopped.wall = wall(&first);
+    stopped.wall = first.wall();
     for record in found {
         let StopRecord { by, caller, reason, code: _ } = StopRecord::read(&record.body);
         let at_ms = record.at_ms;
-        stopped.record_repeat(RepeatedStop { by, caller, reason, at_ms, wall: wall(&record) });
+        stopped.record_repeat(RepeatedStop { by, caller, reason, at_ms, wall: record.wall() });
     }
     Ok(Some(stopped))
 }
