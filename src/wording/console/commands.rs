@@ -10,7 +10,8 @@ pub const BLOCK_FOR_A_PROFILE: &str = "Block the version under the cursor for a 
 pub const SUBMIT_DEMONSTRATION: &str = "Submit a demonstration candidate: the next one, or this one";
 pub const START_A_DRIFT: &str = "Start a drift of the simulated cell, or end it";
 pub const EXPORT_VIEW: &str = "Export this view as text and JSON";
-pub const FILTER_BY_STATE: &str = "List only running, queued, waiting, held, rejected or own versions, or all";
+pub const FILTER_BY_STATE: &str =
+    "List only running, queued, waiting, held, rejected or own versions, or all";
 pub const SET_THE_GOAL: &str = "Set the goal of the agent of the live cell, reason required";
 pub const CONFIRM_TIME: &str =
     "Confirm the machine's time after a clock mismatch; nothing is activated before";

@@ -5,7 +5,8 @@ use holdpoint_governance::ids::Family;
 pub const RELOADED: &str = "keys and themes are reloaded: their files changed";
 pub const HAS_LEFT_THE_LIST: &str =
     "what was under the cursor has just left the list: look again, then press the key";
-pub const NO_SUSPENDING: &str = "a suspended console shows no alarm and stops nothing; `:quit` leaves it cleanly";
+pub const NO_SUSPENDING: &str =
+    "a suspended console shows no alarm and stops nothing; `:quit` leaves it cleanly";
 pub const MOUSE_IS_OURS: &str = "the mouse is this console's: it clicks and turns here";
 pub const MOUSE_IS_THE_TERMINALS: &str = "the mouse is the terminal's again: it marks text there";
 pub const NOTHING_TO_COPY: &str = "there is nothing under the cursor to copy";
