@@ -24,7 +24,7 @@ use holdpoint_store::{Layout, StoreError};
 use holdpoint_text::{ErrorReason, Untrusted};
 use holdpoint_wording::program::engine::stopped_by_mark;
 use holdpoint_wording::program::run as sentences;
-use holdpoint_wording::program::status::{after_record, stopped as stopped_line};
+use holdpoint_wording::program::status::{after_record, stopped_by};
 
 /// The arguments of `stop`.
 #[derive(Clone, Debug, PartialEq, Eq, Args)]
@@ -208,9 +208,8 @@ pub(super) fn start(
     let stops = args.stops.unwrap_or(u64::from(is_own));
     if !out.is_json() {
         if let Some(stopped) = &stopped {
-            let start = (by.as_str(), reason.as_str());
             let times = StopTimes::read(&data::open(&context.data)?).map_err(CliError::usage)?;
-            out.line(&stopped_line(stopped, start, &|at_ms| times.moment(at_ms, Some(&snapshot))))?;
+            out.line(&stopped_by(stopped, &|at_ms| times.moment(at_ms, Some(&snapshot))))?;
         }
         for prompt in snapshot.prompts.iter().filter(|prompt| prompt.granted) {
             out.line(&sentences::takes_control(&prompt.version))?;

@@ -80,6 +80,16 @@ pub fn not_authorized(why: &str) -> String {
 /// times as the reader knows them.
 #[must_use]
 pub fn stopped(of: &StoppedView, (by, reason): (&str, &str), moment: &dyn Fn(u64) -> String) -> String {
+    let (stops, signature) = (stopped_by(of, moment), signing_options(by, reason));
+    format!(
+        "{stops}; `holdpoint start --stops {} {signature}` starts it and confirms that you know of all stops",
+        of.stops
+    )
+}
+
+/// All persons who stopped the cell, with their times and reasons.
+#[must_use]
+pub fn stopped_by(of: &StoppedView, moment: &dyn Fn(u64) -> String) -> String {
     let why = |reason: &str| if reason.is_empty() { String::new() } else { format!(": {reason:?}") };
     let (author, since) = (stop_author(&of.by, &of.caller), moment(of.since_ms));
     let mut line = format!("STOPPED  by {author}, since {since}{}", why(&of.reason));
@@ -90,11 +100,6 @@ pub fn stopped(of: &StoppedView, (by, reason): (&str, &str), moment: &dyn Fn(u64
         let author = stop_author(&stop.by, &stop.caller);
         line.push_str(&format!(", and by {author}, {}{}", moment(stop.at_ms), why(&stop.reason)));
     }
-    let signature = signing_options(by, reason);
-    line.push_str(&format!(
-        "; `holdpoint start --stops {} {signature}` starts it and confirms that you know of all stops",
-        of.stops
-    ));
     line
 }
 

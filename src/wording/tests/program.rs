@@ -11,7 +11,9 @@ use crate::program::metrics::{covered, omitted_batches};
 use crate::program::recordings::{RecordingCheck, checked, checked_all, missing};
 use crate::program::replay::rerun_totals;
 use crate::program::run::{startup_progress, verifying};
-use crate::program::status::{ApprovalLine, ApprovalProgress, approval_request, provisional};
+use crate::program::status::{
+    ApprovalLine, ApprovalProgress, approval_request, provisional, stopped, stopped_by,
+};
 use crate::program::store::left_out;
 use crate::program::store_check::{checked as checked_store, store_finding};
 use holdpoint_governance::evidence::DrillKind;
@@ -19,8 +21,9 @@ use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::phase::WorkPhase;
 use holdpoint_governance::store_finding::{OmissionCause, StoreFinding};
 use holdpoint_governance::wall_time::WallTime;
+use holdpoint_protocol::command::Caller;
 use holdpoint_protocol::film::Film;
-use holdpoint_protocol::snapshot::{RequestKind, StartupProgressView};
+use holdpoint_protocol::snapshot::{RequestKind, StartupProgressView, StoppedView};
 use serde_json::json;
 
 #[test]
@@ -110,6 +113,17 @@ fn a_request_names_its_approvals_its_permissions_and_its_deadline() {
         [provisional(None), provisional(Some((3, 8)))],
         [", provisional", ", provisional 3 of 8 episodes"]
     );
+}
+
+/// `start` printed the command that it was itself.
+#[test]
+fn the_stops_of_a_cell_are_told_with_and_without_the_command_that_starts_it() {
+    let stop = StoppedView::first("ana".to_owned(), Caller::Script, "noise".to_owned(), 5_000);
+    let moment = |at_ms: u64| format!("{at_ms} ms");
+    let stops = stopped_by(&stop, &moment);
+    assert!(stops.contains("5000 ms") && !stops.contains('`'), "{stops}");
+    let offered = stopped(&stop, ("bo", "the cell is empty"), &moment);
+    assert!(offered.starts_with(&stops) && offered.contains("`holdpoint start --stops 1 "), "{offered}");
 }
 
 #[test]
