@@ -19,7 +19,7 @@ pub enum StateFilter {
     All,
     /// A stage of it runs.
     Running,
-    /// Its next stage has not begun.
+    /// Its next stage has not begun, or waits for that of another version.
     Queued,
     /// Approvers are asked.
     Waiting,
