@@ -226,7 +226,11 @@ impl Session {
             // The reading thread has ended: the terminal is lost.
             SessionInput::Input(None) => self.end_signalled(true),
             SessionInput::JobResult(BackgroundResult::Message(what)) => self.take(what, FrameReason::Key),
-            SessionInput::JobResult(BackgroundResult::Signed(request)) => self.hand_over(*request),
+            SessionInput::JobResult(BackgroundResult::Signed(request)) => {
+                if self.model.requests.hand_over(&request.id) {
+                    self.hand_over(*request);
+                }
+            }
             SessionInput::JobResult(BackgroundResult::Reconnected(found)) => self.take_search_result(found),
             SessionInput::JobResult(BackgroundResult::Started(started)) => self.engine_started(started),
             SessionInput::Update(Some(update)) => self.engine(update),
@@ -334,11 +338,8 @@ impl Session {
         }
     }
 
-    /// Passes on a request that another thread signed, unless it was taken back meanwhile.
+    /// Passes on a request that another thread returned.
     fn hand_over(&mut self, request: Request) {
-        if !self.model.requests.hand_over(&request.id) {
-            return;
-        }
         if let EffectOutcome::Message(what) = self.effects.submit(&self.model, request) {
             self.take(what, FrameReason::Key);
         }
