@@ -90,12 +90,11 @@ fn parts(model: &ConsoleModel, prompt: &ApprovalScreen, pen: &Pen<'_>, area: Rec
     let foot_rows = footer(model, prompt, pen, width);
     let foot_height = u16::try_from(foot_rows.len()).unwrap_or(u16::MAX).min(area.height.saturating_sub(2));
     let (upper, foot) = cut(area, area.height - foot_height);
-    let room = area.height.saturating_sub(TEXT_ROWS_MIN) / 2;
-    let mut live_rows = live_values(prompt, width, between(pen.look));
-    // A heading without a value would say nothing.
-    live_rows.truncate(usize::from(room.saturating_sub(1)));
+    let room = (area.height.saturating_sub(TEXT_ROWS_MIN) / 2).min(upper.height.saturating_sub(2));
+    // One row is the heading's; without a value it would say nothing.
+    let live_rows = live_values(prompt, width, usize::from(room.saturating_sub(1)), between(pen.look));
     let values = u16::try_from(live_rows.len()).unwrap_or(u16::MAX);
-    let live_height = if values == 0 { 0 } else { (values + 1).min(upper.height.saturating_sub(2)) };
+    let live_height = if values == 0 { 0 } else { values.saturating_add(1) };
     let (text, live) = cut(upper, upper.height - live_height);
     PromptParts { text, live, live_rows, foot, foot_rows }
 }
@@ -104,10 +103,17 @@ const fn between(look: &Look) -> &'static str {
     if look.ascii() { " | " } else { " · " }
 }
 
-/// The live values without their heading, wrapped.
-fn live_values(prompt: &ApprovalScreen, width: usize, between: &str) -> Vec<Row> {
+/// The live values without their heading, wrapped; an ellipsis ends values that have no room.
+fn live_values(prompt: &ApprovalScreen, width: usize, rows_max: usize, between: &str) -> Vec<Row> {
     let values = prompt.live.get(1..).unwrap_or_default().join(between);
-    hanging(&values, LIVE, width).iter().map(|row| Row::of(ThemeRole::Text, &row.text)).collect()
+    let mut rows = hanging(&values, LIVE, width);
+    if rows.len() > rows_max {
+        rows.truncate(rows_max);
+        if let Some(last) = rows.last_mut() {
+            last.text = super::short(&format!("{}…", last.text), width);
+        }
+    }
+    rows.iter().map(|row| Row::of(ThemeRole::Text, &row.text)).collect()
 }
 
 /// In place of the numbers of lines: live values are no part of the decision and need not be read.
