@@ -255,8 +255,14 @@ findings! {
         #[serde(default, skip_serializing_if = "Vec::is_empty")]
         errors: Vec<String>,
     } => PolicyUncoveredMode,
-    /// Some modes are allowed in a tighter envelope than declared.
-    EnvelopeTighter { speed_m_s: f64, force_n: f64 } => PolicyTighterEnvelope,
+    /// Some modes are allowed in a tighter envelope than declared. Of speed and force only those that are less than declared
+    /// are present; findings of older builds have both.
+    EnvelopeTighter {
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        speed_m_s: Option<f64>,
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        force_n: Option<f64>,
+    } => PolicyTighterEnvelope,
     /// The declared environments admit simulation alone.
     SimulationOnlyDeclared => PolicySimulationOnly,
     /// Policies cover too few of the reachable modes.

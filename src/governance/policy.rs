@@ -213,11 +213,13 @@ impl PolicyFindings {
         let widest = modes.iter().map(cap).fold((0.0_f64, 0.0_f64), |a, b| (a.0.max(b.0), a.1.max(b.1)));
         let narrowest = modes.iter().map(cap).fold(widest, |a, b| (a.0.min(b.0), a.1.min(b.1)));
         let (declared_speed, declared_force) = (permissions.max_speed_m_s, permissions.max_force_n);
-        if declared_speed > narrowest.0 || declared_force > narrowest.1 {
-            let (speed, force) = narrowest;
+        let speed = (narrowest.0 < declared_speed).then_some(narrowest.0);
+        let force = (narrowest.1 < declared_force).then_some(narrowest.1);
+        let (of_speed, of_force) =
+            (speed.map(|cap| (declared_speed, cap)), force.map(|cap| (declared_force, cap)));
+        if let Some((declared, cap)) = of_speed.or(of_force) {
             let finding = Finding::EnvelopeTighter { speed_m_s: speed, force_n: force };
-            let tighter = reason(finding).with(declared_speed, speed);
-            self.conditional.push(tighter);
+            self.conditional.push(reason(finding).with(declared, cap));
             let (speed_max_m_s, force_max_n) = (declared_speed.min(widest.0), declared_force.min(widest.1));
             self.conditions.push(Condition::TighterEnvelope { speed_max_m_s, force_max_n });
         }

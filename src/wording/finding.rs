@@ -84,9 +84,7 @@ pub fn finding(found: &Finding) -> String {
         F::ModeUncovered { mode, errors } => {
             format!("the policies of {mode} cannot be evaluated ({}); the guard will deny it", errors.join(", "))
         }
-        F::EnvelopeTighter { speed_m_s, force_n } => format!(
-            "some modes are allowed only up to {speed_m_s} m/s and {force_n} N, and it declares more of one or both"
-        ),
+        F::EnvelopeTighter { speed_m_s, force_n } => envelope_tighter(*speed_m_s, *force_n),
         F::SimulationOnlyDeclared => "D.environments admits simulation alone".into(),
         F::CoverageLow => "the policies cover too few of the reachable modes".into(),
         F::AuthorityAboveProfile => "it asks for more authority than the profile grants by itself".into(),
@@ -556,6 +554,14 @@ fn sequence(
         Some(seed) => format!("{verb}: {text} (see seed {seed})"),
         None => format!("{verb}: {text}"),
     }
+}
+
+/// The limits of some modes that are less than declared. A finding of an older build with both does not say which one is.
+fn envelope_tighter(speed_m_s: Option<f64>, force_n: Option<f64>) -> String {
+    let caps = [speed_m_s.map(|cap| format!("{cap} m/s")), force_n.map(|cap| format!("{cap} N"))];
+    let caps: Vec<String> = caps.into_iter().flatten().collect();
+    let more = if caps.len() > 1 { "more of one or both" } else { "more" };
+    format!("some modes are allowed only up to {}, and it declares {more}", caps.join(" and "))
 }
 
 /// A worsening against the active version, in the unit of the signal: `better by` where it is negative.

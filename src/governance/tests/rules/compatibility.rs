@@ -190,6 +190,42 @@ fn permission_changes_have_their_outcomes() {
     }
 }
 
+/// A limit that is no tighter than the declared one was named as if it were.
+#[test]
+fn a_tighter_envelope_names_only_what_is_tighter() {
+    let profile = profile(ProfileName::Real);
+    let table = PolicyTable::builtin(&profile).unwrap();
+    let limits = &profile.runtime;
+    let (fast, hard) = (limits.tool_speed_max_m_s * 2.0, limits.contact_force_max_n * 2.0);
+    let mut candidate = manifest();
+    let (slow, soft) = (candidate.permissions.max_speed_m_s, candidate.permissions.max_force_n);
+    for (speed, force, tighter) in [
+        (slow, soft, None),
+        (fast, soft, Some((true, false))),
+        (slow, hard, Some((false, true))),
+        (fast, hard, Some((true, true))),
+    ] {
+        candidate.permissions.max_speed_m_s = speed;
+        candidate.permissions.max_force_n = force;
+        let exported = exports(&candidate);
+        let input = PolicyInput {
+            permissions: &candidate.permissions,
+            environments: &candidate.deployment.environments,
+            exports: Some(&exported),
+            active: None,
+        };
+        let found = policy::assess(&input, &table, &profile).assessment;
+        let reason = found.reasons.iter().find(|reason| reason.code == PolicyTighterEnvelope);
+        let named = reason.map(|reason| match reason.finding.as_ref().unwrap() {
+            Finding::EnvelopeTighter { speed_m_s, force_n } => (speed_m_s.is_some(), force_n.is_some()),
+            other => panic!("{other:?}"),
+        });
+        assert_eq!(named, tighter, "{speed} m/s, {force} N: {:?}", found.reasons);
+        // The numbers are those of a quantity that is tighter.
+        assert!(reason.is_none_or(|reason| reason.evidence > reason.limit), "{reason:?}");
+    }
+}
+
 #[test]
 fn permissions_that_the_code_needs_count_without_a_declaration() {
     let profile = profile(ProfileName::Sim);
