@@ -17,7 +17,7 @@ use std::sync::Arc;
 
 pub use engine_data::{
     EngineAbsence, EngineData, EngineLink, EngineState, EventLogLine, LOG_MAX, PendingStop, ReconnectStatus,
-    RegistryListing, STALE_AFTER_MS, STOP_ANSWER_MS,
+    RegistryListing, STALE_AFTER_MS, STOP_ANSWER_MS, SharedLine,
 };
 pub use engine_requests::{EngineRequests, PendingRequest, RequestSubject};
 pub use framing::Framing;

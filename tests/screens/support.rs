@@ -52,8 +52,7 @@ pub fn model() -> ConsoleModel {
             seq,
             at_ms: 720_000 + 8_000 * seq,
             text: text.to_owned(),
-            sequences: 0,
-            done: 0,
+            shared: None,
         });
     }
     model

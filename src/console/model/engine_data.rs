@@ -10,6 +10,7 @@ use holdpoint_governance::ids::{CapabilityId, Family};
 use holdpoint_governance::record::VersionGroup;
 use holdpoint_protocol::console_presence::{AttachedConsoleView, ConsoleAccount};
 use holdpoint_protocol::detail::{AuditPage, AuditVerification, Detail, RegistryPage};
+use holdpoint_protocol::event::EventKind;
 use holdpoint_protocol::health::HealthSeries;
 use holdpoint_protocol::snapshot::Snapshot;
 use holdpoint_protocol::video_frame::VideoFrame;
@@ -137,10 +138,52 @@ pub struct EventLogLine {
     pub at_ms: u64,
     /// The text as in the plain stream, without the time.
     pub text: String,
-    /// Sequences of the live cell in this line, which shows the last one; 0 for any other line.
-    pub sequences: u32,
-    /// How many of these were done.
-    pub done: u32,
+    /// The events in this line, which shows the last one; absent if it is alone.
+    pub shared: Option<SharedLine>,
+}
+
+/// Frequent events of the live cell that share a line of the event log, so that they do not drown other events.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum SharedLine {
+    /// Sequences, and how many of these were done.
+    Sequences { count: u32, done: u32 },
+    /// Tasks of a version past a limit of harm; none of them was a danger to people.
+    TasksPastLimit { version: CapabilityId, count: u32 },
+}
+
+impl SharedLine {
+    /// The kind of line that an event shares; `None` for one that stays alone.
+    #[must_use]
+    pub fn of(event: &EventKind) -> Option<Self> {
+        match event {
+            EventKind::Sequence { success, .. } => {
+                Some(Self::Sequences { count: 1, done: u32::from(*success) })
+            }
+            EventKind::HarmPastLimit { version, danger: false, .. } => {
+                Some(Self::TasksPastLimit { version: version.clone(), count: 1 })
+            }
+            _ => None,
+        }
+    }
+
+    /// The events of both; `None` if they share no line.
+    #[must_use]
+    pub fn with(&self, other: &Self) -> Option<Self> {
+        match (self, other) {
+            (Self::Sequences { count, done }, Self::Sequences { count: more, done: more_done }) => {
+                let (count, done) = (count.saturating_add(*more), done.saturating_add(*more_done));
+                Some(Self::Sequences { count, done })
+            }
+            (
+                Self::TasksPastLimit { version, count },
+                Self::TasksPastLimit { version: same, count: more },
+            ) if version == same => {
+                let count = count.saturating_add(*more);
+                Some(Self::TasksPastLimit { version: version.clone(), count })
+            }
+            (Self::Sequences { .. } | Self::TasksPastLimit { .. }, _) => None,
+        }
+    }
 }
 
 /// The registry as of the last query.

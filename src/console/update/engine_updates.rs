@@ -6,8 +6,8 @@ use super::{cell_restart, engine_requests, operations, overlays, show_message, u
 use crate::effect::{Effect, EngineQuery};
 use crate::formatters::pipeline_idle_reason;
 use crate::model::{
-    ConsoleModel, EngineLink, EngineState, EventLogLine, LOG_MAX, Overlay, RequestSubject, StageProgress,
-    View,
+    ConsoleModel, EngineLink, EngineState, EventLogLine, LOG_MAX, Overlay, RequestSubject, SharedLine,
+    StageProgress, View,
 };
 use holdpoint_governance::alarms::Priority;
 use holdpoint_governance::ids::CapabilityId;
@@ -61,8 +61,7 @@ pub(super) fn attached(
         model.engine_data.events.push_back(EventLogLine {
             seq: last.seq.saturating_add(1),
             text,
-            sequences: 0,
-            done: 0,
+            shared: None,
             ..last
         });
         model.engine_data.event_base = last.seq.saturating_add(2);
@@ -109,13 +108,7 @@ pub(super) fn past(model: &mut ConsoleModel, events: &[Event], earlier: u64) -> 
             wording::log_begins_here(earlier)
         };
         let seq = base.saturating_add(first.seq);
-        model.engine_data.events.push_back(EventLogLine {
-            seq,
-            at_ms: first.at_ms,
-            text,
-            sequences: 0,
-            done: 0,
-        });
+        model.engine_data.events.push_back(EventLogLine { seq, at_ms: first.at_ms, text, shared: None });
     }
     let is_new = |event: &&Event| known.is_none_or(|known| event.seq.saturating_add(base) > known);
     for event in events.iter().filter(is_new) {
@@ -127,20 +120,22 @@ pub(super) fn past(model: &mut ConsoleModel, events: &[Event], earlier: u64) -> 
 /// Adds a line to the event log.
 fn append_event_line(model: &mut ConsoleModel, event: &Event) {
     let text = event_text::sentence(event, event_text::LINE_WIDTH_MAX).into_string();
-    let sequences = u32::from(matches!(event.kind, EventKind::Sequence { .. }));
-    let done = u32::from(matches!(event.kind, EventKind::Sequence { success: true, .. }));
     let seq = event.seq.saturating_add(model.engine_data.event_base);
-    let line = EventLogLine { seq, at_ms: event.at_ms, text, sequences, done };
-    // Consecutive sequences share one line, so that they do not drown other events.
-    match model.engine_data.events.back_mut() {
-        Some(last) if sequences > 0 && last.sequences > 0 => {
-            let (sequences, done) = (last.sequences.saturating_add(1), last.done.saturating_add(done));
-            *last = EventLogLine { sequences, done, ..line };
-        }
-        _ => model.engine_data.events.push_back(line),
+    let events = &mut model.engine_data.events;
+    let mut shared = SharedLine::of(&event.kind);
+    // A sequence and its tasks alternate: each joins its own line among the newest shared ones.
+    let newest = events.iter().enumerate().rev();
+    let mut before = newest.map_while(|(at, line)| line.shared.as_ref().map(|shared| (at, shared)));
+    let joined = shared
+        .as_ref()
+        .and_then(|this| before.find_map(|(at, others)| others.with(this).map(|all| (at, all))));
+    if let Some((at, all)) = joined {
+        events.remove(at);
+        shared = Some(all);
     }
-    if model.engine_data.events.len() > LOG_MAX {
-        model.engine_data.events.pop_front();
+    events.push_back(EventLogLine { seq, at_ms: event.at_ms, text, shared });
+    if events.len() > LOG_MAX {
+        events.pop_front();
     }
 }
 

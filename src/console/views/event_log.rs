@@ -10,7 +10,7 @@ use ratatui::layout::Rect;
 
 use crate::action::Action;
 use crate::look::ThemeRole;
-use crate::model::{ConsoleModel, EventLogLine, EventScreen};
+use crate::model::{ConsoleModel, EventLogLine, EventScreen, SharedLine};
 use crate::widgets::pen::Pen;
 use crate::widgets::row::{Row, wrap};
 use holdpoint_wording::console::event_log as wording;
@@ -41,10 +41,13 @@ pub fn draw(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect, focused: bool) 
     });
 }
 
-/// What precedes the text of a line that stands for several sequences.
+/// What precedes the text of a line that stands for several events.
 fn count(line: &EventLogLine) -> String {
-    let EventLogLine { sequences, done, .. } = line;
-    if *sequences > 1 { wording::sequences(*sequences, *done) } else { String::new() }
+    match line.shared {
+        Some(SharedLine::Sequences { count, done }) if count > 1 => wording::sequences(count, done),
+        Some(SharedLine::TasksPastLimit { count, .. }) if count > 1 => wording::tasks_past_limit(count),
+        Some(SharedLine::Sequences { .. } | SharedLine::TasksPastLimit { .. }) | None => String::new(),
+    }
 }
 
 /// The whole text of an event, wrapped for its window on a screen of this width.

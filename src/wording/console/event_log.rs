@@ -11,6 +11,11 @@ pub fn sequences(sequences: u32, done: u32) -> String {
 }
 
 #[must_use]
+pub fn tasks_past_limit(tasks: u32) -> String {
+    format!("{}, the last: ", counted(tasks, "task"))
+}
+
+#[must_use]
 pub fn shows_more(key: &str) -> String {
     format!("{key} shows more")
 }

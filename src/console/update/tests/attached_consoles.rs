@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::approval_screen::ClosingAnswer;
-use crate::model::EngineLink;
+use crate::model::{EngineLink, EventLogLine, SharedLine};
 use holdpoint_protocol::account_role::AccountRole;
 use holdpoint_protocol::console_presence::{AttachedConsoleView, ConsoleAccount, ConsolePresence};
 use holdpoint_protocol::event::{Event, EventKind};
@@ -179,18 +179,41 @@ fn leaving_ends_only_an_own_engine() {
 }
 
 #[test]
-fn sequences_do_not_fill_the_event_log() {
-    let mut console = TestConsole::new(0);
-    console.model.engine_data.events.clear();
+fn frequent_events_do_not_fill_the_event_log() {
     let sequence = |index| EventKind::Sequence { index, success: true, tasks: Vec::new(), refused: None };
+    let past = |version: &str, danger| EventKind::HarmPastLimit {
+        version: version.parse().unwrap(),
+        task: 1,
+        sequence: None,
+        past: Vec::new(),
+        danger,
+        tasks_past: 1,
+    };
+    let lines = |kinds: Vec<EventKind>| {
+        let mut console = TestConsole::new(0);
+        console.model.engine_data.events.clear();
+        console.tell(MsgKind::Events((0..).zip(kinds).map(|(seq, kind)| event(seq, kind)).collect()));
+        let count = |line: &EventLogLine| match line.shared {
+            Some(SharedLine::Sequences { count, .. } | SharedLine::TasksPastLimit { count, .. }) => count,
+            None => 0,
+        };
+        let events = &console.model.engine_data.events;
+        events.iter().map(|line| (line.seq, count(line))).collect::<Vec<_>>()
+    };
     let fault = || EventKind::Fault { text: "something else".to_owned() };
-    let mut events: Vec<Event> = (0..40).map(|index| event(index, sequence(index))).collect();
-    events.push(event(40, fault()));
-    events.push(event(41, sequence(41)));
-    console.tell(MsgKind::Events(events));
-    let lines: Vec<(u64, u32)> =
-        console.model.engine_data.events.iter().map(|line| (line.seq, line.sequences)).collect();
-    assert_eq!(lines, [(39, 40), (40, 0), (41, 1)], "the newest of each run, and how many it stands for");
+    let mut kinds: Vec<EventKind> = (0..40).map(sequence).collect();
+    kinds.extend([fault(), sequence(41)]);
+    assert_eq!(
+        lines(kinds),
+        [(39, 40), (40, 0), (41, 1)],
+        "the newest of each run, and how many it stands for"
+    );
+    // Each sequence with a task of two versions past a limit: three lines, in the order of their newest events.
+    let rounds =
+        (0..10).flat_map(|index| [past("grasp@1.0.0", false), past("place@1.0.0", false), sequence(index)]);
+    let mut kinds: Vec<EventKind> = rounds.collect();
+    kinds.extend([past("grasp@1.0.0", true), past("grasp@1.0.0", false)]);
+    assert_eq!(lines(kinds), [(27, 10), (28, 10), (29, 10), (30, 0), (31, 1)], "a danger has its own line");
 }
 
 #[test]

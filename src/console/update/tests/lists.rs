@@ -313,7 +313,7 @@ fn the_log_of_keys_has_each_effect_refusal_and_answer() {
 fn enter_shows_an_event_in_full() {
     let mut console = TestConsole::new(0);
     let text = (0..60).map(|number| format!("word{number:02}")).collect::<Vec<_>>().join(" ");
-    let line = EventLogLine { seq: 1, at_ms: 60_000, text: text.clone(), sequences: 0, done: 0 };
+    let line = EventLogLine { seq: 1, at_ms: 60_000, text: text.clone(), shared: None };
     console.model.engine_data.events.push_back(line);
     console.press(KeyCode::Tab);
     console.press(KeyCode::Tab);
