@@ -13,7 +13,7 @@ pub const fn consequence(kind: AlarmKind) -> &'static str {
         K::Violation => "the limit may be passed again",
         K::Degraded => "the family keeps doing less of its work",
         K::Harm => "the version may do harm again",
-        K::WeakRecovery => "a failure of the active version may not end safely",
+        K::WeakRecovery => "a failure of the version may not end safely while it is in control",
         K::Shifted => "what the sandbox showed may not hold in the live cell",
         K::SharedEvent => "the active version may do what another version was stopped for",
         K::OutsideDomain => "tasks that start there are not covered by evidence",

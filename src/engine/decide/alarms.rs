@@ -144,10 +144,11 @@ impl EngineRecorder {
             }
             AlarmKey::Restricted(version) => !self.is_restricted(version),
             // The live tasks of the version measure it (`health.rs`); an inactive version runs none.
-            AlarmKey::Violation(version)
-            | AlarmKey::Degraded(version)
-            | AlarmKey::WeakRecovery(version)
-            | AlarmKey::OutsideDomain(version) => !self.is_active(version),
+            AlarmKey::Violation(version) | AlarmKey::Degraded(version) | AlarmKey::OutsideDomain(version) => {
+                !self.is_active(version)
+            }
+            // No live task measures it: it is there again where the rollback target takes over.
+            AlarmKey::WeakRecovery(version) => !self.may_act(version),
             // The camera check ends it.
             AlarmKey::CellDegraded => false,
             // A person's start of the cell ends it.
@@ -182,6 +183,15 @@ impl EngineRecorder {
 
     pub(crate) fn is_restricted(&self, version: &CapabilityId) -> bool {
         self.version_table().version(version).is_ok_and(|(_, state, _)| state.flags.restricted)
+    }
+
+    /// Whether a version is active, or takes over if the active one leaves.
+    fn may_act(&self, version: &CapabilityId) -> bool {
+        self.version_table().family(&version.family).is_ok_and(|entry| {
+            let Some(active) = entry.state.active() else { return false };
+            let target = entry.state.restorable_predecessor(active);
+            entry.find(version).is_some_and(|(number, _, _)| number == active || Some(number) == target)
+        })
     }
 
     fn is_active(&self, version: &CapabilityId) -> bool {
@@ -268,4 +278,31 @@ pub(crate) fn refused(error: &AlarmError) -> Reply {
         AlarmError::Full(_) => Refusal::Holding,
     };
     Reply::refused(code, error)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::decide::stages::rollback::tests::RollbackBench;
+    use holdpoint_protocol::command::Command;
+
+    /// A weakness of the rollback target was over as soon as another version was active, though no drill had passed.
+    #[test]
+    fn a_weakness_stays_while_its_version_may_take_over() {
+        let (mut bench, next) = RollbackBench::resting_with_active("align-improved");
+        let family = bench.pipeline.record().version_table().family(&next.family).unwrap();
+        let weak = family.members[0].capability.id();
+        let key = AlarmKey::WeakRecovery(weak.clone());
+        let notice = Notice::WeakRecovery { version: Some(weak), reasons: Vec::new() };
+        bench.pipeline.live().record.raise(key.clone(), Priority::High, true, notice);
+        let reset = |bench: &mut RollbackBench| {
+            let (alarm, by, reason) = (key.to_string(), "ana".to_owned(), "inspected".to_owned());
+            bench.pipeline.command(Command::ResetAlarm { alarm, by, reason })
+        };
+        let refused = reset(&mut bench);
+        assert!(matches!(refused, Reply::Refused { code: Refusal::NotNow, .. }), "{refused:?}");
+        bench.activate("align-low-transit");
+        let closed = reset(&mut bench);
+        assert!(matches!(closed, Reply::Accepted { .. }), "{closed:?}");
+    }
 }

@@ -90,7 +90,7 @@ alarm_keys! {
     Degraded(version: CapabilityId) = "degraded": Monitor;
     /// A commissioned version was a danger in a live task, or does harm more often than is normal.
     Harm(version: CapabilityId) = "harm": Monitor;
-    /// An active version's own recovery drills pass too seldom.
+    /// The own recovery drills of an active version pass too seldom; it lasts while the version is the rollback target.
     WeakRecovery(version: CapabilityId) = "weak-recovery": Monitor;
     /// A version differs in the live world from the sandbox.
     Shifted(version: CapabilityId) = "shifted": Monitor;
