@@ -486,7 +486,7 @@ mod tests {
         let at_work = VersionRow { running: Some(Stage::Shadow), ..row(State::Sandboxed, false) };
         assert!(at_work.line().contains("running shadow"), "{}", at_work.line());
         let interrupted = VersionRow { interrupted: true, ..at_work };
-        assert!(!interrupted.line().contains("running"), "{}", interrupted.line());
+        assert!(!interrupted.line().contains("running shadow"), "{}", interrupted.line());
         let family = FamilyStatusRow {
             family: "grasp".to_owned(),
             active: Some(version.version),

@@ -260,27 +260,33 @@ mod tests {
     #[test]
     fn stops_on_record_have_the_wall_time_of_their_records() {
         let folder = tempfile::tempdir().unwrap();
-        let data = folder.path().join("store");
-        let store = Store::open(&data).unwrap();
+        let times = |name: &str, records: &[(RecordKind, u64, i64)]| {
+            let data = folder.path().join(name);
+            let store = Store::open(&data).unwrap();
+            for &(kind, at_ms, wall_ms) in records {
+                let record = AuditBody { kind, subject: String::new(), body: "{}".to_owned() };
+                let command_id = format!("command at {at_ms}");
+                let (changes, audit) = (Vec::new(), vec![record]);
+                store.commit(Transaction { command_id, at_ms, wall_ms, changes, audit }).unwrap();
+            }
+            StopTimes::read(&data::open(&data).unwrap()).unwrap()
+        };
         let wall = |secs: i64| WallTime::from_ms(1_795_501_000_000 + secs * 1_000);
-        let released = RecordKind::CellReleased;
-        for (number, kind, at_ms, wall_ms) in [
-            (1, RecordKind::CellStopped, 5_000, wall(5).ms()),
-            (2, released, 6_000, wall(6).ms()),
-            (3, RecordKind::CellStopped, 17_000, wall(900).ms()),
-            (4, RecordKind::CellStopped, 18_000, 0),
-            (5, RecordKind::Decision, 19_000, wall(950).ms()),
-        ] {
-            let record = AuditBody { kind, subject: String::new(), body: "{}".to_owned() };
-            let command_id = format!("command {number}");
-            let (changes, audit) = (Vec::new(), vec![record]);
-            store.commit(Transaction { command_id, at_ms, wall_ms, changes, audit }).unwrap();
-        }
-        let times = StopTimes::read(&data::open(&data).unwrap()).unwrap();
+        let stopped = RecordKind::CellStopped;
+        // A script's stop has virtual time alone.
+        assert_eq!(times("script", &[(stopped, 18_000, 0)]).moment(18_000, None), clock_time(18_000));
+        let times = times(
+            "cell",
+            &[
+                (stopped, 5_000, wall(5).ms()),
+                (RecordKind::CellReleased, 6_000, wall(6).ms()),
+                (stopped, 17_000, wall(900).ms()),
+                (RecordKind::Decision, 19_000, wall(950).ms()),
+            ],
+        );
         assert_eq!(times.recorded, BTreeMap::from([(17_000, wall(900))]));
         assert_eq!(times.moment(17_000, None), wall(900).label());
-        // A script's stop has virtual time alone, and that of a mark comes after the newest record.
-        assert_eq!(times.moment(18_000, None), clock_time(18_000));
+        // That of a mark comes after the newest record.
         assert_eq!(times.moment(19_000, None), after_record(&wall(950).label()));
     }
 }
