@@ -521,7 +521,13 @@ fn quitting_asks_and_names_the_consequences() {
     assert!(form.consequences.iter().any(|line| line.starts_with(CANDIDATE) && line.contains("approval")));
     assert_eq!(console.confirm(), [Effect::End]);
     assert_eq!(console.control('z'), []);
-    assert!(console.model.notice.as_ref().is_some_and(|notice| notice.text.contains("suspending")));
+    assert!(
+        console
+            .model
+            .notice
+            .as_ref()
+            .is_some_and(|notice| notice.text == holdpoint_wording::console::update::NO_SUSPENDING)
+    );
     console.model.engine_data.engine = EngineState::Ended(Ok(()));
     assert_eq!(console.keys("q"), [Effect::End], "nothing is left to ask about");
 }

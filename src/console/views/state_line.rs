@@ -268,7 +268,7 @@ mod tests {
         assert!(is_shown(&model), "in every view, whatever it says");
     }
 
-    /// `me too` hid that somebody was in the cell.
+    /// `me too` hid that a person was in the cell.
     #[test]
     fn the_first_and_the_last_stop_have_their_reasons() {
         let mut model = console();

@@ -13,7 +13,7 @@ pub const PAUSED_ACTIVE_KEEPS_THE_ARM: &str =
     "It keeps the arm, provisionally, and is monitored; it is not confirmed until it is resumed";
 pub const PAUSED_STAGE_STOPS: &str = "Its stage stops; only reject, demote and resume go through";
 pub const PAUSED_REQUEST_ENDS: &str =
-    "Its request for approval ends; once it is resumed and its turn comes, approvers are asked anew";
+    "Its request for approval ends; once it is resumed and its turn comes, approvers are asked again";
 pub const ONLY_UNPAUSED_CAN_BE_PAUSED: &str =
     "only a candidate or a provisional version that is not paused can be paused";
 pub const RESUMED_ACTIVE_IS_CONFIRMED: &str = "It is confirmed once its window is over without a trip";

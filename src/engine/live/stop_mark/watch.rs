@@ -280,7 +280,7 @@ mod tests {
         let (layout, switch) = (Layout::new(folder.path()), Arc::new(StopSwitch::default()));
         let first = OwnStopMark::put(&layout, "a", "ana", "").unwrap();
         assert!(OwnStopMark::put(&layout, "b", "bo", "").is_err());
-        let second = OwnStopMark::put_behind(&layout, "b", "bo", "he is inside").unwrap();
+        let second = OwnStopMark::put_behind(&layout, "b", "bo", "a person is inside").unwrap();
         let watch = StopMarkWatch::start(layout.clone(), Arc::clone(&switch)).unwrap();
         let takes = |id: &str| switch.first_stop().is_some_and(|request| request.id == id);
         wait_for("the first one is taken", || takes("a"));
