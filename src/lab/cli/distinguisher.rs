@@ -94,7 +94,7 @@ mod tests {
                 "live place 5",
                 "live-start place 7",
                 "2 features of each task",
-                "distinguisher.csv and distinguisher.json are in here",
+                "distinguisher.csv, distinguisher.json are in here",
             ]
         );
     }

@@ -135,7 +135,7 @@ mod tests {
                  both pads within it, 0 within 50 ms of a push on the object",
                 "not compared: jerk",
                 "2 episodes could not run and are not counted",
-                "sensors.csv and sensors.json are in here",
+                "sensors.csv, sensors.json are in here",
             ]
         );
     }
