@@ -121,6 +121,8 @@ pub(crate) fn restore_stop(record: &mut EngineRecorder, world: &mut LiveWorld) -
         (on_record(&*views)?, last_engine(&*views)?)
     };
     let is_known = |stop: &StopRecord| stopped.as_ref().is_some_and(|stopped| stop.is_among(stopped));
+    // Without a socket, no watch does it.
+    stop_mark::bring_forward(&layout);
     let request = stop_mark::look(&layout).map(|found| found.request);
     let is_settled = |request: &StopRequest| is_known(&StopRecord::of(request));
     if let Some(request) = request.as_ref().filter(|request| is_settled(request)) {
@@ -330,8 +332,7 @@ pub(crate) fn go(
         // One of the stops that end here; its maker has created the mark again.
         stop_mark::settle(layout, &found.request.id);
     }
-    if stop_mark::is_requested(record.version_table().store().layout()) {
-        let path = record.version_table().store().layout().stop_request();
+    if let Some(path) = stop_mark::requested_at(layout) {
         return Ok(Reply::Refused {
             code: Refusal::NotNow,
             text: format!("another stop is requested: {path:?} is in the store's folder"),

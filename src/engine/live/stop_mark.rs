@@ -6,7 +6,8 @@
 //! the mark is removed; while anything is in its place the cell cannot be started.
 //!
 //! Anything in its place is a stop: a folder, a pipe, a link, an unreadable text. While an engine does not take the mark, the
-//! stops of other processes wait behind it, in files `stop.asked.PROCESS`. The watch puts one after the other in its place.
+//! stops of other processes wait behind it, in files `stop.asked.PROCESS-NUMBER`. The watch puts one after the other in its
+//! place.
 
 mod watch;
 
@@ -19,7 +20,7 @@ use std::path::{Path, PathBuf};
 use holdpoint_protocol::wire::ID_BYTES_MAX;
 use holdpoint_store::{Layout, lock_sharers};
 use holdpoint_text::file::{NO_LINK, kind_of, regular};
-use rustix::fs::{AtFlags, CWD, OFlags, linkat};
+use rustix::fs::{AtFlags, CWD, OFlags, RenameFlags, linkat, renameat_with};
 use serde::{Deserialize, Serialize};
 
 use crate::live::stop_switch::StopRequest;
@@ -34,6 +35,9 @@ const NAMELESS: i32 = OFlags::TMPFILE.bits() as i32;
 
 /// The beginning of the name of a mark that waits behind another one.
 const BEHIND: &str = "stop.asked.";
+
+/// The most marks of one process number that wait: in other namespaces, other processes have the same number.
+const BEHIND_MAX: u32 = 16;
 
 /// The most bytes read of a mark: id, name and reason, escaped.
 const MARK_BYTES_MAX: u64 = 32 << 10;
@@ -62,10 +66,17 @@ impl OwnStopMark {
     /// Requests a stop of the cell behind the mark of another stop, which no engine has taken.
     ///
     /// # Errors
-    /// [`ErrorKind::AlreadyExists`] if a stop of this process waits there; any other if the folder takes no mark.
+    /// [`ErrorKind::AlreadyExists`] if the same person's stop waits there for the same reason; any other if the folder takes no
+    /// mark.
     pub fn put_behind(layout: &Layout, id: &str, by: &str, reason: &str) -> io::Result<Self> {
-        let path = layout.folder().join(format!("{BEHIND}{}", std::process::id()));
-        Self::put_at(layout, &path, (id, by, reason))
+        for number in 0..BEHIND_MAX {
+            let path = layout.folder().join(format!("{BEHIND}{}-{number}", std::process::id()));
+            match Self::put_at(layout, &path, (id, by, reason)) {
+                Err(error) if error.kind() == ErrorKind::AlreadyExists && !says(&path, by, reason) => {}
+                put => return put,
+            }
+        }
+        Err(io::Error::other("too many stops wait there"))
     }
 
     fn put_at(layout: &Layout, path: &Path, (id, by, reason): (&str, &str, &str)) -> io::Result<Self> {
@@ -133,8 +144,14 @@ pub(crate) struct StopMarkFile {
     clear: bool,
 }
 
-fn open(layout: &Layout) -> io::Result<File> {
-    OpenOptions::new().read(true).custom_flags(NO_LINK).open(layout.stop_request()).and_then(regular)
+fn open(path: &Path) -> io::Result<File> {
+    OpenOptions::new().read(true).custom_flags(NO_LINK).open(path).and_then(regular)
+}
+
+/// Whether a mark is that of a person for a reason.
+fn says(path: &Path, by: &str, reason: &str) -> bool {
+    let text = open(path).ok().and_then(|file| read(&file));
+    text.is_some_and(|mark| mark.by == by && mark.reason == reason)
 }
 
 /// Looks for a mark; `None` if there is none.
@@ -146,7 +163,7 @@ pub(crate) fn look(layout: &Layout) -> Option<StopMarkFile> {
         Err(error) if error.kind() == ErrorKind::NotFound => return None,
         Err(_) => ((0, 0), (0, 0), rustix::process::geteuid().as_raw(), "something"),
     };
-    let file = open(layout).ok();
+    let file = open(&layout.stop_request()).ok();
     let text = file.as_ref().and_then(read);
     let own = i32::try_from(std::process::id()).unwrap_or(0);
     let mut sharers = file.as_ref().map_or_else(Vec::new, lock_sharers);
@@ -180,16 +197,23 @@ fn waiting(layout: &Layout) -> Vec<PathBuf> {
     behind.map(|name| layout.folder().join(name)).collect()
 }
 
-/// Whether a stop is requested that is not taken yet: by a mark, or by one behind it.
-pub(crate) fn is_requested(layout: &Layout) -> bool {
-    is_there(layout) || !waiting(layout).is_empty()
+/// What requests a stop that is not taken yet: a mark, or one behind it.
+pub(crate) fn requested_at(layout: &Layout) -> Option<PathBuf> {
+    // Those behind come first: one may be put in the place of the mark meanwhile.
+    let behind = waiting(layout).into_iter().next();
+    if is_there(layout) { Some(layout.stop_request()) } else { behind }
 }
 
-/// Puts a mark that waits in the place of the one before, if that is free.
-fn bring_forward(layout: &Layout) {
-    if let Some(path) = waiting(layout).first() {
-        // Both names lead to the same stop for a moment. A mark that cannot be moved keeps the cell from being started.
-        drop(fs::hard_link(path, layout.stop_request()).and_then(|()| fs::remove_file(path)));
+/// Puts a mark that waits in the place of the one before, if that is free. One that cannot be moved keeps the cell from being
+/// started, and no other one from its turn.
+pub(crate) fn bring_forward(layout: &Layout) {
+    let mark = layout.stop_request();
+    for path in waiting(layout) {
+        // A folder, or a mark of another account, can be renamed and not linked. Some file systems can only link.
+        let moved = renameat_with(CWD, &path, CWD, &mark, RenameFlags::NOREPLACE).map_err(io::Error::from);
+        if moved.or_else(|_| fs::hard_link(&path, &mark).and_then(|()| fs::remove_file(&path))).is_ok() {
+            return;
+        }
     }
 }
 

@@ -229,7 +229,7 @@ impl StopMarkAttempt {
         }
         match OwnStopMark::put_behind(layout, &stop.request.id, &stop.by, &stop.reason) {
             Ok(own) => (self.own, self.is_behind) = (Some(own), true),
-            // An earlier stop of this process waits there.
+            // The same person's stop waits there for the same reason.
             Err(error) if error.kind() == ErrorKind::AlreadyExists => self.is_behind = true,
             Err(error) => self.problem = Some(error.to_string()),
         }

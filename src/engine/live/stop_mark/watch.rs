@@ -234,7 +234,7 @@ fn is_same(one: &File, other: &File) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::live::stop_mark::{OwnStopMark, is_requested, settle};
+    use crate::live::stop_mark::{OwnStopMark, requested_at, settle};
 
     /// A folder, and an engine's watch over it.
     fn watched() -> (tempfile::TempDir, Layout, Arc<StopSwitch>, StopMarkWatch) {
@@ -285,13 +285,37 @@ mod tests {
         let takes = |id: &str| switch.first_stop().is_some_and(|request| request.id == id);
         wait_for("the first one is taken", || takes("a"));
         settle(&layout, "a");
-        assert!(is_requested(&layout), "the second one waits");
+        assert!(requested_at(&layout).is_some(), "the second one waits");
         switch.pop_stop();
         wait_for("the second one is taken", || takes("b"));
         assert!(switch.first_stop().is_some_and(|request| request.by == "bo"));
         settle(&layout, "b");
-        assert!(!is_requested(&layout));
+        assert_eq!(requested_at(&layout), None);
         drop((watch, first, second));
+    }
+
+    /// A folder could not be linked in the place of the mark, and all behind it waited for ever. A mark was lost if another
+    /// process of the same number had one there.
+    #[test]
+    fn everything_that_waits_behind_a_mark_has_its_turn() {
+        let folder = tempfile::tempdir().unwrap();
+        let layout = Layout::new(folder.path());
+        let old = folder.path().join("stop.asked.old");
+        fs::create_dir(&old).unwrap();
+        assert_eq!(requested_at(&layout), Some(old), "the path of what is there");
+        let _waiting = ["bo", "cy"].map(|by| OwnStopMark::put_behind(&layout, by, by, "").unwrap());
+        let again = OwnStopMark::put_behind(&layout, "again", "cy", "").unwrap_err();
+        assert_eq!(again.kind(), io::ErrorKind::AlreadyExists);
+        let mut taken: Vec<String> = Vec::new();
+        for _ in 0..3 {
+            bring_forward(&layout);
+            let StopRequest { id, by, .. } = look(&layout).unwrap().request;
+            taken.push(by);
+            settle(&layout, &id);
+        }
+        taken.sort();
+        assert_eq!(taken, ["", "bo", "cy"]);
+        assert_eq!(requested_at(&layout), None);
     }
 
     /// A lock shared for ten seconds counted as the confirmation of a later stop.

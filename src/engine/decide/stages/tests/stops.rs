@@ -1,14 +1,18 @@
 //! Stops by several accounts: what each is answered, and how many are counted.
 
+use holdpoint_governance::profile::ProfileName;
 use holdpoint_governance::record::RecordKind;
 use holdpoint_protocol::command::{Caller, Command, Reply, StopPersistence};
-use holdpoint_store::AuditFilter;
+use holdpoint_store::{AuditFilter, Layout};
 use holdpoint_wording::command_effect::stop_effect;
 
 use super::state_verb_table::done;
 
 use crate::decide::stages::rollback::tests::RollbackBench;
+use crate::live::stop_mark::OwnStopMark;
 use crate::live::stop_switch::StopRequest;
+use crate::quick_folder::quick_folder;
+use crate::test_pipeline::resting_pipeline;
 
 const fn process(uid: u32) -> Caller {
     Caller::Process { uid, user: None, process: Some(5) }
@@ -54,4 +58,18 @@ fn stops_of_one_account_without_end_are_recorded_as_a_sum() {
     let released: serde_json::Value =
         serde_json::from_str(&records(RecordKind::CellReleased).pop().unwrap().body).unwrap();
     assert_eq!(released["summed_stops"]["61008"], 101 - stopped.stops, "{released}");
+}
+
+/// Without a socket no watch takes a stop that waits behind another one: it was not recorded, and no start was possible.
+#[test]
+fn a_waiting_stop_is_recorded_by_an_engine_without_a_socket() {
+    let folder = quick_folder();
+    drop(resting_pipeline(folder.path(), ProfileName::Sim));
+    let _waits = OwnStopMark::put_behind(&Layout::new(folder.path()), "1", "ben", "").unwrap();
+    let mut pipeline = resting_pipeline(folder.path(), ProfileName::Sim);
+    let stopped = pipeline.snapshot().stopped.unwrap();
+    assert_eq!((stopped.by.as_str(), stopped.stops), ("ben", 1));
+    let (by, reason) = ("ben".to_owned(), "empty".to_owned());
+    let reply = pipeline.command(Command::Go { by, reason, since_ms: stopped.since_ms, stops: 1 });
+    assert!(matches!(reply, Reply::Accepted { .. }), "{reply:?}");
 }
