@@ -14,6 +14,7 @@ use holdpoint_approvals::Passphrase;
 use holdpoint_approvals::keyfile::Protection;
 use holdpoint_governance::approval::ApprovalDecision;
 use holdpoint_text::is_visible;
+use holdpoint_wording::console::engine_updates as engine_wording;
 use holdpoint_wording::console::overlays as wording;
 use holdpoint_wording::console::shared;
 
@@ -199,13 +200,23 @@ fn signing_key(model: &mut ConsoleModel, key: KeyEvent) -> Vec<Effect> {
     Vec::new()
 }
 
-/// Takes back a request whose passphrase is being checked. One that went to the engine is answered by it.
+/// Takes back a request whose passphrase is being checked. One that went to the engine is answered by it, unless the engine
+/// is gone or silent: then the field closes, and what became of the request is unknown.
 fn take_back(model: &mut ConsoleModel) -> Vec<Effect> {
+    let lost = match (model.absence(), model.stale_ms()) {
+        (Some(_), _) => Some(engine_wording::ENGINE_GONE),
+        (None, Some(_)) => Some(wording::ENGINE_SILENT),
+        (None, None) => None,
+    };
     let signing = model.input.overlay.as_mut().and_then(Overlay::signing_mut);
     let Some(signing) = signing else { return Vec::new() };
     let found = model.requests.pending.iter().find(|(id, _)| signing.waits_for(id));
     match found.map(|(id, pending)| (id.clone(), pending.is_sent)) {
-        Some((_, true)) => return refuse(model, wording::TOO_LATE),
+        Some((_, true)) => {
+            let Some(lost) = lost else { return refuse(model, wording::TOO_LATE) };
+            model.input.overlay = None;
+            return refuse(model, &engine_wording::request_in_doubt(lost));
+        }
         Some((id, false)) => {
             model.requests.pending.remove(&id);
             model.key_log.answered(&id, wording::TAKEN_BACK, true);

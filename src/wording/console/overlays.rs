@@ -5,6 +5,7 @@ use holdpoint_governance::ids::CapabilityId;
 pub const CLOSE_THIS_FIRST: &str = "no command is typed here: Esc closes this, then type it again";
 pub const TAKEN_BACK: &str = "taken back: nothing was signed or sent";
 pub const TOO_LATE: &str = "it is too late to take it back: it is signed and sent; wait for the answer";
+pub const ENGINE_SILENT: &str = "the engine does not answer";
 pub const UNDECIDED: &str = "undecided: it waits, and is on hold from its deadline";
 
 #[must_use]

@@ -3,9 +3,11 @@
 use holdpoint_approvals::{Nonce, Passphrase};
 use holdpoint_protocol::command::Reply;
 use holdpoint_protocol::snapshot::SigningView;
+use holdpoint_service::engine_handle::EngineEndError;
 use holdpoint_wording::console as wording;
 
 use super::*;
+use crate::model::STALE_AFTER_MS;
 
 const WORDS: &str = "Under the oak X";
 
@@ -152,6 +154,24 @@ fn esc_takes_back_what_is_not_sent_yet_and_is_refused_later() {
     assert!(field(&console).is_some_and(|signing| signing.request_id.as_ref() == Some(&id)));
     assert!(console.model.notice.as_ref().is_some_and(|notice| notice.text == wording::overlays::TOO_LATE));
     assert!(!visible_text(&console).contains(wording::approval_screen::BACK_TO_THE_QUESTION));
+}
+
+/// Esc was refused for an answer that could not come any more, and no key led out of the field.
+#[test]
+fn esc_leaves_a_sent_request_whose_engine_is_gone_or_silent() {
+    let mut gone = at_passphrase();
+    gone.keys(WORDS);
+    let effects = gone.press(KeyCode::Enter);
+    let Some(Effect::Decide { id, .. }) = effects.first() else { panic!("{effects:?}") };
+    assert!(gone.model.requests.hand_over(id));
+    let mut silent = gone.clone();
+    silent.now_ms += STALE_AFTER_MS;
+    gone.tell(MsgKind::EngineEnded(Err(EngineEndError::of("it has ended"))));
+    for mut console in [gone, silent] {
+        console.press(KeyCode::Esc);
+        assert!(console.model.input.overlay.is_none());
+        assert!(console.model.notice.as_ref().is_some_and(|notice| notice.bad), "it is in doubt");
+    }
 }
 
 /// Letters typed on after the answer acted as keys of the view.
