@@ -232,13 +232,15 @@ pub(super) fn answer(model: &mut ConsoleModel, id: &str, reply: Reply) -> Vec<Ef
     if let Some((text, refused)) = reply_text(&reply) {
         model.key_log.answered(id, &text, refused);
     }
+    let others = model.requests.alarms_changed;
+    if about == Some(RequestSubject::Alarm) {
+        let waits = model.requests.pending.values().any(|pending| pending.about == RequestSubject::Alarm);
+        let changed = usize::from(matches!(reply, Reply::Accepted { .. }));
+        model.requests.alarms_changed = if waits { others + changed } else { 0 };
+    }
     match reply {
         _ if stays_in_sight => Vec::new(),
         Reply::Accepted { text, .. } if about == Some(RequestSubject::Alarm) => {
-            let requests = &mut model.requests;
-            let others = requests.alarms_changed;
-            let is_last = !requests.pending.values().any(|pending| pending.about == RequestSubject::Alarm);
-            requests.alarms_changed = if is_last { 0 } else { others + 1 };
             show_message(model, wording::alarm_changed(&text, others), false);
             Vec::new()
         }

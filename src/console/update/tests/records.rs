@@ -5,7 +5,7 @@ use super::*;
 use crate::audit::AuditGroup;
 use crate::model::EVENT_LOG_PANE;
 use holdpoint_governance::record::RecordKind;
-use holdpoint_protocol::command::Reply;
+use holdpoint_protocol::command::{Refusal, Reply};
 use holdpoint_protocol::detail::AuditPage;
 use holdpoint_protocol::event::{Event, EventKind};
 use holdpoint_wording::console as wording;
@@ -363,9 +363,16 @@ fn every_marked_alarm_is_acknowledged_by_one_key() {
         Effect::Ask { id, question: EngineQuery::Acknowledge { .. } } => Some(id.clone()),
         _ => None,
     });
+    let ids: Vec<String> = ids.collect();
+    let accepted = || Box::new(Reply::Accepted { text: "it is acknowledged".to_owned(), version: None });
+    let mut refused = console.clone();
+    refused.tell(MsgKind::Answer { id: ids[0].clone(), reply: accepted() });
+    assert_eq!(refused.model.requests.alarms_changed, 1);
+    let reply = Reply::Refused { code: Refusal::NotNow, text: "it is normal again".to_owned(), hint: None };
+    refused.tell(MsgKind::Answer { id: ids[1].clone(), reply: Box::new(reply) });
+    assert_eq!(refused.model.requests.alarms_changed, 0, "it counts for no later alarm");
     for id in ids {
-        let reply = Box::new(Reply::Accepted { text: "it is acknowledged".to_owned(), version: None });
-        console.tell(MsgKind::Answer { id, reply });
+        console.tell(MsgKind::Answer { id, reply: accepted() });
     }
     let told = console.model.notice.as_ref().map(|notice| notice.text.clone());
     assert_eq!(told, Some(wording::engine_updates::alarm_changed("it is acknowledged", 1)));
