@@ -34,6 +34,7 @@ use ConstantKind::{Format, Measured, Method, Physical, Tolerance};
 const CONSTANTS: &[(&str, &str, ConstantKind)] = &[
     ("src/engine/live/ladder_motion.rs", "ARRIVED_M", Measured),
     ("src/engine/live/shadow.rs", "UNDECIDED_DIVERGENCE", Method),
+    ("src/governance/behavior/harm.rs", "ASKING_ALPHA", Method),
     ("src/governance/behavior/sequences.rs", "NOT_DONE_PART", Method),
     ("src/governance/behavior/sequences.rs", "OTHER_PART", Method),
     ("src/governance/behavior/sequences.rs", "SHARING", Method),

@@ -281,13 +281,16 @@ pub(super) fn verdict(harm: &[HarmComparison]) -> HarmVerdict {
     HarmVerdict { established, possible }
 }
 
+/// The level of the test behind a concern about requests past what is declared.
+const ASKING_ALPHA: f64 = 0.05;
+
 /// The concern about a version that asks for more than it declares in more episodes than the profile accepts, whatever
 /// the active version does. How much more it asks for is a measure of harm like any other.
 pub(super) fn limit_request_concern(pairs: &[Pair], profile: &Profile) -> Option<Reason> {
     let beyond = |measures: HarmMeasures| measures.excess_depth > 0.0;
     let excess_episodes = pairs.iter().filter(|pair| pair.candidate.harm.is_some_and(beyond)).count() as u64;
     let episodes = pairs.len() as u64;
-    let lower = stats::wilson_lower(excess_episodes, episodes, profile.evaluation.upper_alpha).ok()?;
+    let lower = stats::wilson_lower(excess_episodes, episodes, ASKING_ALPHA).ok()?;
     let allowed = profile.harm.asking_share_max;
     (lower > allowed)
         .then(|| reason(Finding::AsksMore { asked: excess_episodes, episodes }).with(lower, allowed))
