@@ -31,6 +31,7 @@ use std::path::Path;
 use std::time::{Duration, Instant};
 
 use crate::pty::{Console, Home};
+use holdpoint::wording::console::approval_screen as wording;
 
 /// Beginnings of the section's heading.
 const HEADINGS: [&str; 2] = ["## A first quarter", "## The first 15 minutes"];
@@ -365,7 +366,8 @@ fn sign(console: &mut Console, passphrase: &str, left: Duration) {
     console.keys(&format!("{passphrase}\r"));
     console.wait_for_within(left, "the answer to the signed request", |screen| {
         let text = screen.contents();
-        !text.contains(FIELD) && !text.contains("passphrase is being checked")
+        let waits = [wording::PASSPHRASE_CHECKED, wording::SIGNED_AND_SENT];
+        !text.contains(FIELD) && !waits.iter().any(|part| text.contains(part))
     });
 }
 
