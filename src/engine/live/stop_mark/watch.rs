@@ -149,7 +149,11 @@ impl StopMarkTracker {
     fn has_missed(&mut self, made: u64, found: Option<(u64, u64)>) -> bool {
         let mut missed = made.saturating_sub(self.untold);
         self.untold = self.untold.saturating_sub(made);
-        let Some(found) = found else { return missed > 0 };
+        let Some(found) = found else {
+            // A file system gives the next mark the same inode.
+            self.last = None;
+            return missed > 0;
+        };
         let is_new = self.last.replace(found) != Some(found);
         if missed > 0 {
             missed -= 1;
@@ -349,6 +353,16 @@ mod tests {
             });
         }
         drop(watch);
+    }
+
+    /// The second mark with an inode counted as one that was removed unseen.
+    #[test]
+    fn mark_with_the_inode_of_the_last_one_is_a_new_mark() {
+        let mut seen = StopMarkTracker::default();
+        let reported = [(0, true), (1, false), (0, true), (1, false)];
+        let missed = reported.map(|(made, is_there)| seen.has_missed(made, is_there.then_some((1, 7))));
+        assert_eq!(missed, [false; 4]);
+        assert!(seen.has_missed(1, None), "a mark that nothing has seen");
     }
 
     /// A stop that is taken and settled is one stop, however soon it is settled.
