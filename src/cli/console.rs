@@ -10,7 +10,6 @@ use super::console_engine::ConsoleEngine;
 use super::run::{LivePace, RunArgs};
 use super::settings::{self, file, themes};
 use super::{data, identity};
-use crate::cells::PACED_CELLS;
 use crate::cli::context::CliContext;
 use crate::cli::output::CommandOutput;
 use crate::error::{CliError, Exit};
@@ -24,11 +23,10 @@ use holdpoint_protocol::command::Command;
 use holdpoint_protocol::console_presence::ConsolePresence;
 use holdpoint_runtime::capability::shown;
 use holdpoint_service::control_socket::{Client, ControlSocketError, SHOWN_TO_NOBODY};
-use holdpoint_service::engine_handle::{EngineEndError, EngineHandle, LaunchConfig};
+use holdpoint_service::engine_handle::{EngineEndError, EngineHandle};
 use holdpoint_store::Layout;
 use holdpoint_text::{ErrorDetails, ErrorReason, Hint as _, Problem, shell_word};
 use holdpoint_trials::embedded;
-use holdpoint_trials::seeds::EpisodeSeeds;
 
 /// Whether `run` opens the console: no option excludes it, and input and output are terminals.
 pub(super) fn fits(args: &RunArgs, json: bool) -> bool {
@@ -60,20 +58,8 @@ pub(super) fn run(
             EngineLocation::Begun(Box::new(EngineHandle::starting(layout)), Box::new(|_| Err(why)))
         }
         ExistingEngine::NoEngine => {
-            let site = args.engine.site(Some(&context.data))?;
-            let here = LaunchConfig {
-                data: context.data.clone(),
-                profile: args.engine.profile(&context.data, site.as_ref())?,
-                seeds: EpisodeSeeds::Secret,
-                jobs: args.engine.spare_jobs(),
-                cells: Arc::new(PACED_CELLS),
-                robot: args.engine.robot.clone(),
-                site,
-                pace: args.pace.unwrap_or(LivePace::CLOCK).times(),
-                sinks: args.scenes.options(true).sinks()?,
-                alone_max: None,
-                console_access: None,
-            };
+            let pace = args.pace.unwrap_or(LivePace::CLOCK).times();
+            let here = args.engine.launch(context, pace, &args.scenes)?;
             if args.in_process {
                 EngineLocation::Here(here)
             } else {

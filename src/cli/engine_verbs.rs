@@ -2,12 +2,10 @@
 //!
 //! Chooses between a running engine and one opened for the verb; decides nothing itself.
 
-use std::sync::Arc;
 use std::time::Duration;
 
 use super::verb_executor::{VerbExecutor, last_cell, running};
 use super::{bench, candidate, data, decide, demo, profile_choice, run, serve, status};
-use crate::cells::PACED_CELLS;
 use crate::cli::context::CliContext;
 use crate::cli::output::CommandOutput;
 use crate::error::{CliError, Exit};
@@ -146,19 +144,10 @@ fn serve(
     args: &serve::ServeArgs,
     out: &mut CommandOutput<'_>,
 ) -> Result<Exit, CliError> {
-    let site = args.engine.site(Some(&context.data))?;
     let host = LaunchConfig {
-        data: context.data.clone(),
-        profile: args.engine.profile(&context.data, site.as_ref())?,
-        seeds: EpisodeSeeds::Secret,
-        jobs: args.engine.spare_jobs(),
-        cells: Arc::new(PACED_CELLS),
-        robot: args.engine.robot.clone(),
-        site,
-        pace: args.pace(),
-        sinks: args.scenes.options(true).sinks()?,
         alone_max: args.attended.map(|secs| Duration::from_secs(u64::from(secs))),
         console_access: args.console_access()?,
+        ..args.engine.launch(context, args.pace(), &args.scenes)?
     };
     if args.own_session {
         // The leader of a session has left the terminal already.

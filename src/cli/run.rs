@@ -12,6 +12,8 @@ use super::profile_authorization;
 use super::profile_choice::{RequestedProfile, RequestedProfileParser, chosen, possible_value};
 use super::result_cache::CacheKeyArgs;
 use super::site_choice;
+use crate::cells::PACED_CELLS;
+use crate::cli::context::CliContext;
 use crate::error::CliError;
 use crate::scenes::{self, SceneOptions};
 #[cfg(feature = "console")]
@@ -21,7 +23,9 @@ use holdpoint_console::options::CommandLineFlags;
 use holdpoint_governance::profile::ProfileName;
 use holdpoint_governance::site_profile::ChosenProfile;
 use holdpoint_protocol::command::PACE_ALLOWED;
+use holdpoint_service::engine_handle::LaunchConfig;
 use holdpoint_store::StoreError;
+use holdpoint_trials::seeds::EpisodeSeeds;
 use holdpoint_trials::site::LoadedSite;
 
 /// The longest time an engine runs without an attached console, s: a day. `holdpoint serve` has no limit.
@@ -270,6 +274,32 @@ impl EngineArgs {
     #[must_use]
     pub fn spare_jobs(&self) -> usize {
         self.jobs.map_or(0, usize::from)
+    }
+
+    /// The settings of an engine on the store of a context. Other accounts have no access, and it has no limit without a console.
+    ///
+    /// # Errors
+    /// As [`Self::site`] and [`Self::profile`]; if a listener cannot be made.
+    pub fn launch(
+        &self,
+        context: &CliContext,
+        pace: Option<f64>,
+        scenes: &SceneArgs,
+    ) -> Result<LaunchConfig, CliError> {
+        let site = self.site(Some(&context.data))?;
+        Ok(LaunchConfig {
+            data: context.data.clone(),
+            profile: self.profile(&context.data, site.as_ref())?,
+            seeds: EpisodeSeeds::Secret,
+            jobs: self.spare_jobs(),
+            cells: Arc::new(PACED_CELLS),
+            robot: self.robot.clone(),
+            site,
+            pace,
+            sinks: scenes.options(true).sinks()?,
+            alone_max: None,
+            console_access: None,
+        })
     }
 
     /// The site file of a run on the store in this folder, or on a temporary one; `None` for the built-in site.
