@@ -214,7 +214,7 @@ fn list(views: &Views, filter: &AuditFilter, out: &mut CommandOutput<'_>) -> Res
     for record in &records {
         table.row([
             record.seq.to_string(),
-            moment(record.at_ms, Some(record.wall_ms)),
+            moment(record.at_ms, record.wall()),
             record.kind.to_string(),
             record.subject.clone(),
             record.hash.short(),
@@ -224,9 +224,8 @@ fn list(views: &Views, filter: &AuditFilter, out: &mut CommandOutput<'_>) -> Res
     rest(out)
 }
 
-/// When a record was written, for people: the engine's time where no wall time is known, as in scripts.
-pub(super) fn moment(at_ms: u64, wall_ms: Option<i64>) -> String {
-    let wall = wall_ms.filter(|wall_ms| *wall_ms > 0).map(WallTime::from_ms);
+/// When a record was written, for people: in scripts, which have no wall time, the engine's time to the millisecond.
+pub(super) fn moment(at_ms: u64, wall: Option<WallTime>) -> String {
     wall.map_or_else(|| format!("{:.3} s", at_ms as f64 / 1_000.0), WallTime::label)
 }
 
@@ -252,9 +251,7 @@ mod tests {
     #[test]
     fn a_record_has_its_wall_time_where_it_is_known() {
         let wall = WallTime::from_ms(1_795_501_000_000);
-        assert_eq!(moment(5_250, Some(wall.ms())), wall.label());
-        for unknown in [None, Some(0)] {
-            assert_eq!(moment(5_250, unknown), "5.250 s");
-        }
+        assert_eq!(moment(5_250, Some(wall)), wall.label());
+        assert_eq!(moment(5_250, None), "5.250 s");
     }
 }

@@ -16,6 +16,7 @@ use crate::cli::output::CommandOutput;
 use crate::error::{CliError, Exit};
 use holdpoint_governance::ids::{CapabilityId, Family};
 use holdpoint_governance::record::{VersionGroup, VersionSummary};
+use holdpoint_governance::wall_time::WallTime;
 use holdpoint_protocol::command::Command;
 use holdpoint_record::version_table::chosen_anchors;
 use holdpoint_registry::Views;
@@ -226,7 +227,7 @@ fn list(views: &Views, filter: &VersionFilter, out: &mut CommandOutput<'_>) -> R
                 behavior,
                 recovery,
                 version.author.clone(),
-                seconds(version.changed_ms),
+                audit::moment(version.changed_ms, version.changed_at),
             ]);
         }
         out.table(&table)?;
@@ -243,7 +244,7 @@ fn with_flag(flags: &str, first: &str) -> String {
 /// When a record was written, for people.
 fn moment_of(views: &Views, record: u64, at_ms: u64) -> Result<String, CliError> {
     let stamp = views.stamp(record).map_err(CliError::usage)?;
-    Ok(audit::moment(at_ms, stamp.and_then(|stamp| stamp.wall_ms)))
+    Ok(audit::moment(at_ms, stamp.and_then(|stamp| stamp.wall_ms).map(WallTime::from_ms)))
 }
 
 fn show(views: &Views, detail: &VersionDetail, out: &mut CommandOutput<'_>) -> Result<(), CliError> {
@@ -329,10 +330,6 @@ fn history(views: &Views, family: &Family, out: &mut CommandOutput<'_>) -> Resul
 
 fn kappa(value: Option<f64>) -> String {
     value.map_or_else(|| "-".to_owned(), |value| format!("{value:.3}"))
-}
-
-fn seconds(at_ms: u64) -> String {
-    format!("{:.3} s", at_ms as f64 / 1_000.0)
 }
 
 fn flags(version: &VersionSummary) -> String {
