@@ -6,7 +6,7 @@
 //!   command. The command `scenario run` is the run of that scenario itself.
 //! - `<!-- screen: console__palette_80x24 -->` names a snapshot of a screen.
 //!
-//! Each line of the sample is a line of the output, in that order; `…` stands for any text.
+//! Each line of the sample is a line of the output, in that order; `…` matches any text.
 
 use std::collections::BTreeMap;
 use std::fs;

@@ -41,7 +41,7 @@ pub fn draw(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect, focused: bool) 
     });
 }
 
-/// What precedes the text of a line that stands for several events.
+/// The count of the events that share a line, before the text of the last one.
 fn count(line: &EventLogLine) -> String {
     match line.shared {
         Some(SharedLine::Sequences { count, done }) if count > 1 => wording::sequences(count, done),

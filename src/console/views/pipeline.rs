@@ -347,7 +347,7 @@ fn status_in(candidate: &CandidateView, now: Option<&Snapshot>) -> Option<Versio
     now.map(|now| now.status(candidate)).or_else(|| candidate.status.clone())
 }
 
-/// The status of a version that goes on under a limit; nothing of another one.
+/// The status of a version that goes on under a limit; `None` for any other version.
 fn limit_rows(candidate: &CandidateView, now: Option<&Snapshot>, width: usize, chosen: bool) -> Vec<Row> {
     let limited = status_in(candidate, now).filter(VersionStatus::is_limited);
     limited.map_or_else(Vec::new, |status| status_rows(candidate, &status, width, chosen))

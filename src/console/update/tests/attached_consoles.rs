@@ -206,7 +206,7 @@ fn frequent_events_do_not_fill_the_event_log() {
     assert_eq!(
         lines(kinds),
         [(39, 40), (40, 0), (41, 1)],
-        "the newest of each run, and how many it stands for"
+        "the newest of each run, and how many events share its line"
     );
     // Each sequence with a task of two versions past a limit: three lines, in the order of their newest events.
     let rounds =
