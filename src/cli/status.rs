@@ -400,14 +400,13 @@ mod tests {
     use holdpoint_governance::lifecycle::{Stage, VersionFlags};
     use holdpoint_governance::notice::{Notice, OperatorAct};
     use holdpoint_governance::tries::{CountedTry, TryAuthor};
-    use holdpoint_governance::version_status::{RecordedChanges, StatusFacts, VersionStatus};
+    use holdpoint_governance::version_status::{Obstacle, RecordedChanges, StatusFacts, VersionStatus};
 
     fn row(state: State, provisional: bool) -> VersionRow {
         VersionRow {
             version: "grasp@1.1.0".parse().unwrap(),
             state,
             running: None,
-            interrupted: false,
             paused: false,
             awaiting_approval: false,
             provisional,
@@ -485,7 +484,8 @@ mod tests {
         }
         let at_work = VersionRow { running: Some(Stage::Shadow), ..row(State::Sandboxed, false) };
         assert!(at_work.line().contains("running shadow"), "{}", at_work.line());
-        let interrupted = VersionRow { interrupted: true, ..at_work };
+        let status = VersionStatus { obstacle: Some(Obstacle::EngineAbsent), ..at_work.status.clone() };
+        let interrupted = VersionRow { status, ..at_work };
         assert!(!interrupted.line().contains("running shadow"), "{}", interrupted.line());
         let family = FamilyStatusRow {
             family: "grasp".to_owned(),

@@ -2,25 +2,20 @@
 //!
 //! A stop needs no identity, no key and no reason. A start needs an identity of the store and a reason.
 
-use std::collections::BTreeMap;
-
 use clap::Args;
 
-use super::data;
 use super::decide::{REASON_BYTES_MAX, SigningArgs, identity, parse_identity};
 use super::verb_executor::{VerbExecutor, print_action_reply};
 use crate::cli::context::CliContext;
 use crate::cli::output::CommandOutput;
 use crate::error::{CliError, Exit};
-use holdpoint_engine::decide::halt;
 use holdpoint_governance::profile::ProfileName;
 use holdpoint_governance::wall_time::WallTime;
 use holdpoint_protocol::clock::clock_time;
 use holdpoint_protocol::command::{Command, Reply, StopPersistence};
 use holdpoint_protocol::snapshot::Snapshot;
-use holdpoint_registry::Views;
 use holdpoint_service::control_socket::{NOT_CONFIRMED_HINT, StopCall, StopOutcome, not_confirmed};
-use holdpoint_store::{Layout, StoreError};
+use holdpoint_store::Layout;
 use holdpoint_text::{ErrorReason, Untrusted};
 use holdpoint_wording::program::engine::stopped_by_mark;
 use holdpoint_wording::program::run as sentences;
@@ -162,29 +157,18 @@ fn no_engine(context: &CliContext, and: &str) -> CliError {
         .with_details(ErrorReason::NoAnswer)
 }
 
-/// The wall times of stops: those of their records, which outlive the engine that was stopped.
-pub(super) struct StopTimes {
-    recorded: BTreeMap<u64, WallTime>,
-    /// The virtual and the wall time of the newest record. A stop that only a mark keeps came after it.
+/// A stop's time for people: that of its record, or without one the engine's. Without an engine, one that only a mark keeps
+/// came after the newest record.
+pub(super) fn stop_moment(
+    (at_ms, wall): (u64, Option<WallTime>),
+    engine: Option<&Snapshot>,
     newest: Option<(u64, WallTime)>,
-}
-
-impl StopTimes {
-    pub(super) fn read(views: &Views) -> Result<Self, StoreError> {
-        let head = views.head()?;
-        let wall_ms = views.stamp(head.seq)?.and_then(|stamp| stamp.wall_ms);
-        let newest = wall_ms.map(|wall_ms| (head.at_ms, WallTime::from_ms(wall_ms)));
-        Ok(Self { recorded: halt::stop_times(views)?, newest })
-    }
-
-    /// A stop's time for people, by its virtual time.
-    pub(super) fn moment(&self, at_ms: u64, engine: Option<&Snapshot>) -> String {
-        match (self.recorded.get(&at_ms), engine, self.newest) {
-            (Some(time), ..) => time.label(),
-            (None, Some(engine), _) => engine.moment(at_ms),
-            (None, None, Some((newest_ms, time))) if newest_ms == at_ms => after_record(&time.label()),
-            (None, None, _) => clock_time(at_ms),
-        }
+) -> String {
+    match (wall, engine, newest) {
+        (Some(time), ..) => time.label(),
+        (None, Some(engine), _) => engine.moment(at_ms),
+        (None, None, Some((newest_ms, time))) if newest_ms == at_ms => after_record(&time.label()),
+        (None, None, _) => clock_time(at_ms),
     }
 }
 
@@ -208,8 +192,8 @@ pub(super) fn start(
     let stops = args.stops.unwrap_or(u64::from(is_own));
     if !out.is_json() {
         if let Some(stopped) = &stopped {
-            let times = StopTimes::read(&data::open(&context.data)?).map_err(CliError::usage)?;
-            out.line(&stopped_by(stopped, &|at_ms| times.moment(at_ms, Some(&snapshot))))?;
+            let moment = |at_ms, wall| stop_moment((at_ms, wall), Some(&snapshot), None);
+            out.line(&stopped_by(stopped, &moment))?;
         }
         for prompt in snapshot.prompts.iter().filter(|prompt| prompt.granted) {
             out.line(&sentences::takes_control(&prompt.version))?;
@@ -252,6 +236,7 @@ pub(super) fn goal(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use holdpoint_engine::decide::halt;
     use holdpoint_governance::record::RecordKind;
     use holdpoint_registry::Store;
     use holdpoint_store::{AuditBody, Transaction};
@@ -260,33 +245,34 @@ mod tests {
     #[test]
     fn stops_on_record_have_the_wall_time_of_their_records() {
         let folder = tempfile::tempdir().unwrap();
-        let times = |name: &str, records: &[(RecordKind, u64, i64)]| {
-            let data = folder.path().join(name);
-            let store = Store::open(&data).unwrap();
+        let stop = |name: &str, records: &[(RecordKind, u64, i64)]| {
+            let store = Store::open(folder.path().join(name)).unwrap();
             for &(kind, at_ms, wall_ms) in records {
                 let record = AuditBody { kind, subject: String::new(), body: "{}".to_owned() };
                 let command_id = format!("command at {at_ms}");
                 let (changes, audit) = (Vec::new(), vec![record]);
                 store.commit(Transaction { command_id, at_ms, wall_ms, changes, audit }).unwrap();
             }
-            StopTimes::read(&data::open(&data).unwrap()).unwrap()
+            let stopped = halt::recall(&store.views().unwrap()).unwrap().unwrap();
+            (stopped.since_ms, stopped.wall)
         };
         let wall = |secs: i64| WallTime::from_ms(1_795_501_000_000 + secs * 1_000);
         let stopped = RecordKind::CellStopped;
         // A script's stop has virtual time alone.
-        assert_eq!(times("script", &[(stopped, 18_000, 0)]).moment(18_000, None), clock_time(18_000));
-        let times = times(
+        let of_script = stop("script", &[(stopped, 18_000, 0)]);
+        assert_eq!(stop_moment(of_script, None, None), clock_time(18_000));
+        let on_record = stop(
             "cell",
             &[
                 (stopped, 5_000, wall(5).ms()),
                 (RecordKind::CellReleased, 6_000, wall(6).ms()),
                 (stopped, 17_000, wall(900).ms()),
-                (RecordKind::Decision, 19_000, wall(950).ms()),
             ],
         );
-        assert_eq!(times.recorded, BTreeMap::from([(17_000, wall(900))]));
-        assert_eq!(times.moment(17_000, None), wall(900).label());
+        assert_eq!(on_record, (17_000, Some(wall(900))));
+        assert_eq!(stop_moment(on_record, None, None), wall(900).label());
         // That of a mark comes after the newest record.
-        assert_eq!(times.moment(19_000, None), after_record(&wall(950).label()));
+        let of_mark = stop_moment((19_000, None), None, Some((19_000, wall(950))));
+        assert_eq!(of_mark, after_record(&wall(950).label()));
     }
 }

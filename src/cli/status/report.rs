@@ -12,7 +12,7 @@ use super::pending_approval::PendingApprovalRow;
 use super::person_acts::{PersonActRow, person_acts};
 use crate::cli::profile_authorization;
 use crate::cli::prune::wall_ms;
-use crate::cli::stop::StopTimes;
+use crate::cli::stop::stop_moment;
 use crate::error::CliError;
 use holdpoint_engine::decide::halt;
 use holdpoint_governance::alarms::{AlarmState, Priority, Shelving};
@@ -114,9 +114,6 @@ pub(super) struct VersionRow {
     pub(super) version: CapabilityId,
     pub(super) state: State,
     pub(super) running: Option<Stage>,
-    /// Whether that stage stands because no engine runs.
-    #[serde(skip)]
-    pub(super) interrupted: bool,
     pub(super) paused: bool,
     pub(super) awaiting_approval: bool,
     pub(super) provisional: bool,
@@ -258,8 +255,9 @@ impl StatusReport {
             Some(engine) => engine.stopped.clone(),
             None => halt::recall(views).map_err(CliError::usage)?,
         };
-        let times = StopTimes::read(views).map_err(CliError::usage)?;
-        let moment = |at_ms| times.moment(at_ms, engine);
+        let newest = if engine.is_some() { None } else { last_record(views)? };
+        let recorded = newest.as_ref().and_then(|record| Some((record.at_ms, record.wall()?)));
+        let moment = |at_ms, wall| stop_moment((at_ms, wall), engine, recorded);
         let context = views.context().map_err(CliError::usage)?;
         let record =
             context.as_ref().and_then(|(_, _, json)| serde_json::from_str::<ContextRecord>(json).ok());
@@ -269,7 +267,7 @@ impl StatusReport {
             in_use_by,
             silent: silent.map(ToString::to_string),
             unverified: None,
-            last_record: silent.map(|_| last_record(views)).transpose()?.flatten(),
+            last_record: newest.filter(|_| silent.is_some()),
             reading: engine.and_then(|engine| engine.reading),
             holding: engine.and_then(|engine| engine.holding.clone()),
             people: person_acts(views, stopped.is_some()).map_err(CliError::usage)?,
@@ -296,7 +294,7 @@ impl StatusReport {
             versions: rows
                 .map(|version| {
                     let status = status_of(views, version, engine, runs)?;
-                    Ok(VersionRow { interrupted: !runs, ..VersionRow::new(version, status, engine) })
+                    Ok(VersionRow::new(version, status, engine))
                 })
                 .collect::<Result<_, CliError>>()?,
             waiting: waiting.into_iter().filter(|row| wanted(&row.version)).collect(),
@@ -435,7 +433,6 @@ impl VersionRow {
             version: version.version.clone(),
             state: version.state,
             running: flags.running,
-            interrupted: false,
             paused: flags.paused,
             awaiting_approval: flags.awaiting_approval,
             provisional: flags.provisional,
@@ -462,7 +459,8 @@ impl VersionRow {
     pub(super) fn line(&self) -> String {
         let mut line = format!("version  {}: {}", self.version, self.state);
         if let Some(stage) = self.running {
-            line.push_str(&sentences::stage_at_work(stage, self.interrupted));
+            let is_interrupted = self.status.obstacle == Some(Obstacle::EngineAbsent);
+            line.push_str(&sentences::stage_at_work(stage, is_interrupted));
         }
         let flags = [
             (self.paused, self.state.paused_label()),

@@ -7,11 +7,10 @@ use holdpoint_governance::alarms::{AlarmEvent, AlarmKey, Priority};
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::notice::Notice;
 use holdpoint_governance::profile::ProfileName;
-use holdpoint_governance::record::{AuditRecord, RecordKind};
+use holdpoint_governance::record::RecordKind;
 use holdpoint_governance::startup_stop::{
     LastEngineRun, StartStoppedReason, records_run_end, start_stopped_reason,
 };
-use holdpoint_governance::wall_time::WallTime;
 use holdpoint_protocol::command::{Caller, Refusal, Reply, StopPersistence};
 use holdpoint_protocol::event::EventKind;
 use holdpoint_protocol::snapshot::{RepeatedStop, StoppedView};
@@ -20,7 +19,6 @@ use holdpoint_text::{Hint, signing_options};
 pub use holdpoint_wording::command_effect::StopFollowUp;
 use holdpoint_wording::command_effect::{EngineEffect, early_stop_effect, engine_effect, stop_effect};
 use serde::{Deserialize, Serialize};
-use std::collections::BTreeMap;
 use std::time::{Duration, Instant};
 
 use crate::decide::people::persons::unreadable;
@@ -380,29 +378,17 @@ pub fn recall(views: &dyn RecordViews) -> Result<Option<StoppedView>, StoreError
     Ok(marked.or_else(requested).map(|stop| stop.view(since_ms)))
 }
 
-/// The wall times of the stops in the chain since the last start, by their virtual time, ms. A script's stop has none.
-///
-/// # Errors
-/// If the store cannot be read.
-pub fn stop_times(views: &dyn RecordViews) -> Result<BTreeMap<u64, WallTime>, StoreError> {
-    let times = stops_since_start(views)?.into_iter();
-    Ok(times.filter_map(|record| Some((record.at_ms, record.wall()?))).collect())
-}
-
-fn stops_since_start(views: &dyn RecordViews) -> Result<Vec<AuditRecord>, StoreError> {
+/// A stop in the chain without an end.
+fn on_record(views: &dyn RecordViews) -> Result<Option<StoppedView>, StoreError> {
     let from_seq =
         views.audit(&AuditFilter::newest(RecordKind::CellReleased))?.first().map_or(0, |record| record.seq);
-    views.audit(&AuditFilter {
+    let filter = AuditFilter {
         from_seq,
         kind: Some(RecordKind::CellStopped),
         limit: RECALLED_MAX,
         ..AuditFilter::default()
-    })
-}
-
-/// A stop in the chain without an end.
-fn on_record(views: &dyn RecordViews) -> Result<Option<StoppedView>, StoreError> {
-    let mut found = stops_since_start(views)?.into_iter();
+    };
+    let mut found = views.audit(&filter)?.into_iter();
     let Some(first) = found.next() else { return Ok(None) };
     let mut stopped = StopRecord::read(&first.body).view(first.at_ms);
     stopped.wall = first.wall();

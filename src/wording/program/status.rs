@@ -76,10 +76,13 @@ pub fn not_authorized(why: &str) -> String {
     format!("profile  NOT AUTHORIZED: {why}")
 }
 
+/// The time of a stop for the reader, by its virtual time, ms, and the wall time of its record.
+pub type StopMoment<'a> = &'a dyn Fn(u64, Option<WallTime>) -> String;
+
 /// All persons who stopped the cell, and the command that starts it as this person for this reason. `moment` has the
 /// times as the reader knows them.
 #[must_use]
-pub fn stopped(of: &StoppedView, (by, reason): (&str, &str), moment: &dyn Fn(u64) -> String) -> String {
+pub fn stopped(of: &StoppedView, (by, reason): (&str, &str), moment: StopMoment<'_>) -> String {
     let (stops, signature) = (stopped_by(of, moment), signing_options(by, reason));
     format!(
         "{stops}; `holdpoint start --stops {} {signature}` starts it and confirms that you know of all stops",
@@ -89,16 +92,16 @@ pub fn stopped(of: &StoppedView, (by, reason): (&str, &str), moment: &dyn Fn(u64
 
 /// All persons who stopped the cell, with their times and reasons.
 #[must_use]
-pub fn stopped_by(of: &StoppedView, moment: &dyn Fn(u64) -> String) -> String {
+pub fn stopped_by(of: &StoppedView, moment: StopMoment<'_>) -> String {
     let why = |reason: &str| if reason.is_empty() { String::new() } else { format!(": {reason:?}") };
-    let (author, since) = (stop_author(&of.by, &of.caller), moment(of.since_ms));
+    let (author, since) = (stop_author(&of.by, &of.caller), moment(of.since_ms, of.wall));
     let mut line = format!("STOPPED  by {author}, since {since}{}", why(&of.reason));
     if of.unnamed > 0 {
         line.push_str(&format!(", and {}", counted(of.unnamed, "more time")));
     }
     for stop in &of.again {
         let author = stop_author(&stop.by, &stop.caller);
-        line.push_str(&format!(", and by {author}, {}{}", moment(stop.at_ms), why(&stop.reason)));
+        line.push_str(&format!(", and by {author}, {}{}", moment(stop.at_ms, stop.wall), why(&stop.reason)));
     }
     line
 }

@@ -119,7 +119,7 @@ fn a_request_names_its_approvals_its_permissions_and_its_deadline() {
 #[test]
 fn the_stops_of_a_cell_are_told_with_and_without_the_command_that_starts_it() {
     let stop = StoppedView::first("ana".to_owned(), Caller::Script, "noise".to_owned(), 5_000);
-    let moment = |at_ms: u64| format!("{at_ms} ms");
+    let moment = |at_ms: u64, _| format!("{at_ms} ms");
     let stops = stopped_by(&stop, &moment);
     assert!(stops.contains("5000 ms") && !stops.contains('`'), "{stops}");
     let offered = stopped(&stop, ("bo", "the cell is empty"), &moment);
