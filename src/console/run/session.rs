@@ -240,7 +240,7 @@ impl Session {
             SessionInput::Snapshot => {
                 let newest = self.effects.host.snapshots.borrow_and_update().clone();
                 if let Some(snapshot) = newest {
-                    self.take(MsgKind::Snapshot(snapshot), FrameReason::Text);
+                    self.take(MsgKind::Snapshot(snapshot), FrameReason::Change);
                 }
             }
             SessionInput::VideoFrame => self.take_frame(),
@@ -249,7 +249,7 @@ impl Session {
             SessionInput::Continued => self.check_terminal(true),
             SessionInput::Tick => {
                 self.check_terminal(false);
-                self.take(MsgKind::Tick, FrameReason::Text);
+                self.take(MsgKind::Tick, FrameReason::Change);
                 self.look_for_an_engine();
             }
             SessionInput::Frame | SessionInput::Late => {}
@@ -301,7 +301,7 @@ impl Session {
                 MsgKind::EngineEnded(how)
             }
         };
-        self.take(what, FrameReason::Text);
+        self.take(what, FrameReason::Change);
     }
 
     /// The started engine is there, or has failed. Waiting requests go to it.
@@ -316,10 +316,10 @@ impl Session {
                 if is_own {
                     self.model.engine_data.link = EngineLink::Own;
                 } else {
-                    self.take(MsgKind::Attached(process, unverified), FrameReason::Text);
+                    self.take(MsgKind::Attached(process, unverified), FrameReason::Change);
                 }
                 if let Some(text) = notice {
-                    self.take(MsgKind::Done { text, bad: true }, FrameReason::Text);
+                    self.take(MsgKind::Done { text, bad: true }, FrameReason::Change);
                 }
             }
             Err(why) => self.engine(EngineUpdate::Ended(Err(why))),
@@ -351,7 +351,7 @@ impl Session {
         let is_visible = self.model.view_state.view == View::Overview;
         self.fold_one(MsgKind::VideoFrame(frame));
         if is_visible {
-            self.pace.want(FrameReason::Scene);
+            self.pace.want(FrameReason::Change);
         }
     }
 
@@ -455,7 +455,7 @@ impl Session {
         // The pace counts from the end of a frame, so a slow terminal gets fewer.
         self.pace.frame_drawn(self.now_ms());
         if self.model.plays() {
-            self.pace.want(FrameReason::Scene);
+            self.pace.want(FrameReason::Change);
         }
         if drawn.is_err() {
             self.end_signalled(true);

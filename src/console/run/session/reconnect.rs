@@ -63,13 +63,13 @@ impl Session {
                 self.ended = None;
                 let (process, unverified) = (host.process(), host.unverified_origin());
                 self.effects.host = *host;
-                self.take(MsgKind::Attached(process, unverified), FrameReason::Text);
+                self.take(MsgKind::Attached(process, unverified), FrameReason::Change);
             }
             Err(result) => {
                 let pause = SEEK_FIRST.saturating_mul(1 << seek.tries.min(8)).min(SEEK_PAUSE_MAX);
                 seek.due = Some(Instant::now() + pause);
                 let seeking = ReconnectStatus { tries: seek.tries, tries_max: SEEK_MAX, result };
-                self.take(MsgKind::ReconnectFailed(seeking), FrameReason::Text);
+                self.take(MsgKind::ReconnectFailed(seeking), FrameReason::Change);
             }
         }
     }
