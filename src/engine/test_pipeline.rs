@@ -22,7 +22,7 @@ pub(crate) fn pipeline(folder: &Path, profile: ProfileName) -> Pipeline {
     pipeline_by(folder, Profile::builtin(profile).unwrap(), |_| WallClock::scripted(0, None))
 }
 
-/// As [`pipeline`], in a scripted cell, for a test in which no task runs.
+/// As [`pipeline`], in a scripted cell, for a test in which no task runs or its result does not matter.
 pub(crate) fn resting_pipeline(folder: &Path, profile: ProfileName) -> Pipeline {
     let seeds = EpisodeSeeds::OfRun(CALIBRATION_FROM_RUN);
     let cell = StubFactory::exporting().into_cell();

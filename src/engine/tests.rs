@@ -1,12 +1,13 @@
 //! Restarts, and the identity of a store.
 
 use std::path::Path;
+use std::sync::Arc;
 
 use holdpoint_approvals::keyfile::KeyEncoding;
 use holdpoint_approvals::{Approval, Nonce};
 use holdpoint_audit::profile_history::ProfileHistory;
 use holdpoint_body::disturbance::{Drift, DriftKind, Magnitude};
-use holdpoint_cell::CellSource as _;
+use holdpoint_cell::{CellSource as _, CellSpec};
 use holdpoint_governance::alarms::{AlarmEvent, AlarmKey, Priority};
 use holdpoint_governance::approval::{ApprovalDecision, Role};
 use holdpoint_governance::composition::Kappas;
@@ -34,6 +35,7 @@ use holdpoint_store::{AuditFilter, Change, EvidenceKind, StoreError};
 
 use crate::decide::people::persons::enrolled;
 use crate::decide::pipeline::{Pipeline, SliceOutcome};
+use crate::live::fake_cell::StubFactory;
 use crate::quick_folder::quick_folder;
 pub(crate) use crate::test_pipeline::pipeline;
 use crate::test_pipeline::resting_pipeline;
@@ -56,8 +58,17 @@ pub(crate) fn config<'a>(folder: &'a Path, robot: &str) -> Config<'a> {
     }
 }
 
+/// The scripted cell of a built-in robot.
+fn scripted_cell(robot: &str) -> Cell {
+    let scripted = StubFactory::exporting();
+    let abilities = scripted.spec.abilities;
+    let simulated = SimCells.builtin(Some(robot)).unwrap();
+    let spec = Arc::new(CellSpec { abilities, ..CellSpec::clone(simulated.spec()) });
+    StubFactory { spec, ..scripted }.into_cell()
+}
+
 fn engine(folder: &Path, robot: &str) -> Result<Engine, StartError> {
-    Engine::start(config(folder, robot))
+    Engine::start(Config { cell: scripted_cell(robot), ..config(folder, robot) })
 }
 
 /// The change of a script that sets the context of a built-in profile.
@@ -139,7 +150,7 @@ fn a_pointer_of_another_robot_is_refused_under_any_context() {
 #[test]
 fn store_changed_under_a_running_engine_halts_it() {
     let folder = quick_folder();
-    let mut pipeline = pipeline(folder.path(), ProfileName::Sim);
+    let mut pipeline = resting_pipeline(folder.path(), ProfileName::Sim);
     let other = rusqlite::Connection::open(folder.path().join("holdpoint.db")).unwrap();
     other.execute_batch("UPDATE family SET reason = 'edited' WHERE name = 'align'").unwrap();
     let version: CapabilityId = "grasp@1.0.0".parse().unwrap();
@@ -155,7 +166,7 @@ fn store_changed_under_a_running_engine_halts_it() {
 #[test]
 fn another_agent_halts_the_engine() {
     let folder = quick_folder();
-    let mut first = pipeline(folder.path(), ProfileName::Sim);
+    let mut first = resting_pipeline(folder.path(), ProfileName::Sim);
     assert_eq!(first.record().holding(), None);
     // At each activation ...
     first.live().world.cell.replace_agent(Agent::called("another"));
@@ -168,7 +179,7 @@ fn another_agent_halts_the_engine() {
     context["agent"] = serde_json::json!(Agent::called("another").identity_hash());
     let change = context_change((profile, policy_digest, context.to_string()));
     commit(store, change);
-    let second = pipeline(folder.path(), ProfileName::Sim);
+    let second = resting_pipeline(folder.path(), ProfileName::Sim);
     let recorded = Agent::called("another").identity_hash().short();
     assert!(second.record().holding().is_some_and(|why| why.sentence().contains(&recorded)), "it is named");
 }
@@ -195,7 +206,7 @@ fn a_cell_that_drifts_alarms_within_ten_sequences_without_a_candidate() {
 #[test]
 fn evidence_beside_other_active_versions_is_stale() {
     let folder = quick_folder();
-    let mut bench = pipeline(folder.path(), ProfileName::Sim);
+    let mut bench = resting_pipeline(folder.path(), ProfileName::Sim);
     let id = at_the_gate(&mut bench);
     let stale = |bench: &Pipeline, id: &CapabilityId| {
         let snapshot = bench.snapshot();
@@ -238,12 +249,12 @@ fn work(pipeline: &mut Pipeline, id: &CapabilityId) -> Option<State> {
 fn no_version_becomes_active_under_another_agent() {
     // The same candidate takes over where the agent is the store's.
     let folder = quick_folder();
-    let mut same = pipeline(folder.path(), ProfileName::Sim);
+    let mut same = resting_pipeline(folder.path(), ProfileName::Sim);
     let id = at_the_gate(&mut same);
     assert_eq!(work(&mut same, &id), Some(State::Active));
 
     let folder = quick_folder();
-    let mut other = pipeline(folder.path(), ProfileName::Sim);
+    let mut other = resting_pipeline(folder.path(), ProfileName::Sim);
     let id = at_the_gate(&mut other);
     let before = other.record().active_of(&id.family).unwrap().id();
     other.live().world.cell.replace_agent(Agent::called("another"));
@@ -256,7 +267,7 @@ fn no_version_becomes_active_under_another_agent() {
 
     // Nor by break-glass, before its approval is considered.
     let folder = quick_folder();
-    let mut locked = pipeline(folder.path(), ProfileName::Sim);
+    let mut locked = resting_pipeline(folder.path(), ProfileName::Sim);
     let id = at_the_gate(&mut locked);
     let ana = enrolled(locked.live().record, "ana", Role::Safety, KeyEncoding::Plain);
     let digest = locked.record().capability(&id).unwrap().digest();
@@ -285,7 +296,7 @@ fn no_version_becomes_active_under_another_agent() {
 
     // A stopped family is not reactivated for it.
     let folder = quick_folder();
-    let mut stopped = pipeline(folder.path(), ProfileName::Sim);
+    let mut stopped = resting_pipeline(folder.path(), ProfileName::Sim);
     let version: CapabilityId = "align@1.0.0".parse().unwrap();
     let operation = |reason: &str| Operation {
         version: version.clone(),
@@ -317,7 +328,7 @@ fn unreadable_context_is_an_error_and_binds_nothing() {
 #[test]
 fn stale_evidence_is_reported_with_its_cause() {
     let folder = quick_folder();
-    let mut first = pipeline(folder.path(), ProfileName::Sim);
+    let mut first = resting_pipeline(folder.path(), ProfileName::Sim);
     let id = at_the_gate(&mut first);
     let evidence_file = first.live().evidence_files.of(&id).unwrap().clone();
     let (json, digest) = (serde_json::to_string(&evidence_file).unwrap(), evidence_file.digest().unwrap());
@@ -337,10 +348,10 @@ fn stale_evidence_is_reported_with_its_cause() {
     assert_eq!(stale(&first), []);
     assert_eq!(voided(&mut first), [], "nothing was gathered before the first start");
     drop(first);
-    let mut again = pipeline(folder.path(), ProfileName::Sim);
+    let mut again = resting_pipeline(folder.path(), ProfileName::Sim);
     assert_eq!((stale(&again), voided(&mut again)), (Vec::new(), Vec::new()), "nothing has changed");
     drop(again);
-    let mut second = pipeline(folder.path(), ProfileName::Human);
+    let mut second = resting_pipeline(folder.path(), ProfileName::Human);
     assert_eq!(stale(&second), [StaleCause::Profile]);
     let reports = voided(&mut second);
     let families: Vec<&str> = reports.iter().map(|(family, _)| family.as_str()).collect();
@@ -354,14 +365,15 @@ fn stale_evidence_is_reported_with_its_cause() {
     let head = || Store::open(folder.path()).unwrap().opening().head.seq;
     let before = head();
     let seeds = holdpoint_trials::seeds::EpisodeSeeds::Secret;
-    let live = Config { scripted: false, seeds, ..config(folder.path(), "arm7") };
+    let cell = scripted_cell("arm7");
+    let live = Config { scripted: false, seeds, cell, ..config(folder.path(), "arm7") };
     let refused = Engine::start(live).err().unwrap();
     assert!(matches!(refused, StartError::Store(StoreError::UnauthorizedProfile { .. })), "{refused}");
     assert_eq!(head(), before, "nothing was written");
     // In its former context it counts again.
-    assert_eq!(stale(&pipeline(folder.path(), ProfileName::Sim)), []);
+    assert_eq!(stale(&resting_pipeline(folder.path(), ProfileName::Sim)), []);
     // Another active version is another comparison.
-    let mut third = pipeline(folder.path(), ProfileName::Sim);
+    let mut third = resting_pipeline(folder.path(), ProfileName::Sim);
     let operation = Operation {
         version: "align@1.0.0".parse().unwrap(),
         by: "ada".to_owned(),
@@ -436,7 +448,7 @@ fn candidate_past_shadow(
 #[test]
 fn candidate_passes_through_the_seven_calls_of_the_paper() {
     let folder = quick_folder();
-    let mut engine = engine(folder.path(), "arm7").unwrap();
+    let mut engine = Engine::start(config(folder.path(), "arm7")).unwrap();
     engine.begin_on_call();
     let package = capability::read(&Path::new(crate::MANIFESTS).join("candidates/align-improved")).unwrap();
     let id = Capability::load("test", package.clone()).unwrap().id();
@@ -498,7 +510,7 @@ fn a_goal_is_recorded_and_outlasts_a_restart() {
         let report = pipeline.live().sequence(None).unwrap();
         (report.planned, pipeline.snapshot().live.goal)
     };
-    let mut first = pipeline(folder.path(), ProfileName::Sim);
+    let mut first = resting_pipeline(folder.path(), ProfileName::Sim);
     assert_eq!(works(&mut first), (3, "pick-align-place".to_owned()));
     for wrong in [goal("fly", "a test"), goal("grasp", " ")] {
         let reply = first.command(wrong);
@@ -519,7 +531,7 @@ fn a_goal_is_recorded_and_outlasts_a_restart() {
     let body: serde_json::Value = serde_json::from_str(&record.body).unwrap();
     assert_eq!(body["reason"], "the tray is being cleaned");
     drop(first);
-    let mut second = pipeline(folder.path(), ProfileName::Sim);
+    let mut second = resting_pipeline(folder.path(), ProfileName::Sim);
     assert_eq!(works(&mut second), (1, "grasp".to_owned()));
 }
 
@@ -554,7 +566,7 @@ fn request_id_identifies_one_command_and_a_stop_is_always_carried_out() {
 #[test]
 fn a_baseline_with_an_open_request_is_shown_with_its_evidence() {
     let folder = quick_folder();
-    let mut pipeline = pipeline(folder.path(), ProfileName::Human);
+    let mut pipeline = resting_pipeline(folder.path(), ProfileName::Human);
     let operation = |reason: &str| Operation {
         version: "align@1.0.0".parse().unwrap(),
         by: "ann".to_owned(),

@@ -248,6 +248,7 @@ mod tests {
     use holdpoint_trials::cell::Cell;
 
     use super::*;
+    use crate::live::fake_cell::StubFactory;
 
     /// The heights of the shipped profiles suit the shipped scene; a taller thing raises them.
     #[test]
@@ -283,17 +284,16 @@ mod tests {
             assert!((risen_m - expected_m).abs() <= ARRIVED_M, "{risen_m} of {expected_m}");
         }
     }
+
     /// Longer than the profile's times neither takes: an arm at rest has not shown it by then.
     #[test]
     fn hold_and_retreat_end_at_the_times_of_the_profile() {
-        let cell = Cell::of(&SimCells, None).unwrap();
+        let cell = StubFactory::new().into_cell();
         let mut profile = Profile::builtin(ProfileName::Sim).unwrap();
         (profile.runtime.interrupt_max_s, profile.runtime.retreat_max_s) = (1.0 / 240.0, 6.0 / 240.0);
         let table = Arc::new(PolicyTable::builtin(&profile).unwrap());
         let terms = SkillTerms::new(&profile, table, cell.geometry.clone(), cell.zones.clone());
-        let mut world = cell.trial().unwrap();
-        world.reset(&EpisodeSetup::sample(TaskKind::Grasp, &cell.scene, &cell.canonical, 100)).unwrap();
-        let mut arm = Arm::new(world);
+        let mut arm = Arm::new(cell.trial().unwrap());
         let mut handle = arm.handle();
         let (held, _) = hold(&mut handle, &profile.runtime).unwrap();
         assert_eq!((held.failure, held.ticks), (Some(RungFailure::NoStandstill), 1));
