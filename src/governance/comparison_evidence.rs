@@ -41,7 +41,8 @@ impl ComparisonEvidence<'_> {
     ) -> (BehaviorAssessment, RecoveryAssessment) {
         let Self { pairs, drills, is_settling, has_live_like, has_anchor, anchor, sequences, counted } =
             *self;
-        let budget = counted.map_or(profile.evaluation.sandbox_pairs, |counted| counted.pairs);
+        let budget =
+            counted.map_or(profile.evaluation.sandbox_pairs, |counted| counted.look(pairs.pairs.len()));
         let profile = &profile.with_sandbox_pairs(budget);
         let mut behavior = behavior::assess_early_stop(pairs, current, profile, ended);
         if has_live_like {

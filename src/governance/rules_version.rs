@@ -20,7 +20,8 @@ impl RulesVersion {
     /// 3. Tries are counted: each has a level at which its pairs exclude a loss of success of the margin, and a price in
     ///    pairs; content with a measured verdict gets it again; spent tries wait for a person's review.
     /// 4. A third of the pairs is live-like, and decides by itself, too; the shift test of shadow compares with the others.
-    pub const CURRENT: Self = Self(4);
+    /// 5. A try whose pairs leave the margin open has a second look at more pairs; both share its level.
+    pub const CURRENT: Self = Self(5);
 }
 
 impl Default for RulesVersion {

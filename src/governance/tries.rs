@@ -25,6 +25,13 @@ const PRICE_STEP: usize = 20;
 /// 2,000 of them.
 const PRICE_MAX: u32 = 1_000;
 
+/// The part of a try's level that its first look has; the second look, at more pairs, has the rest. Looking twice then errs
+/// no more often than the level says, by the union bound. A large first part keeps the price of a version that needs one look.
+const FIRST_PART: f64 = 0.75;
+
+/// The second look takes so many times the pairs of the first one, within [`PRICE_MAX`].
+const SECOND_LOOK_FACTOR: u32 = 3;
+
 /// Of 100 pairs, those that a version may lose to the active one and still be accepted at the price.
 const LOST_OF_100: u64 = 4;
 
@@ -57,9 +64,9 @@ pub struct CountedTry {
     pub by_author: u32,
     /// Its number among all tries in the family since the last review, from 1.
     pub in_family: u32,
-    /// The level at which its pairs have to exclude the margin.
+    /// The level at which its pairs have to exclude the margin, of both looks together.
     pub level: f64,
-    /// The pairs it takes.
+    /// The pairs of its first look.
     pub pairs: u32,
     /// Tries that are left after it before a person has to review them.
     pub left: u32,
@@ -81,6 +88,24 @@ impl CountedTry {
     fn is_same(&self, subject: Digest, drawn: Option<Digest>) -> bool {
         self.subject == subject && self.drawn == drawn
     }
+
+    /// The pairs of its second look, the first ones included. It has one only if they are more than those of the first.
+    #[must_use]
+    pub fn second_look(&self) -> u32 {
+        self.pairs.saturating_mul(SECOND_LOOK_FACTOR).min(PRICE_MAX.max(self.pairs))
+    }
+
+    /// The pairs that the look has to which so many pairs belong.
+    #[must_use]
+    pub fn look(&self, pairs: usize) -> u32 {
+        if pairs > self.pairs as usize { self.second_look() } else { self.pairs }
+    }
+
+    /// The level at which so many pairs have to exclude the margin.
+    #[must_use]
+    pub fn level_at(&self, pairs: usize) -> f64 {
+        self.level * if pairs > self.pairs as usize { 1.0 - FIRST_PART } else { FIRST_PART }
+    }
 }
 
 /// The part of a series' error rate that its `number`-th try has: `6 / (pi number)^2`. All parts together are 1.
@@ -100,15 +125,15 @@ pub fn loss_bound(lost: PairedCounts, level: f64) -> Option<f64> {
     binary_pairs(lost, level).ok().map(|bound| bound.upper)
 }
 
-/// The pairs that a try at a level takes: the fewest, from the profile's budget on, with which a version is accepted that
-/// loses 4 and wins 2 of 100. `None` if they are more than a run has seeds for.
+/// The pairs of the first look of a try at a level: the fewest, from the profile's budget on, with which it accepts a version
+/// that loses 4 and wins 2 of 100. `None` if they are more than a run has seeds for.
 #[must_use]
 pub fn price(settings: &TrySettings, sandbox_pairs: u32, level: f64) -> Option<u32> {
     let is_enough = |pairs: &u32| {
         let pairs = u64::from(*pairs);
         let lost = (LOST_OF_100 * pairs).div_ceil(100);
         let counts = PairedCounts { pairs, candidate_only: lost, active_only: WON_OF_100 * pairs / 100 };
-        loss_bound(counts, level).is_some_and(|bound| bound < settings.margin)
+        loss_bound(counts, FIRST_PART * level).is_some_and(|bound| bound < settings.margin)
     };
     (sandbox_pairs..=PRICE_MAX.max(sandbox_pairs)).step_by(PRICE_STEP).find(is_enough)
 }
@@ -246,7 +271,7 @@ mod tests {
             .collect();
         assert!(terms.windows(2).all(|two| two[1].0 < two[0].0 && two[1].1 >= two[0].1), "{terms:?}");
         let pairs: Vec<u32> = terms.iter().map(|(_, pairs)| *pairs).collect();
-        assert_eq!(pairs, [300, 300, 300, 300, 360, 380, 400, 400, 400, 400, 400, 440]);
+        assert_eq!(pairs, [300, 300, 300, 360, 360, 400, 400, 400, 400, 420, 460, 460]);
         // The family's last one fits into a run, too.
         let last = level(&tries, 1, tries.per_family);
         assert!(price(&tries, profile.evaluation.sandbox_pairs, last).unwrap() <= PRICE_MAX);

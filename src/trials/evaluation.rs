@@ -89,6 +89,8 @@ pub struct Evaluation {
     failed: Vec<FailedDrill>,
     pairs_tried: u64,
     drills_tried: [u64; DrillKind::ALL.len()],
+    /// Seeds of pairs that were tried before the second look of the try; absent until it begins.
+    second_look_from: Option<u64>,
     /// Pairs and drills have rejected nothing: what is left is for such versions only.
     is_late: bool,
     /// The settling of drills is begun.
@@ -132,6 +134,7 @@ impl Evaluation {
             failed: Vec::new(),
             pairs_tried: 0,
             drills_tried: [0; DrillKind::ALL.len()],
+            second_look_from: None,
             is_late: false,
             is_settling: false,
             anchor: None,
@@ -445,12 +448,21 @@ impl Evaluation {
     }
 
     fn update_end_reason(&mut self, profile: &Profile) {
-        let early = |ended: &EarlyStopReason| *ended != EarlyStopReason::Full;
+        // An early end rests on the order of one budget, so the second look of a try ends early by a hard stop alone.
+        let has_second_look = self.second_look_from.is_some();
+        let early = |ended: &EarlyStopReason| match ended {
+            EarlyStopReason::Full => false,
+            EarlyStopReason::HardStop => true,
+            _ => !has_second_look,
+        };
         let budgeted = profile.with_sandbox_pairs(self.plan.pairs);
         self.ended = behavior::end_reason(&self.paired(), &self.binding, &budgeted)
             .filter(early)
             .or_else(|| self.recovery_ended(profile).filter(early))
-            .or_else(|| self.next_turn().is_none().then_some(EarlyStopReason::Full));
+            .or_else(|| {
+                let is_over = self.next_turn().is_none() && !self.begin_second_look(profile);
+                is_over.then_some(EarlyStopReason::Full)
+            });
     }
 
     /// A failed recovery ends the evaluation, unless people may still decide on it: they see behavior measured over

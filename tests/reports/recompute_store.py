@@ -27,7 +27,7 @@ from scipy import optimize, stats
 
 PROFILES = Path(__file__).resolve().parents[2] / "profiles"
 # The version of the rules that this file knows. Decisions of others cannot be computed again here.
-RULES = 4
+RULES = 5
 # Relative difference beyond which two numbers differ; of numbers below SMALL, that share of SMALL.
 LIMIT, SMALL = 1e-9, 1e-3
 
@@ -41,6 +41,8 @@ THRESHOLDS = {"paper": {"behavior": 0.85, "recovery": 0.80}, "paper-b88": {"beha
 LIVE_LIKE_ONE_IN, LIVE_LIKE_MARGIN = 3, 2.0
 STRESSED, STRESS_SHARE_MAX = 10, 0.2
 SEARCH_ALPHA = 0.01
+FIRST_PART = 0.75
+TRY_PAIRS_MAX = 1000
 SEQUENCE = ("grasp", "align", "place")
 REACHED_SHARE = 0.25
 
@@ -499,15 +501,21 @@ def apply_sequences(profile, found, evidence, harm_kinds):
         found["assessment"]["outcome"] = "suspicious"
 
 
+def look_of_try(counted_try, pairs):
+    """The pairs of the look that so many pairs belong to, and its part of the level: the second has three times as many."""
+    first = counted_try["pairs"]
+    return (first, FIRST_PART) if pairs <= first else (min(3 * first, max(TRY_PAIRS_MAX, first)), 1 - FIRST_PART)
+
+
 def terms_of_try(profile, counted_try):
-    """The level of a try, the author's or the family's, and the pairs with which 4 losses and 2 wins of 100 pass it."""
+    """The level of a try, the author's or the family's, and the pairs with which 4 losses and 2 wins of 100 pass the first look."""
     tries = profile["tries"]
     level = min(
         tries[alpha] * 6 / (math.pi * counted_try[number]) ** 2
         for alpha, number in (("author_alpha", "by_author"), ("family_alpha", "in_family"))
     )
     pairs = profile["evaluation"]["sandbox_pairs"]
-    while not pairs_upper(pairs, -(-4 * pairs // 100), 2 * pairs // 100, level) < tries["margin"]:
+    while not pairs_upper(pairs, -(-4 * pairs // 100), 2 * pairs // 100, FIRST_PART * level) < tries["margin"]:
         pairs += 20
     return {"level": level, "pairs": pairs}
 
@@ -517,7 +525,8 @@ def apply_try(profile, found, evidence):
     if not evidence.get("counted") or found["assessment"]["outcome"] not in ("compatible", "suspicious"):
         return
     lost = counted(bad_sides("success", evidence["pairs"]))
-    if not pairs_upper(*lost, evidence["counted"]["level"]) < profile["tries"]["margin"]:
+    _, part = look_of_try(evidence["counted"], len(evidence["pairs"]))
+    if not pairs_upper(*lost, part * evidence["counted"]["level"]) < profile["tries"]["margin"]:
         found["assessment"]["outcome"] = "inconclusive"
 
 
@@ -758,7 +767,8 @@ def again(profile, evidence):
     """Behavior and recovery of a piece of evidence, from its raw values and the rule that it names as its end."""
     recorded, drills = evidence["behavior"], evidence["drills"]
     if evidence.get("counted"):
-        profile = profile | {"evaluation": profile["evaluation"] | {"sandbox_pairs": evidence["counted"]["pairs"]}}
+        pairs, _ = look_of_try(evidence["counted"], len(evidence["pairs"]))
+        profile = profile | {"evaluation": profile["evaluation"] | {"sandbox_pairs": pairs}}
     rule = recorded.get("ended") or evidence["recovery"].get("ended") or "full"
     measured = any("harm" in pair["candidate"] for pair in evidence["pairs"])
     kinds = [kind.replace("_", "-") for kind in map(without_unit, harm_keys(profile))] if measured else []

@@ -67,6 +67,7 @@ const CONSTANTS: &[(&str, &str, ConstantKind)] = &[
     ("src/governance/stats/spot_check.rs", "SPOT_CHECK_POWER", Method),
     ("src/governance/text_error.rs", "EXPONENT_FROM", Format),
     ("src/governance/time_excess.rs", "MS_PER_MINUTE", Physical),
+    ("src/governance/tries.rs", "FIRST_PART", Method),
     ("src/governance/value_type.rs", "MAGNITUDE_MAX", Format),
     ("src/governance/value_type.rs", "UNIT_WITHIN", Tolerance),
     ("src/runtime/agent/dispatcher.rs", "EQUAL_WITHIN", Tolerance),

@@ -1,4 +1,6 @@
 //! What a counted try adds to behavior: the margin that its pairs have to exclude, and the ends without a pair.
+//!
+//! A try whose first look leaves the margin open has a second one at more pairs. How many pairs there are says which look it is.
 
 use super::{BehaviorAssessment, ComponentName, counts, is_open, overrule, reason};
 use crate::evidence::Pair;
@@ -16,12 +18,13 @@ pub(crate) fn apply_try(
     profile: &Profile,
 ) {
     let margin = profile.tries.margin;
-    let bound = loss_bound(counts(ComponentName::Success, pairs), counted.level);
+    let level = counted.level_at(pairs.len());
+    let bound = loss_bound(counts(ComponentName::Success, pairs), level);
     // Written so that a bound that is missing, or no number, leaves it open.
     if !is_open(result) || bound.is_some_and(|bound| bound < margin) {
         return;
     }
-    let open = reason(Finding::TryOpen { number: counted.by_author, level: counted.level });
+    let open = reason(Finding::TryOpen { number: counted.by_author, level });
     let open = open.with(bound.unwrap_or(f64::NAN), margin);
     overrule(result, BehaviorOutcome::Inconclusive, [open]);
 }

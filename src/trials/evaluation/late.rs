@@ -1,4 +1,5 @@
-//! The work that only versions cost which pairs and drills do not reject: when it begins, and the anchor's episodes.
+//! The work that only versions cost which pairs and drills do not reject: when it begins, the anchor's episodes, and the second
+//! look of a try.
 
 use super::Evaluation;
 use super::plan::NextSlice;
@@ -6,6 +7,7 @@ use crate::fault::TrialFault;
 use crate::trial_lab::{PairSpot, TrialLab, TrialSubject};
 use holdpoint_governance::behavior::SequenceEvidence;
 use holdpoint_governance::composition::recovery_is_reviewable;
+use holdpoint_governance::decision::ReasonCode;
 use holdpoint_governance::early_stop::EarlyStopReason;
 use holdpoint_governance::evidence::{AnchorEpisode, AnchorEvidence};
 use holdpoint_governance::outcome::{BehaviorOutcome, RecoveryOutcome};
@@ -48,6 +50,25 @@ impl Evaluation {
                 self.ended = Some(EarlyStopReason::Full);
             }
         }
+    }
+
+    /// Begins the second look of a try whose first one leaves the margin open, and nothing else. Returns whether it begins.
+    pub(super) fn begin_second_look(&mut self, profile: &Profile) -> bool {
+        let Some(counted) = self.counted.as_ref().filter(|_| self.second_look_from.is_none()) else {
+            return false;
+        };
+        let pairs = counted.second_look();
+        let (behavior, recovery) = self.assess(profile);
+        let is_open =
+            behavior.assessment.reasons.iter().any(|reason| reason.code == ReasonCode::BehaviorTryOpen);
+        let begins = is_open
+            && recovery.assessment.outcome != RecoveryOutcome::Incompatible
+            && pairs > self.plan.pairs;
+        if begins {
+            self.second_look_from = Some(self.pairs_tried);
+            self.plan = self.plan.with_pairs(pairs);
+        }
+        begins
     }
 
     /// Whether the version is rejected without any further work.

@@ -12,11 +12,16 @@ impl Evaluation {
     /// The spots of the next pairs.
     pub(super) fn pair_spots(&self, lab: &TrialLab<'_>, progress: &EvaluationProgress) -> Vec<PairSpot> {
         let seed = |index| lab.seeds.seed(self.plan.pair_seeds, index);
-        let places = self.plan.live_like_places(seed(0));
+        // The pairs of a second look have an order of their own.
+        let (from, plan) = match (self.second_look_from, &self.counted) {
+            (Some(from), Some(counted)) => (from, self.plan.with_pairs(self.plan.pairs - counted.pairs)),
+            _ => (0, self.plan),
+        };
+        let places = plan.live_like_places(seed(from));
         // A pair past the budget replaces one without a result.
         let replaces = self.plan.live_like > 0;
         let is_live_like = |index: u64| {
-            let place = usize::try_from(index).ok().and_then(|index| places.get(index).copied());
+            let place = usize::try_from(index - from).ok().and_then(|place| places.get(place).copied());
             place.unwrap_or(replaces)
         };
         let range = progress.range(&self.plan, NextSlice::Pairs);

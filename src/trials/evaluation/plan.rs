@@ -73,7 +73,7 @@ impl EvaluationPlan {
         Self { has_anchor, ..self }
     }
 
-    /// The same with the pairs of a counted try.
+    /// The same with the pairs of a look of a counted try.
     #[must_use]
     pub const fn with_pairs(self, pairs: u32) -> Self {
         Self { pairs, live_like: live_like_pairs(pairs), ..self }
