@@ -131,7 +131,7 @@ fn answer_after_the_deadline_is_refused() {
 
 #[test]
 fn alarm_returns_to_normal_when_its_cause_ends() {
-    let (mut bench, id) = RollbackBench::with_active("align-improved");
+    let (mut bench, id) = RollbackBench::resting_with_active("align-improved");
     bench.by_operator(&id);
     let pipeline = &mut bench.pipeline;
     let key = AlarmKey::RolledBack(id.clone());
