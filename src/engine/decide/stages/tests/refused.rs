@@ -6,6 +6,7 @@ use std::path::Path;
 use holdpoint_governance::alarms::AlarmKey;
 use holdpoint_governance::condition::Condition;
 use holdpoint_governance::lifecycle::State;
+use holdpoint_governance::profile::ProfileName;
 use holdpoint_governance::submission::Package;
 use holdpoint_protocol::event::EventKind;
 use holdpoint_runtime::capability::{self, Capability};
@@ -64,7 +65,7 @@ fn a_version_whose_calls_are_refused_is_rolled_back() {
 #[test]
 fn refusals_and_simulator_failures_degrade_the_family() {
     for lost in [TaskRecord::refused, TaskRecord::invalid] {
-        let mut bench = RollbackBench::new();
+        let mut bench = RollbackBench::resting(ProfileName::Sim);
         let id = "align@1.0.0".parse().unwrap();
         let live = bench.pipeline.live();
         for seed in 0..FEW as u64 {
