@@ -84,7 +84,7 @@ fn names(evidence_file: &EvidenceFile, finding: &Finding) -> bool {
 
 #[test]
 fn a_try_is_counted_once_with_its_first_pair() {
-    let mut bench = RollbackBench::new();
+    let mut bench = RollbackBench::resting(ProfileName::Sim);
     // A formal rejection costs nothing.
     let formal = register(&mut bench, candidate("grasp-tool-frame"));
     advance_until(&mut bench, |bench| rests(bench, &formal, State::Rejected));
@@ -111,7 +111,7 @@ fn a_try_is_counted_once_with_its_first_pair() {
 
 #[test]
 fn spent_tries_wait_for_a_review() {
-    let mut bench = RollbackBench::new();
+    let mut bench = RollbackBench::resting(ProfileName::Sim);
     let first: CapabilityId = "grasp@1.0.0".parse().unwrap();
     let spent = bench.pipeline.live().context.profile.tries.per_author;
     for number in 1..=spent {
@@ -174,7 +174,7 @@ fn unsigned_versions_under_other_names_are_tries_of_one_author() {
 /// A version on hold passes its verdict on: another number gives the content no other draw.
 #[test]
 fn the_same_content_under_another_number_is_on_hold_too() {
-    let mut bench = RollbackBench::new();
+    let mut bench = RollbackBench::resting(ProfileName::Sim);
     let package = candidate("grasp-improved");
     let first = register(&mut bench, package.clone());
     advance_until(&mut bench, |bench| !evidence(bench, &first).pairs.is_empty());
