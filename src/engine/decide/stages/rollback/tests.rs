@@ -492,7 +492,7 @@ fn activation_that_cannot_be_written_ends_the_ladder() {
 
 #[test]
 fn silence_asks_then_restricts_then_rolls_back() {
-    let (mut bench, id) = RollbackBench::with_active("grasp-improved");
+    let (mut bench, id) = RollbackBench::resting_with_active("grasp-improved");
     bench.pipeline.live().world.cell.fault = Some(LiveFault::TelemetryLost);
     let mut decisions = Vec::new();
     let mut record = None;
