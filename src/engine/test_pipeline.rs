@@ -18,43 +18,49 @@ use crate::live::stop_switch::Controls;
 use holdpoint_record::version_table::VersionTable;
 use holdpoint_record::wall_clock::WallClock;
 
+/// The seeds of a test that does not ask for others.
+pub(crate) const SEEDS: EpisodeSeeds = EpisodeSeeds::OfRun(CALIBRATION_FROM_RUN);
+
 pub(crate) fn pipeline(folder: &Path, profile: ProfileName) -> Pipeline {
-    pipeline_by(folder, Profile::builtin(profile).unwrap(), |_| WallClock::scripted(0, None))
+    let profile = Profile::builtin(profile).unwrap();
+    seeded_pipeline(folder, profile, SEEDS, |_| WallClock::scripted(0, None))
 }
 
-/// As [`pipeline`], in a scripted cell, for a test in which no task runs or its result does not matter.
+/// As [`pipeline`], in a scripted cell: its arm never moves, so no task succeeds.
 pub(crate) fn resting_pipeline(folder: &Path, profile: ProfileName) -> Pipeline {
-    let seeds = EpisodeSeeds::OfRun(CALIBRATION_FROM_RUN);
-    let cell = StubFactory::exporting().into_cell();
-    let settings = PipelineSettings { cell, ..settings(Profile::builtin(profile).unwrap(), seeds) };
-    pipeline_of(folder, settings, |_| WallClock::scripted(0, None))
+    resting_pipeline_by(folder, Profile::builtin(profile).unwrap(), |_| WallClock::scripted(0, None))
 }
 
-/// As [`pipeline`], with another wall clock, which receives the wall time of the newest record.
-pub(crate) fn pipeline_by(
+/// As [`resting_pipeline`], with another wall clock, which receives the wall time of the newest record.
+pub(crate) fn resting_pipeline_by(
     folder: &Path,
     profile: Profile,
     wall: impl FnOnce(Option<WallTime>) -> WallClock,
 ) -> Pipeline {
-    seeded_pipeline(folder, profile, EpisodeSeeds::OfRun(CALIBRATION_FROM_RUN), wall)
+    pipeline_of(folder, settings_in(StubFactory::exporting().into_cell(), profile, SEEDS), wall)
 }
 
 /// Under a built-in profile in the simulated cell.
 pub(crate) fn settings(profile: Profile, seeds: EpisodeSeeds) -> PipelineSettings {
+    settings_in(Cell::of(&SimCells, None).unwrap(), profile, seeds)
+}
+
+/// As [`settings`], in another cell.
+pub(crate) fn settings_in(cell: Cell, profile: Profile, seeds: EpisodeSeeds) -> PipelineSettings {
     PipelineSettings {
         seeds,
         jobs: 1,
         table: PolicyTable::builtin(&profile).unwrap(),
         profile,
         own: None,
-        cell: Cell::of(&SimCells, None).unwrap(),
+        cell,
         cache: EpisodeCache::InStore,
         controls: Controls::default(),
         omitted: holdpoint_governance::ablation::AblatedParts::default(),
     }
 }
 
-/// As [`pipeline_by`], with other seeds.
+/// As [`pipeline`], with other seeds and another wall clock.
 pub(crate) fn seeded_pipeline(
     folder: &Path,
     profile: Profile,
@@ -64,7 +70,7 @@ pub(crate) fn seeded_pipeline(
     pipeline_of(folder, settings(profile, seeds), wall)
 }
 
-/// As [`pipeline_by`], with other settings.
+/// As [`seeded_pipeline`], with other settings.
 pub(crate) fn pipeline_of(
     folder: &Path,
     settings: PipelineSettings,

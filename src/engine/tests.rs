@@ -37,26 +37,13 @@ use crate::decide::people::persons::enrolled;
 use crate::decide::pipeline::{Pipeline, SliceOutcome};
 use crate::live::fake_cell::StubFactory;
 use crate::quick_folder::quick_folder;
-pub(crate) use crate::test_pipeline::pipeline;
-use crate::test_pipeline::resting_pipeline;
+use crate::test_pipeline::{pipeline, resting_pipeline};
 use crate::{Config, Engine, StartError};
 use holdpoint_record::version_table::TransitionNote;
 use holdpoint_text::Hint;
 use holdpoint_trials::cache::EpisodeCache;
 use holdpoint_trials::cell::Cell;
 use holdpoint_trials::seeds::CALIBRATION_FROM_RUN;
-
-pub(crate) fn config<'a>(folder: &'a Path, robot: &str) -> Config<'a> {
-    Config {
-        data: folder,
-        profile: ProfileName::Sim.into(),
-        seeds: holdpoint_trials::seeds::EpisodeSeeds::OfRun(CALIBRATION_FROM_RUN),
-        jobs: 1,
-        scripted: true,
-        cell: Cell::new(SimCells.builtin(Some(robot)).unwrap()).unwrap(),
-        cache: EpisodeCache::InStore,
-    }
-}
 
 /// The scripted cell of a built-in robot.
 fn scripted_cell(robot: &str) -> Cell {
@@ -67,8 +54,21 @@ fn scripted_cell(robot: &str) -> Cell {
     StubFactory { spec, ..scripted }.into_cell()
 }
 
+/// The settings of a script, in the scripted cell of this robot.
+pub(crate) fn config<'a>(folder: &'a Path, robot: &str) -> Config<'a> {
+    Config {
+        data: folder,
+        profile: ProfileName::Sim.into(),
+        seeds: holdpoint_trials::seeds::EpisodeSeeds::OfRun(CALIBRATION_FROM_RUN),
+        jobs: 1,
+        scripted: true,
+        cell: scripted_cell(robot),
+        cache: EpisodeCache::InStore,
+    }
+}
+
 fn engine(folder: &Path, robot: &str) -> Result<Engine, StartError> {
-    Engine::start(Config { cell: scripted_cell(robot), ..config(folder, robot) })
+    Engine::start(config(folder, robot))
 }
 
 /// The change of a script that sets the context of a built-in profile.
@@ -365,8 +365,7 @@ fn stale_evidence_is_reported_with_its_cause() {
     let head = || Store::open(folder.path()).unwrap().opening().head.seq;
     let before = head();
     let seeds = holdpoint_trials::seeds::EpisodeSeeds::Secret;
-    let cell = scripted_cell("arm7");
-    let live = Config { scripted: false, seeds, cell, ..config(folder.path(), "arm7") };
+    let live = Config { scripted: false, seeds, ..config(folder.path(), "arm7") };
     let refused = Engine::start(live).err().unwrap();
     assert!(matches!(refused, StartError::Store(StoreError::UnauthorizedProfile { .. })), "{refused}");
     assert_eq!(head(), before, "nothing was written");
@@ -448,7 +447,8 @@ fn candidate_past_shadow(
 #[test]
 fn candidate_passes_through_the_seven_calls_of_the_paper() {
     let folder = quick_folder();
-    let mut engine = Engine::start(config(folder.path(), "arm7")).unwrap();
+    let cell = Cell::of(&SimCells, None).unwrap();
+    let mut engine = Engine::start(Config { cell, ..config(folder.path(), "arm7") }).unwrap();
     engine.begin_on_call();
     let package = capability::read(&Path::new(crate::MANIFESTS).join("candidates/align-improved")).unwrap();
     let id = Capability::load("test", package.clone()).unwrap().id();

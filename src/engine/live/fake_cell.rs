@@ -105,8 +105,8 @@ impl CellFactory for StubFactory {
     fn distributions(&self) -> Result<[Distribution; 3], CellError> {
         Ok([published::canonical()?, published::sandbox()?, published::live()?])
     }
-    fn with_drift(&self, _: &Distribution, _: &Drift) -> Result<Distribution, CellError> {
-        Err(CellError::Unable("drift"))
+    fn with_drift(&self, of: &Distribution, drift: &Drift) -> Result<Distribution, CellError> {
+        published::with_drift(of, drift)
     }
     fn live(&self) -> Result<Box<dyn LiveCell>, CellError> {
         Ok(Box::new(self.cell()))

@@ -21,7 +21,7 @@ use crate::decide::people::persons::enrolled;
 use crate::decide::people::signers::tests::{question, signed};
 use crate::decide::pipeline::Pipeline;
 use crate::quick_folder::quick_folder;
-use crate::test_pipeline::pipeline_by;
+use crate::test_pipeline::resting_pipeline_by;
 use crate::tests::{assert_accepted, at_the_gate, awaiting_approval};
 use holdpoint_record::wall_clock::{Clocks, WallClock};
 
@@ -67,7 +67,7 @@ impl MachineClock {
 
 fn engine(folder: &Path, profile: &Profile, machine: &MachineClock) -> Pipeline {
     let (jump_max_s, clocks) = (profile.clock.jump_max_s, Box::new(machine.clone()));
-    pipeline_by(folder, profile.clone(), |newest| WallClock::of_machine(clocks, newest, jump_max_s))
+    resting_pipeline_by(folder, profile.clone(), |newest| WallClock::of_machine(clocks, newest, jump_max_s))
 }
 
 fn builtin(name: ProfileName) -> Profile {

@@ -12,15 +12,24 @@ use super::key_check::{KeyCheck, check_keys};
 use super::*;
 use crate::decide::pipeline::{Pipeline, SliceOutcome};
 use crate::decide::stages::activation::tests::package;
+use crate::live::fake_cell::StubFactory;
 use crate::quick_folder::quick_folder;
-use crate::test_pipeline::seeded_pipeline;
+use crate::test_pipeline::{pipeline_of, settings_in};
 use holdpoint_record::wall_clock::WallClock;
+use holdpoint_sim::SimCells;
+use holdpoint_trials::cell::Cell;
 
+/// In a scripted cell.
 fn pipeline(folder: &Path) -> Pipeline {
+    pipeline_in(StubFactory::exporting().into_cell(), folder)
+}
+
+fn pipeline_in(cell: Cell, folder: &Path) -> Pipeline {
     let mut profile = Profile::builtin(ProfileName::Sim).unwrap();
     profile.evaluation.sandbox_pairs = 40;
     profile.evaluation.drills_per_kind = 10;
-    seeded_pipeline(folder, profile, EpisodeSeeds::Secret, |newest| WallClock::scripted(0, newest))
+    let settings = settings_in(cell, profile, EpisodeSeeds::Secret);
+    pipeline_of(folder, settings, |newest| WallClock::scripted(0, newest))
 }
 
 fn register(pipeline: &mut Pipeline, name: &str) -> CapabilityId {
@@ -110,7 +119,7 @@ fn a_sandbox_that_is_repeated_on_other_episodes_is_another_try() {
 #[test]
 fn key_is_committed_before_the_first_pair_and_revealed_after_the_last() {
     let folder = quick_folder();
-    let mut pipeline = pipeline(folder.path());
+    let mut pipeline = pipeline_in(Cell::of(&SimCells, None).unwrap(), folder.path());
     let id = register(&mut pipeline, "grasp-improved");
     let early = seeds_of(&mut pipeline, &id, 20);
     let [.., committed] = &key_records(&pipeline)[..] else { panic!("no key is on record") };

@@ -11,12 +11,13 @@ use crate::decide::people::persons::enrolled;
 use crate::decide::people::signers::tests::{question, signed};
 use crate::decide::pipeline::Pipeline;
 use crate::quick_folder::quick_folder;
-use crate::tests::{assert_accepted, at_the_gate, awaiting_approval, pipeline};
+use crate::test_pipeline::resting_pipeline;
+use crate::tests::{assert_accepted, at_the_gate, awaiting_approval};
 
 #[test]
 fn a_question_is_open_after_a_restart_with_the_answers_given() {
     let folder = quick_folder();
-    let mut first = pipeline(folder.path(), ProfileName::Human);
+    let mut first = resting_pipeline(folder.path(), ProfileName::Human);
     // A review takes two people.
     awaiting_approval(&mut first, PolicyOutcome::Review, Vec::new());
     let mut before = first.snapshot().prompts;
@@ -33,7 +34,7 @@ fn a_question_is_open_after_a_restart_with_the_answers_given() {
     let of_ben = question(&mut first, &before[0], &ben.info().name).unwrap();
     drop(first);
 
-    let mut second = pipeline(folder.path(), ProfileName::Human);
+    let mut second = resting_pipeline(folder.path(), ProfileName::Human);
     let after = second.snapshot().prompts;
     // The deadline of a decision signed now is computed again.
     before[0].valid_until = after[0].valid_until;
@@ -43,7 +44,7 @@ fn a_question_is_open_after_a_restart_with_the_answers_given() {
     assert!(!events.iter().any(|event| matches!(event, EventKind::ApprovalRequested { .. })), "{events:?}");
     drop(second);
     // Under another profile it is another question.
-    let third = pipeline(folder.path(), ProfileName::Real);
+    let third = resting_pipeline(folder.path(), ProfileName::Real);
     assert!(third.snapshot().prompts.is_empty());
 }
 
@@ -52,7 +53,7 @@ fn a_question_is_open_after_a_restart_with_the_answers_given() {
 #[test]
 fn a_question_shows_the_conditions_that_take_effect_after_a_restart() {
     let folder = quick_folder();
-    let mut first = pipeline(folder.path(), ProfileName::Human);
+    let mut first = resting_pipeline(folder.path(), ProfileName::Human);
     let id = at_the_gate(&mut first);
     for _ in 0..4 {
         first.advance();
@@ -67,14 +68,14 @@ fn a_question_shows_the_conditions_that_take_effect_after_a_restart() {
     let before = shown(&first);
     assert!(before.2.contains(&Condition::RollbackCoupled), "{before:?}");
     drop(first);
-    assert_eq!(shown(&pipeline(folder.path(), ProfileName::Human)), before);
+    assert_eq!(shown(&resting_pipeline(folder.path(), ProfileName::Human)), before);
 }
 
 #[test]
 fn a_request_for_a_condition_is_open_after_a_restart() {
     for (profile, quorum) in [(ProfileName::Sim, 2), (ProfileName::Human, 3)] {
         let folder = quick_folder();
-        let mut first = pipeline(folder.path(), profile);
+        let mut first = resting_pipeline(folder.path(), profile);
         awaiting_approval(
             &mut first,
             PolicyOutcome::Conditional,
@@ -83,7 +84,7 @@ fn a_request_for_a_condition_is_open_after_a_restart() {
         let mut before = first.snapshot().prompts;
         assert_eq!(before[0].needed, u32::from(quorum));
         drop(first);
-        let after = pipeline(folder.path(), profile).snapshot().prompts;
+        let after = resting_pipeline(folder.path(), profile).snapshot().prompts;
         before[0].valid_until = after.first().map_or(before[0].until, |prompt| prompt.valid_until);
         assert_eq!(after, before, "{profile:?}");
     }

@@ -131,7 +131,7 @@ fn answer_after_the_deadline_is_refused() {
 
 #[test]
 fn alarm_returns_to_normal_when_its_cause_ends() {
-    let (mut bench, id) = RollbackBench::with_active("align-improved");
+    let (mut bench, id) = RollbackBench::resting_with_active("align-improved");
     bench.by_operator(&id);
     let pipeline = &mut bench.pipeline;
     let key = AlarmKey::RolledBack(id.clone());
@@ -173,7 +173,7 @@ fn alarm_is_shelved_for_a_limited_time() {
 
 #[test]
 fn a_question_is_shown_during_its_sequence() {
-    let (mut bench, id) = RollbackBench::with_active("grasp-improved");
+    let (mut bench, id) = RollbackBench::resting_with_active("grasp-improved");
     let pipeline = &mut bench.pipeline;
     pipeline.live().record.set_clock(Clock::real(0));
     pipeline.live().world.cell.fault = Some(LiveFault::TelemetryLost);

@@ -18,7 +18,7 @@ use crate::decide::people::persons::enrolled;
 use crate::decide::pipeline::Pipeline;
 use crate::decide::stages::activation::tests::{package, request_activation_by};
 use crate::quick_folder::quick_folder;
-use crate::test_pipeline::{pipeline, resting_pipeline};
+use crate::test_pipeline::resting_pipeline;
 use crate::tests::awaiting_approval;
 use holdpoint_approvals::keyfile::KeyEncoding;
 use holdpoint_governance::approval::Role;
@@ -89,7 +89,7 @@ fn requester_cannot_approve_a_version_even_after_a_restart() {
 #[test]
 fn reactivation_and_release_need_a_second_person() {
     let folder = quick_folder();
-    let mut pipeline = pipeline(folder.path(), ProfileName::Human);
+    let mut pipeline = resting_pipeline(folder.path(), ProfileName::Human);
     let [ben, sam] = ["ben", "sam"].map(|name| person(&mut pipeline, name, Role::Safety));
     let id = awaiting_approval(&mut pipeline, PolicyOutcome::Review, Vec::new());
     approve(&mut pipeline, &ben);

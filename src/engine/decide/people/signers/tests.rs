@@ -452,7 +452,7 @@ fn approvals_of_a_revoked_key_do_not_count() {
 /// A question that is taken up after a restart has the answers of those who are enrolled still.
 #[test]
 fn an_answer_by_a_revoked_key_is_not_restored() {
-    let mut bench = RollbackBench::under(Profile::builtin(ProfileName::Human).unwrap());
+    let mut bench = RollbackBench::resting(ProfileName::Human);
     // A review takes two people.
     crate::tests::awaiting_approval(&mut bench.pipeline, PolicyOutcome::Review, Vec::new());
     let folder = bench.pipeline.record().version_table().store().layout().identities();

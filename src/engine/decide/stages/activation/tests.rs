@@ -158,8 +158,8 @@ fn all_changes_are_shown_before_a_decision() {
 /// A version for simulation alone runs there, and is rolled back before it gets another arm.
 #[test]
 fn simulation_only_version_controls_no_other_arm() {
-    let package = package("align-improved", &[("[\"sim\", \"real\", \"human\"]", "[\"sim\"]")]);
-    let mut bench = RollbackBench::new();
+    let package = package("grasp-improved", &[("[\"sim\", \"real\", \"human\"]", "[\"sim\"]")]);
+    let mut bench = RollbackBench::resting(ProfileName::Sim);
     let id = bench.activate_package(package, &[Condition::SimulationOnly]);
     let runs_task = |pipeline: &mut Pipeline| {
         let report = pipeline.live().sequence(None).unwrap();
@@ -172,7 +172,7 @@ fn simulation_only_version_controls_no_other_arm() {
     assert_eq!(active(&bench.pipeline), Some(id.to_string()));
     for name in [ProfileName::Real, ProfileName::Human] {
         bench = bench.reopened(profile(name));
-        assert_eq!(active(&bench.pipeline).as_deref(), Some("align@1.0.0"), "{name}");
+        assert_eq!(active(&bench.pipeline).as_deref(), Some("grasp@1.0.0"), "{name}");
         let state = bench.pipeline.record().version_table().version(&id).unwrap().1.state;
         assert_eq!(state, State::Demoted, "{name}");
         assert!(!runs_task(&mut bench.pipeline), "{name}");
@@ -202,13 +202,13 @@ fn active(bench: &RollbackBench, id: &CapabilityId) -> Option<String> {
 /// A block under a profile once stopped only candidates: an active version kept running under it.
 #[test]
 fn a_blocked_version_does_not_run_under_the_profile() {
-    let (mut bench, id) = RollbackBench::with_active("align-improved");
+    let (mut bench, id) = RollbackBench::resting_with_active("grasp-improved");
     block(&mut bench, &id, ProfileName::Human);
     assert!(runs_task(&mut bench, &id), "it runs where it is not blocked");
     bench = bench.reopened(profile(ProfileName::Sim));
     assert_eq!(active(&bench, &id), Some(id.to_string()));
     bench = bench.reopened(profile(ProfileName::Human));
-    assert_eq!(active(&bench, &id).as_deref(), Some("align@1.0.0"));
+    assert_eq!(active(&bench, &id).as_deref(), Some("grasp@1.0.0"));
     assert_eq!(bench.pipeline.record().version_table().version(&id).unwrap().1.state, State::Demoted);
     assert!(!runs_task(&mut bench, &id));
 }
@@ -216,8 +216,8 @@ fn a_blocked_version_does_not_run_under_the_profile() {
 /// Neither a rollback nor an operator reactivates a blocked version.
 #[test]
 fn no_rollback_activates_a_blocked_version() {
-    let (mut bench, id) = RollbackBench::with_active("align-improved");
-    let before: CapabilityId = "align@1.0.0".parse().unwrap();
+    let (mut bench, id) = RollbackBench::resting_with_active("grasp-improved");
+    let before: CapabilityId = "grasp@1.0.0".parse().unwrap();
     for id in [&id, &before] {
         block(&mut bench, id, ProfileName::Human);
     }
@@ -226,7 +226,7 @@ fn no_rollback_activates_a_blocked_version() {
     let rearm = || Command::Rearm(operation(&before));
     let reply = bench.pipeline.command(rearm());
     let Reply::Refused { hint: Some(hint), .. } = &reply else { panic!("{reply:?}") };
-    let command = "holdpoint version unblock align@1.0.0 --profile human --as ada --reason 'a test'";
+    let command = "holdpoint version unblock grasp@1.0.0 --profile human --as ada --reason 'a test'";
     assert_eq!(*hint, format!("`{command}` unblocks it"));
     let unblock = Command::Release { operation: operation(&before), profiles: vec![ProfileName::Human] };
     for command in [unblock, rearm()] {
@@ -249,8 +249,8 @@ fn a_blocked_rollback_target_does_not_take_over() {
 #[test]
 fn no_sequence_runs_a_blocked_version() {
     for unreviewed in [false, true] {
-        let mut bench = RollbackBench::new();
-        let id = bench.pass("align-improved", &Stage::ALL);
+        let mut bench = RollbackBench::resting(ProfileName::Sim);
+        let id = bench.pass("grasp-improved", &Stage::ALL);
         let version = bench.pipeline.record().version_table().version(&id).unwrap().0;
         let event = LifecycleEvent::Close { version, profile: ProfileName::Sim };
         let note = TransitionNote::because(Notice::StageBegins);
@@ -318,7 +318,7 @@ fn conditions_of_an_activation_reach_its_monitor() {
 /// version change, and its window counts no episode.
 #[test]
 fn an_intervention_counts_for_its_version() {
-    let mut bench = RollbackBench::new();
+    let mut bench = RollbackBench::resting(ProfileName::Sim);
     let id = bench.activate_package(package("align-improved", &[]), &[]);
     let named = |chart: ChartView| (format!("{} {}", chart.rate, chart.level), chart.value);
     let charts = |bench: &RollbackBench| {
@@ -351,7 +351,7 @@ fn an_intervention_counts_for_its_version() {
         first.record
     );
     assert_eq!(charts(&bench), restricted);
-    let (mut bench, id) = RollbackBench::with_active("grasp-improved");
+    let (mut bench, id) = RollbackBench::resting_with_active("grasp-improved");
     let charts = |bench: &RollbackBench| {
         let view = bench.pipeline.snapshot().live.monitors.remove(0);
         (view.episodes, view.charts.into_iter().map(named).collect::<Vec<_>>())

@@ -15,10 +15,11 @@ use tempfile::TempDir;
 
 use super::*;
 use crate::decide::pipeline::{Pipeline, PipelineSettings, SliceOutcome};
+use crate::live::fake_cell::StubFactory;
 use crate::live::monitors::ActivationMonitor;
 use crate::live::station::LiveFault;
 use crate::quick_folder::quick_folder;
-use crate::test_pipeline::{pipeline_of, resting_pipeline, settings};
+use crate::test_pipeline::{SEEDS, pipeline_of, settings, settings_in};
 use crate::tests::assert_accepted;
 use holdpoint_body::Body;
 use holdpoint_governance::evidence::EpisodeValues;
@@ -35,7 +36,7 @@ use holdpoint_runtime::capability;
 use holdpoint_runtime::recovery::{RecoveryReport, StoppedBy};
 use holdpoint_store::{Change, EvidenceKind};
 use holdpoint_trials::cell::Cell;
-use holdpoint_trials::seeds::{CALIBRATION_FROM_RUN, EpisodeSeeds};
+use holdpoint_trials::seeds::EpisodeSeeds;
 
 /// What stands for a twin's task: no faster and no farther from its limits than live tasks of the candidates are.
 pub(crate) const GOOD: EpisodeValues =
@@ -59,14 +60,16 @@ impl RollbackBench {
     }
 
     pub(crate) fn under(profile: Profile) -> Self {
-        Self::opened(quick_folder(), profile)
+        Self::opened(quick_folder(), settings(profile, SEEDS))
     }
 
-    /// In a scripted cell, for a test in which no task runs.
+    /// In a scripted cell: its arm never moves, so a sequence ends with a grasp that failed.
     pub(crate) fn resting(profile: ProfileName) -> Self {
-        let folder = quick_folder();
-        let pipeline = resting_pipeline(folder.path(), profile);
-        Self { folder, pipeline }
+        Self::resting_under(Profile::builtin(profile).unwrap())
+    }
+
+    pub(crate) fn resting_under(profile: Profile) -> Self {
+        Self::in_cell(StubFactory::exporting().into_cell(), profile)
     }
 
     /// As [`RollbackBench::with_active`], in a scripted cell.
@@ -77,25 +80,22 @@ impl RollbackBench {
     }
 
     pub(crate) fn in_cell(cell: Cell, profile: Profile) -> Self {
-        let folder = quick_folder();
-        let settings =
-            PipelineSettings { cell, ..settings(profile, EpisodeSeeds::OfRun(CALIBRATION_FROM_RUN)) };
-        let pipeline = pipeline_of(folder.path(), settings, |_| WallClock::scripted(0, None));
-        Self { folder, pipeline }
+        Self::opened(quick_folder(), settings_in(cell, profile, SEEDS))
     }
 
-    /// Under a site's own profile.
+    /// Under a site's own profile, in a scripted cell.
     pub(crate) fn under_own(texts: ProfileTexts) -> Self {
         let (profile, table) = ChosenProfile::of(texts.clone()).unwrap().rules().unwrap();
-        let folder = quick_folder();
-        Self::opened_under(CALIBRATION_FROM_RUN, folder, profile, Some((table, texts)))
+        let shipped = settings_in(StubFactory::exporting().into_cell(), profile, SEEDS);
+        Self::opened(quick_folder(), PipelineSettings { table, own: Some(texts), ..shipped })
     }
 
-    /// The same store under another profile, as an engine that comes up again finds it.
+    /// The same store and cell under another profile, as an engine that comes up again finds them.
     pub(crate) fn reopened(self, profile: Profile) -> Self {
-        let Self { folder, pipeline } = self;
+        let Self { folder, mut pipeline } = self;
+        let cell = pipeline.live().context.cell.clone();
         drop(pipeline);
-        Self::opened(folder, profile)
+        Self::opened(folder, settings_in(cell, profile, SEEDS))
     }
 
     pub(crate) fn folder(&self) -> &Path {
@@ -104,24 +104,11 @@ impl RollbackBench {
 
     /// Under the run seed of a script.
     pub(crate) fn seeded(seed: u64) -> Self {
-        let (folder, profile) = (quick_folder(), Profile::builtin(ProfileName::Sim).unwrap());
-        Self::opened_under(seed, folder, profile, None)
+        let profile = Profile::builtin(ProfileName::Sim).unwrap();
+        Self::opened(quick_folder(), settings(profile, EpisodeSeeds::OfRun(seed)))
     }
 
-    fn opened(folder: TempDir, profile: Profile) -> Self {
-        Self::opened_under(CALIBRATION_FROM_RUN, folder, profile, None)
-    }
-
-    fn opened_under(
-        seed: u64,
-        folder: TempDir,
-        profile: Profile,
-        own: Option<(PolicyTable, ProfileTexts)>,
-    ) -> Self {
-        let mut settings = settings(profile, EpisodeSeeds::OfRun(seed));
-        if let Some((table, texts)) = own {
-            (settings.table, settings.own) = (table, Some(texts));
-        }
+    fn opened(folder: TempDir, settings: PipelineSettings) -> Self {
         let pipeline = pipeline_of(folder.path(), settings, |_| WallClock::scripted(0, None));
         Self { folder, pipeline }
     }
@@ -323,7 +310,7 @@ fn safety_event_starts_the_rollback_in_its_tick() {
 
 #[test]
 fn arm_at_standstill_is_restored_at_once() {
-    let (mut bench, id) = RollbackBench::with_active("align-improved");
+    let (mut bench, id) = RollbackBench::resting_with_active("grasp-improved");
     let record = bench.by_operator(&id);
     bench.assert_restored(&record);
     assert_eq!(record.recovered, Some(true), "{:?}", record.rungs);
@@ -388,7 +375,7 @@ fn hook_that_does_not_stop_the_arm_does_not_end_the_ladder() {
 
 #[test]
 fn family_without_a_rollback_target_is_stopped() {
-    let mut bench = RollbackBench::new();
+    let mut bench = RollbackBench::resting(ProfileName::Sim);
     let version = "place@1.0.0".parse().unwrap();
     let operation = Operation { version, by: "ann".to_owned(), reason: "drill".to_owned() };
     let record = bench.roll_back(Command::Vacate(operation));
@@ -417,7 +404,7 @@ fn a_jammed_joint_blocks_the_retreat() {
 
 #[test]
 fn rollback_target_changed_in_the_store_is_not_activated() {
-    let (mut bench, id) = RollbackBench::with_active("align-improved");
+    let (mut bench, id) = RollbackBench::resting_with_active("align-improved");
     let database = bench.pipeline.record().version_table().store().layout().database();
     assert!(database.starts_with(bench.folder.path()));
     let other = rusqlite::Connection::open(database).unwrap();
@@ -438,7 +425,7 @@ fn rollback_target_changed_in_the_store_is_not_activated() {
 
 #[test]
 fn policies_that_are_not_the_profiles_end_the_ladder() {
-    let (mut bench, id) = RollbackBench::with_active("align-improved");
+    let (mut bench, id) = RollbackBench::resting_with_active("align-improved");
     let other = Profile::builtin(ProfileName::Human).unwrap();
     bench.pipeline.context_mut().table = std::sync::Arc::new(PolicyTable::builtin(&other).unwrap());
     let record = bench.by_operator(&id);
@@ -464,7 +451,7 @@ fn a_rollback_under_a_sites_own_policies_restores() {
 
 #[test]
 fn the_agents_identity_is_the_same_before_and_after_upgrade_and_rollback() {
-    let mut bench = RollbackBench::new();
+    let mut bench = RollbackBench::resting(ProfileName::Sim);
     let of = |bench: &RollbackBench| {
         let views = bench.pipeline.record().version_table().store().views().unwrap();
         (bench.pipeline.snapshot().agent, crate::decide::store_identity::agent(&*views).unwrap().unwrap())
@@ -493,7 +480,7 @@ fn site_policies_other_than_those_in_force_end_the_ladder() {
 
 #[test]
 fn activation_that_cannot_be_written_ends_the_ladder() {
-    let (mut bench, id) = RollbackBench::with_active("align-improved");
+    let (mut bench, id) = RollbackBench::resting_with_active("align-improved");
     let database = bench.pipeline.record().version_table().store().layout().database();
     // Of the gate's activation and one that restores there can be one alone.
     let index = "CREATE UNIQUE INDEX refuse ON activation (family) WHERE cause IN ('gate', 'restore')";
@@ -505,7 +492,7 @@ fn activation_that_cannot_be_written_ends_the_ladder() {
 
 #[test]
 fn silence_asks_then_restricts_then_rolls_back() {
-    let (mut bench, id) = RollbackBench::with_active("grasp-improved");
+    let (mut bench, id) = RollbackBench::resting_with_active("grasp-improved");
     bench.pipeline.live().world.cell.fault = Some(LiveFault::TelemetryLost);
     let mut decisions = Vec::new();
     let mut record = None;
@@ -534,7 +521,7 @@ fn silence_asks_then_restricts_then_rolls_back() {
 
 #[test]
 fn lost_telemetry_of_an_idle_arm_rolls_the_version_back() {
-    let mut bench = RollbackBench::new();
+    let mut bench = RollbackBench::resting(ProfileName::Sim);
     bench.activate("align-improved");
     let pipeline = &mut bench.pipeline;
     pipeline.live().world.cell.fault = Some(LiveFault::TelemetryLost);
@@ -555,7 +542,7 @@ fn lost_telemetry_of_an_idle_arm_rolls_the_version_back() {
 /// An unsigned rollback ended the predecessor's restriction, and let its window count as passed.
 #[test]
 fn a_rollback_target_keeps_its_restriction_and_monitor() {
-    let (mut bench, before) = RollbackBench::with_active("align-improved");
+    let (mut bench, before) = RollbackBench::resting_with_active("align-improved");
     let operation =
         Operation { version: before.clone(), by: "ann".to_owned(), reason: "too fast here".to_owned() };
     assert_accepted(&bench.pipeline.command(Command::Restrict(operation)));

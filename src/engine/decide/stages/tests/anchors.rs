@@ -5,6 +5,7 @@ use std::path::Path;
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::lifecycle::LifecycleEvent;
 use holdpoint_governance::notice::Notice;
+use holdpoint_governance::profile::ProfileName;
 use holdpoint_governance::record::{RecordKind, VersionGroup};
 use holdpoint_governance::submission::Package;
 use holdpoint_protocol::command::{Command, Operation, Reply};
@@ -29,7 +30,7 @@ fn choose(bench: &mut RollbackBench, id: &CapabilityId) -> Reply {
 
 #[test]
 fn a_confirmation_begins_again_under_another_anchor() {
-    let mut bench = RollbackBench::new();
+    let mut bench = RollbackBench::resting(ProfileName::Sim);
     let first = bench.activate_package(renumbered("1.0.1"), &[]);
     assert!(matches!(choose(&mut bench, &first), Reply::Refused { .. }), "it is not confirmed yet");
     let live = bench.pipeline.live();

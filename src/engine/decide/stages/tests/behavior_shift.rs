@@ -12,6 +12,7 @@ use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::lifecycle::{Stage, State};
 use holdpoint_governance::notice::{Notice, NoticeOrText};
 use holdpoint_governance::outcome::BehaviorOutcome;
+use holdpoint_governance::profile::ProfileName;
 use holdpoint_registry::Views;
 
 use crate::decide::pipeline::SliceOutcome;
@@ -131,7 +132,7 @@ fn a_version_that_re_evaluates_as_worse_is_demoted() {
 
 #[test]
 fn new_shadow_evaluation_clears_an_earlier_concern() {
-    let mut bench = RollbackBench::new();
+    let mut bench = RollbackBench::resting(ProfileName::Sim);
     let id = bench.pass("align-improved", &[Stage::Validation, Stage::Sandbox]);
     let live = bench.pipeline.live();
     live.evidence_files.edit(&id).suspicion = Some(VersionConcern { reasons: Vec::new(), again: None });

@@ -38,7 +38,7 @@ const FIRST: &str = "grasp-improved";
 /// The one of the attack: too much force, which a baseline that always fails would excuse.
 const SECOND: &str = "grasp-hard-grip";
 
-pub(super) fn pipeline(folder: &Path, cache: EpisodeCache, jobs: usize) -> Pipeline {
+fn pipeline(folder: &Path, cache: EpisodeCache, jobs: usize) -> Pipeline {
     let mut profile = Profile::builtin(ProfileName::Sim).unwrap();
     profile.evaluation.sandbox_pairs = PAIRS;
     // So wide that every try takes these pairs.

@@ -8,6 +8,7 @@ use holdpoint_governance::finding::Finding;
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::lifecycle::{Stage, State};
 use holdpoint_governance::outcome::RecoveryOutcome;
+use holdpoint_governance::profile::ProfileName;
 use holdpoint_governance::submission::Package;
 use holdpoint_protocol::command::{Command, Operation, Refusal, Reply};
 use holdpoint_runtime::capability::{self, Capability};
@@ -58,7 +59,7 @@ fn run_until_demoted(bench: &mut RollbackBench, id: &CapabilityId) {
 
 #[test]
 fn a_fallback_that_may_not_take_over_demotes_the_candidate_each_time() {
-    let mut bench = RollbackBench::new();
+    let mut bench = RollbackBench::resting(ProfileName::Sim);
     let improved = capability::read(&Path::new(crate::MANIFESTS).join("candidates/grasp-improved")).unwrap();
     let waiting = register(&mut bench, improved);
     assert!(matches!(bench.pipeline.command(Command::Pause(operation(&waiting))), Reply::Accepted { .. }));
@@ -84,7 +85,7 @@ fn a_fallback_that_may_not_take_over_demotes_the_candidate_each_time() {
 
 #[test]
 fn a_fallback_that_was_never_registered_is_the_author_s_fault() {
-    let mut bench = RollbackBench::new();
+    let mut bench = RollbackBench::resting(ProfileName::Sim);
     let live = bench.pipeline.live();
     for package in [with_fallback("grasp", "^9"), with_fallback("push", "^1")] {
         let candidate = Capability::load("test", package).unwrap();
@@ -98,7 +99,7 @@ fn a_fallback_that_was_never_registered_is_the_author_s_fault() {
 /// Regression: a second version of the fallback passed the check, and was rejected because it binds no fallback.
 #[test]
 fn a_version_of_the_fallback_is_refused_at_its_registration() {
-    let mut bench = RollbackBench::new();
+    let mut bench = RollbackBench::resting(ProfileName::Sim);
     let package = package("park/1.0.0", "version = \"1.0.0\"", "version = \"2.0.0\"");
     let id = Capability::load("test", package.clone()).unwrap().id();
     let reply = bench.pipeline.command(Command::Register { package, name: "park-2".to_owned(), by: None });
@@ -110,7 +111,7 @@ fn a_version_of_the_fallback_is_refused_at_its_registration() {
 
 #[test]
 fn a_zone_that_the_cell_does_not_have_is_refused_at_the_registration() {
-    let mut bench = RollbackBench::new();
+    let mut bench = RollbackBench::resting(ProfileName::Sim);
     let package = package("candidates/align-improved", "zones = [\"work\"", "zones = [\"shelf\"");
     let reply = bench.pipeline.command(Command::Register { package, name: "shelf".to_owned(), by: None });
     let Reply::Refused { code, text, .. } = reply else { panic!("{reply:?}") };

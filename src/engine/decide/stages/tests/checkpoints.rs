@@ -3,12 +3,13 @@
 use std::fs;
 
 use holdpoint_governance::alarms::AlarmKey;
+use holdpoint_governance::profile::ProfileName;
 
 use crate::decide::stages::rollback::tests::RollbackBench;
 
 #[test]
 fn unwritable_checkpoint_raises_an_alarm_until_one_is_written() {
-    let mut bench = RollbackBench::new();
+    let mut bench = RollbackBench::resting(ProfileName::Sim);
     let folder = bench.pipeline.record().version_table().store().layout().checkpoints();
     let aside = folder.with_extension("aside");
     let condition = |bench: &RollbackBench| {

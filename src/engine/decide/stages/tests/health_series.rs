@@ -8,12 +8,13 @@ use holdpoint_protocol::health::{HealthClock, HealthQuery, MarkContent, MarkKind
 use holdpoint_wording::health::mark;
 
 use crate::quick_folder::quick_folder;
+use crate::test_pipeline::resting_pipeline;
 
 /// First versions and notes were not on record before the first upgrade; a note requires visible text.
 #[test]
 fn first_versions_and_notes_are_on_record() {
     let folder = quick_folder();
-    let mut engine = crate::tests::pipeline(folder.path(), ProfileName::Sim);
+    let mut engine = resting_pipeline(folder.path(), ProfileName::Sim);
     let report = engine.live().sequence(None).unwrap();
     assert_eq!(report.planned, 3);
     let note = |text: &str| Command::Note { by: "ana".to_owned(), text: text.to_owned() };

@@ -9,6 +9,7 @@ use holdpoint_cell::EpisodeSetup;
 use holdpoint_governance::approval::Requester;
 use holdpoint_governance::component::ComponentBytes;
 use holdpoint_governance::notice::Notice;
+use holdpoint_governance::profile::ProfileName;
 use holdpoint_governance::submission::Package;
 use holdpoint_protocol::command::{Command, Refusal, Reply};
 use holdpoint_protocol::event::EventKind;
@@ -93,7 +94,7 @@ fn register(bench: &mut RollbackBench, package: Package) -> Reply {
 
 #[test]
 fn sensor_that_the_cell_does_not_offer_is_refused_with_those_that_it_offers() {
-    let mut bench = RollbackBench::new();
+    let mut bench = RollbackBench::resting(ProfileName::Sim);
     for (sensor, length) in [("touch", 2), ("pad-forces", 3)] {
         let reply = register(&mut bench, asking(sensor, length));
         assert!(matches!(reply, Reply::Refused { code: Refusal::BadInput, .. }), "{reply:?}");

@@ -17,11 +17,13 @@ use holdpoint_trials::embedded;
 use holdpoint_trials::seeds::CALIBRATION_FROM_RUN;
 
 use crate::decide::pipeline::SliceOutcome;
+use crate::live::fake_cell::StubFactory;
 use crate::quick_folder::quick_folder;
 use crate::tests::assert_accepted;
 use crate::{Config, Engine, Experiment, StartError};
 use holdpoint_record::context::Context;
 
+/// In a scripted cell.
 fn config(folder: &Path, scripted: bool) -> Config<'_> {
     Config {
         data: folder,
@@ -29,7 +31,7 @@ fn config(folder: &Path, scripted: bool) -> Config<'_> {
         seeds: holdpoint_trials::seeds::EpisodeSeeds::OfRun(CALIBRATION_FROM_RUN),
         jobs: 1,
         scripted,
-        cell: Cell::of(&SimCells, None).unwrap(),
+        cell: StubFactory::exporting().into_cell(),
         cache: EpisodeCache::InStore,
     }
 }
@@ -59,7 +61,10 @@ fn only_a_script_can_omit_a_stage() {
 #[test]
 fn a_skipped_stage_is_reported_and_its_store_has_no_other_use() {
     let folder = quick_folder();
-    let start = |experiment| Engine::start_experiment(config(folder.path(), true), experiment);
+    let start = |experiment| {
+        let cell = Cell::of(&SimCells, None).unwrap();
+        Engine::start_experiment(Config { cell, ..config(folder.path(), true) }, experiment)
+    };
     let mut engine = start(without(AblationPart::Sandbox)).unwrap();
     let package = embedded::package("align-improved").unwrap();
     let name = "align-improved".to_owned();
@@ -104,7 +109,7 @@ fn ablation_has_its_own_context_digest() {
     let digest = |parts: &[AblationPart]| {
         let profile = Profile::builtin(ProfileName::Sim).unwrap();
         let table = PolicyTable::builtin(&profile).unwrap();
-        let context = Context::new(profile, table, None, Cell::of(&SimCells, None).unwrap()).unwrap();
+        let context = Context::new(profile, table, None, StubFactory::exporting().into_cell()).unwrap();
         context.without(AblatedParts::of(parts)).digest
     };
     let all = [

@@ -111,7 +111,7 @@ fn the_newest_earlier_version_that_covers_the_start_runs_the_task() {
 
 #[test]
 fn evidence_of_another_cell_that_declares_no_domain_covers_no_start() {
-    let mut bench = RollbackBench::under(responding(OutsideResponse::Refuse));
+    let mut bench = RollbackBench::resting_under(responding(OutsideResponse::Refuse));
     let id = bench.activate("grasp-improved");
     let live = bench.pipeline.live();
     let version = live.record.active_of(&id.family).unwrap();

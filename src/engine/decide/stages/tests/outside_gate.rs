@@ -20,7 +20,7 @@ use crate::tests::at_the_gate;
 /// Regression: a version became active during a person's stop, and the start of the cell did not report it.
 #[test]
 fn stopped_cell_activates_no_version_outside_the_gate() {
-    let mut bench = RollbackBench::new();
+    let mut bench = RollbackBench::resting(ProfileName::Sim);
     let id = request_activation(&mut bench.pipeline, package(CANDIDATE, &[]));
     let dora = enrolled(bench.pipeline.live().record, "dora", Role::Safety, KeyEncoding::Plain);
     let family = "grasp@1.0.0".parse().unwrap();

@@ -180,7 +180,7 @@ fn reject(bench: &mut RollbackBench, id: &CapabilityId) {
 /// Regression: an answer over a changed row was refused, the question was gone, and no one could be asked again.
 #[test]
 fn a_pause_voids_a_request_and_the_gate_asks_again() {
-    let mut bench = RollbackBench::new();
+    let mut bench = RollbackBench::resting(ProfileName::Sim);
     let id = request_activation(&mut bench.pipeline, package(CANDIDATE, &[]));
     assert!(!no_request_is_open(&bench));
     bench.pipeline.drain_events();
@@ -201,7 +201,7 @@ fn a_pause_voids_a_request_and_the_gate_asks_again() {
 #[test]
 fn pause_voids_an_approval_that_waits_for_the_end_of_a_sequence() {
     for by_command in [true, false] {
-        let mut bench = RollbackBench::new();
+        let mut bench = RollbackBench::resting(ProfileName::Sim);
         let id = request_activation(&mut bench.pipeline, package(CANDIDATE, &[]));
         bench.pipeline.activation().approvals.grant_later(&id);
         if by_command {
@@ -224,7 +224,7 @@ fn pause_voids_an_approval_that_waits_for_the_end_of_a_sequence() {
 /// A block under a profile changes the version's row as well.
 #[test]
 fn a_block_voids_an_approval_request() {
-    let mut bench = RollbackBench::new();
+    let mut bench = RollbackBench::resting(ProfileName::Sim);
     let id = request_activation(&mut bench.pipeline, package(CANDIDATE, &[]));
     done(&mut bench, Command::Demote { operation: operation(&id), profiles: vec![ProfileName::Human] });
     assert!(no_request_is_open(&bench));
@@ -234,7 +234,7 @@ fn a_block_voids_an_approval_request() {
 /// Regression: a request beside the version that took over never ended; at its deadline the engine halted.
 #[test]
 fn a_request_beside_an_activated_version_is_repeated() {
-    let mut bench = RollbackBench::new();
+    let mut bench = RollbackBench::resting(ProfileName::Sim);
     let id = request_activation(&mut bench.pipeline, package(CANDIDATE, &[]));
     let deadline_ms = bench.pipeline.record().engine_ms_at(bench.pipeline.snapshot().prompts[0].until);
     bench.activate("align-low-transit");
@@ -249,7 +249,7 @@ fn a_request_beside_an_activated_version_is_repeated() {
 /// After a restart, a version of the history had its author's estimate as its risk.
 #[test]
 fn risk_of_a_rejected_version_stays_the_computed_one_after_a_restart() {
-    let mut bench = RollbackBench::new();
+    let mut bench = RollbackBench::resting(ProfileName::Sim);
     let id = bench.pass(CANDIDATE, &[]);
     work(&mut bench, 1);
     reject(&mut bench, &id);
@@ -266,7 +266,7 @@ fn risk_of_a_rejected_version_stays_the_computed_one_after_a_restart() {
 #[test]
 fn the_stage_of_a_rejection_is_on_record() {
     for repeated in [Stage::Sandbox, Stage::Shadow] {
-        let mut bench = RollbackBench::new();
+        let mut bench = RollbackBench::resting(ProfileName::Sim);
         let id = bench.pass(CANDIDATE, &Stage::ALL[..3]);
         done(&mut bench, Command::Repeat { operation: operation(&id), stage: repeated });
         let version = bench.pipeline.record().version_table().version(&id).unwrap().0;
@@ -285,7 +285,7 @@ fn the_stage_of_a_rejection_is_on_record() {
 /// The end of a drift, and of a fault, was answered as if one had set in.
 #[test]
 fn end_of_a_drift_or_fault_has_its_own_answer() {
-    let mut bench = RollbackBench::new();
+    let mut bench = RollbackBench::resting(ProfileName::Sim);
     let mut reply_text = |command: Command| match bench.pipeline.command(command) {
         Reply::Accepted { text, .. } => text,
         other => panic!("{other:?}"),

@@ -6,6 +6,7 @@ use std::path::Path;
 use holdpoint_governance::alarms::AlarmKey;
 use holdpoint_governance::condition::Condition;
 use holdpoint_governance::lifecycle::State;
+use holdpoint_governance::profile::ProfileName;
 use holdpoint_governance::submission::Package;
 use holdpoint_protocol::event::EventKind;
 use holdpoint_runtime::capability::{self, Capability};
@@ -24,8 +25,8 @@ use holdpoint_trials::past_limit::MeasuredTask;
 const FEW: usize = 12;
 
 /// A version whose precondition no arm of this cell ever meets.
-fn never_admitted() -> Package {
-    let folder = Path::new(crate::MANIFESTS).join("candidates").join("align-improved");
+fn never_admitted(name: &str) -> Package {
+    let folder = Path::new(crate::MANIFESTS).join("candidates").join(name);
     let mut package = capability::read(&folder).unwrap();
     let stronger = package.manifest.replace("tool-height]\nmin = 0.06", "tool-height]\nmin = 5.0");
     assert_ne!(stronger, package.manifest);
@@ -35,9 +36,9 @@ fn never_admitted() -> Package {
 
 #[test]
 fn a_version_whose_calls_are_refused_is_rolled_back() {
-    let mut bench = RollbackBench::new();
+    let mut bench = RollbackBench::resting(ProfileName::Sim);
     let checked = Condition::CheckedCall { fields: vec!["tool-height".to_owned()] };
-    let id = bench.activate_package(never_admitted(), &[checked]);
+    let id = bench.activate_package(never_admitted("grasp-improved"), &[checked]);
     let (mut alarm_raised, mut failed, mut rollback) = (false, 0, None);
     for sequence in 0..FEW {
         bench.pipeline.advance();
@@ -64,7 +65,7 @@ fn a_version_whose_calls_are_refused_is_rolled_back() {
 #[test]
 fn refusals_and_simulator_failures_degrade_the_family() {
     for lost in [TaskRecord::refused, TaskRecord::invalid] {
-        let mut bench = RollbackBench::new();
+        let mut bench = RollbackBench::resting(ProfileName::Sim);
         let id = "align@1.0.0".parse().unwrap();
         let live = bench.pipeline.live();
         for seed in 0..FEW as u64 {
@@ -82,7 +83,7 @@ fn sandbox_drill_and_twin_call_the_version_like_the_dispatcher() {
     let mut bench = RollbackBench::new();
     let live = bench.pipeline.live();
     let (cell, terms) = (live.context.cell.clone(), live.context.terms());
-    let strict = Capability::load("test", never_admitted()).unwrap();
+    let strict = Capability::load("test", never_admitted("align-improved")).unwrap();
     let align = live.record.active_of(&strict.id().family).unwrap();
     let mut worker = Worker::new();
     let case = |version, seed| TrialCase {

@@ -91,7 +91,7 @@ fn version_whose_rollback_target_is_safe_in_the_same_task_is_rolled_back() {
 
 #[test]
 fn version_is_on_hold_where_its_rollback_target_is_not_compared() {
-    let (mut bench, id) = RollbackBench::with_active("align-improved");
+    let (mut bench, id) = RollbackBench::resting_with_active("align-improved");
     // No state at the start of a task comes with it.
     let cause = trigger(bench.pipeline.record(), TriggerKind::SafetyEvent, Notice::StageBegins);
     bench.pipeline.live().deactivate(&id, cause, None, DeactivationKind::RolledBack).unwrap();
@@ -127,7 +127,7 @@ fn interrupted_rollback_for_a_safety_event_is_not_final() {
         (Some(&rate), TriggerKind::Restart, PostStatus::RolledBack, None),
         (None, TriggerKind::Restart, PostStatus::RolledBack, None),
     ] {
-        let (bench, id) = RollbackBench::with_active("align-improved");
+        let (bench, id) = RollbackBench::resting_with_active("align-improved");
         let mut bench = interrupted(bench, &id, by);
         let record = rollback_of(&mut bench, &id);
         assert_eq!((record.trigger.kind, record.post_status, record.uncompared), (kind, status, uncompared));
@@ -137,7 +137,7 @@ fn interrupted_rollback_for_a_safety_event_is_not_final() {
 
 #[test]
 fn earlier_safety_event_did_not_begin_an_interrupted_rollback() {
-    let (mut bench, id) = RollbackBench::with_active("align-improved");
+    let (mut bench, id) = RollbackBench::resting_with_active("align-improved");
     let version = bench.pipeline.record().version_table().version(&id).unwrap().0;
     let earlier = safety_trip(SafetyEvent::ForceLimit, 0);
     let live = bench.pipeline.live();

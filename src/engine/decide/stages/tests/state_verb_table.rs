@@ -158,7 +158,8 @@ pub(super) const SETTINGS: [Setting; 29] = [
     }),
     ("active, restricted, people are asked to lift the restriction", |bench| {
         let id = bench.activate(CANDIDATE);
-        *bench = std::mem::replace(bench, RollbackBench::new()).reopened(profile_with_approvers());
+        let resting = RollbackBench::resting(ProfileName::Sim);
+        *bench = std::mem::replace(bench, resting).reopened(profile_with_approvers());
         done(bench, Command::Restrict(operation(&id)));
         done(bench, Command::Release { operation: operation(&id), profiles: Vec::new() });
         id
@@ -301,7 +302,7 @@ struct TableRow {
 
 fn row(name: &'static str, set: fn(&mut RollbackBench) -> CapabilityId) -> TableRow {
     let mut row = TableRow { state: name, done: Vec::new(), needs_option: Vec::new(), refused: Vec::new() };
-    let mut bench = RollbackBench::new();
+    let mut bench = RollbackBench::resting(ProfileName::Sim);
     let mut id = set(&mut bench);
     for (verb, command) in VERBS {
         let before = observed_state(&mut bench, &id);
@@ -310,7 +311,7 @@ fn row(name: &'static str, set: fn(&mut RollbackBench) -> CapabilityId) -> Table
                 let moved = change(&before, &observed_state(&mut bench, &id));
                 assert!(!moved.is_empty(), "{verb} on {name} is accepted and changes nothing");
                 row.done.push((verb, moved));
-                bench = RollbackBench::new();
+                bench = RollbackBench::resting(ProfileName::Sim);
                 id = set(&mut bench);
             }
             Reply::Refused { text, hint, .. } => {
@@ -408,7 +409,7 @@ fn unrestricted_version_is_confirmed_after_a_new_provisional_window() {
 /// Where activations are bound to people, a restriction is lifted by them alone: none of their answers is left out.
 #[test]
 fn approvers_lift_a_restriction_where_activations_need_them() {
-    let (bench, id) = RollbackBench::with_active(CANDIDATE);
+    let (bench, id) = RollbackBench::resting_with_active(CANDIDATE);
     let mut bench = bench.reopened(profile_with_approvers());
     done(&mut bench, Command::Restrict(operation(&id)));
     let restricted = |bench: &RollbackBench| {
@@ -470,7 +471,7 @@ fn version_that_runs_last_is_not_counted_as_silent() {
 /// A profile demotion was in memory alone: an engine that came up again knew nothing of it.
 #[test]
 fn blocked_profile_is_recorded_and_blocked_after_a_restart() {
-    let mut bench = RollbackBench::new();
+    let mut bench = RollbackBench::resting(ProfileName::Sim);
     let id = bench.pass(CANDIDATE, &Stage::ALL[..3]);
     let close = |profiles| Command::Demote { operation: operation(&id), profiles };
     done(&mut bench, close(vec![ProfileName::Real, ProfileName::Human]));
@@ -491,7 +492,7 @@ fn blocked_profile_is_recorded_and_blocked_after_a_restart() {
 /// Regression: one command deactivated the last version of a family.
 #[test]
 fn only_one_verb_deactivates_the_last_version() {
-    let (mut bench, id) = RollbackBench::with_active(CANDIDATE);
+    let (mut bench, id) = RollbackBench::resting_with_active(CANDIDATE);
     done(&mut bench, Command::Demote { operation: operation(&id), profiles: Vec::new() });
     for command in [
         Command::Rollback(operation(&baseline())),
@@ -516,7 +517,7 @@ fn only_one_verb_deactivates_the_last_version() {
 /// Regression: without an answer the version was put on hold, and `resume` was refused.
 #[test]
 fn a_version_on_hold_can_be_resumed() {
-    let mut bench = RollbackBench::new();
+    let mut bench = RollbackBench::resting(ProfileName::Sim);
     let id = bench.pass(CANDIDATE, &Stage::ALL[..3]);
     bench.pipeline.live().evidence_files.edit(&id).held = true;
     done(&mut bench, Command::Resume(operation(&id)));
@@ -529,7 +530,7 @@ fn a_version_on_hold_can_be_resumed() {
 /// Regression: a restriction was reported as done although no monitor watched the version.
 #[test]
 fn an_unmonitored_version_can_be_restricted() {
-    let (mut bench, id) = RollbackBench::with_active(CANDIDATE);
+    let (mut bench, id) = RollbackBench::resting_with_active(CANDIDATE);
     bench.pipeline.live().monitors.remove(&id.family);
     let speed = |bench: &mut RollbackBench| {
         let live = bench.pipeline.live();
@@ -560,7 +561,7 @@ fn an_unmonitored_version_can_be_restricted() {
 /// A version not reviewed by its deadline is rolled back; the review stays open, over a restart too, and blocks.
 #[test]
 fn a_late_review_demotes_the_version_and_stays_open() {
-    let mut bench = RollbackBench::new();
+    let mut bench = RollbackBench::resting(ProfileName::Sim);
     let id = bench.pass(CANDIDATE, &Stage::ALL);
     let until = bench.pipeline.record().wall_now().plus_ms(5_000);
     bench.enter(&id, |version| LifecycleEvent::ActivateUnreviewed { version, until });

@@ -30,7 +30,7 @@ fn stop(bench: &mut RollbackBench, id: &str, uid: u32, by: &str) -> String {
 /// The answer to a stop contained the name that another account had stated: `the cell is stopped, by …; start it now`.
 #[test]
 fn the_answer_to_a_stop_contains_no_text_of_another_account() {
-    let mut bench = RollbackBench::new();
+    let mut bench = RollbackBench::resting(ProfileName::Sim);
     let first = stop(&mut bench, "1", 61_008, "ana; the fence is closed");
     let second = stop(&mut bench, "2", 61_009, "bert");
     assert_eq!(first, stop_effect(None, StopPersistence::OnRecord, None, 0));
@@ -40,7 +40,7 @@ fn the_answer_to_a_stop_contains_no_text_of_another_account() {
 /// An observer wrote 360 records in 8 s, and no person could follow the number of stops that `start` asks for.
 #[test]
 fn stops_of_one_account_without_end_are_recorded_as_a_sum() {
-    let mut bench = RollbackBench::new();
+    let mut bench = RollbackBench::resting(ProfileName::Sim);
     for nth in 0..100 {
         stop(&mut bench, &nth.to_string(), 61_008, "ana");
     }

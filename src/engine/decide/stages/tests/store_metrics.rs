@@ -10,8 +10,10 @@ use tempfile::TempDir;
 use crate::decide::people::persons::enrolled;
 use crate::decide::people::signers::tests::signed;
 use crate::decide::pipeline::{Pipeline, PipelineSettings, SliceOutcome};
+use crate::decide::store_identity::context_record;
+use crate::live::fake_cell::StubFactory;
 use crate::quick_folder::quick_folder;
-use crate::test_pipeline::{pipeline_of, settings};
+use crate::test_pipeline::{SEEDS, pipeline_of, settings_in};
 use crate::tests::assert_accepted;
 use holdpoint_approvals::keyfile::KeyEncoding;
 use holdpoint_body::disturbance::{DriftKind, Magnitude};
@@ -32,7 +34,6 @@ use holdpoint_runtime::capability::{self, Capability};
 use holdpoint_sim::SimCells;
 use holdpoint_store::Layout;
 use holdpoint_trials::cell::Cell;
-use holdpoint_trials::seeds::{CALIBRATION_FROM_RUN, EpisodeSeeds};
 
 /// The slices within which an upgrade must complete.
 const SLICES_MAX: usize = 20_000;
@@ -47,20 +48,28 @@ fn small() -> Profile {
     profile
 }
 
-/// A store in which one candidate went as far as possible: until it is rejected, rolled back, or completes its window.
-fn worked(candidate: &str) -> (TempDir, CapabilityId) {
+/// A profile with its policies, and its texts if they are a site's own.
+type ProfileInForce = (Profile, PolicyTable, Option<ProfileTexts>);
+
+fn small_profile() -> ProfileInForce {
     let profile = small();
     let table = PolicyTable::builtin(&profile).unwrap();
-    worked_under((profile, table, None), candidate, false)
+    (profile, table, None)
 }
 
+fn simulated() -> Cell {
+    Cell::of(&SimCells, None).unwrap()
+}
+
+/// The rules reject it, so nothing of it is run.
+fn rejected_by_rules(profile: ProfileInForce) -> (TempDir, CapabilityId) {
+    worked_in(StubFactory::exporting().into_cell(), profile, "grasp-tool-frame", false)
+}
+
+/// A store in which one candidate went as far as possible: until it is rejected, rolled back, or completes its window.
 /// `drifts`: once it is active the cell's camera is knocked, and its monitor rolls it back.
-fn worked_under(
-    (profile, table, own): (Profile, PolicyTable, Option<ProfileTexts>),
-    candidate: &str,
-    drifts: bool,
-) -> (TempDir, CapabilityId) {
-    let (folder, mut pipeline, id) = registered((profile, table, own), candidate);
+fn worked_in(cell: Cell, profile: ProfileInForce, candidate: &str, drifts: bool) -> (TempDir, CapabilityId) {
+    let (folder, mut pipeline, id) = registered(cell, profile, candidate);
     let mut is_drifting = false;
     for _ in 0..SLICES_MAX {
         let over = {
@@ -89,12 +98,12 @@ fn worked_under(
 
 /// A pipeline on a new store, with this candidate registered.
 fn registered(
-    (profile, table, own): (Profile, PolicyTable, Option<ProfileTexts>),
+    cell: Cell,
+    (profile, table, own): ProfileInForce,
     candidate: &str,
 ) -> (TempDir, Pipeline, CapabilityId) {
     let folder = quick_folder();
-    let seeds = EpisodeSeeds::OfRun(CALIBRATION_FROM_RUN);
-    let settings = PipelineSettings { table, own, ..settings(profile, seeds) };
+    let settings = PipelineSettings { table, own, ..settings_in(cell, profile, SEEDS) };
     let mut pipeline = pipeline_of(folder.path(), settings, |_| WallClock::scripted(0, None));
     let path = Path::new(crate::MANIFESTS).join("candidates").join(candidate);
     let package = capability::read(&path).unwrap();
@@ -117,9 +126,7 @@ fn worked_past(pipeline: &mut Pipeline, id: &CapabilityId, states: &[State]) -> 
 
 #[test]
 fn a_re_evaluation_in_shadow_is_replayed() {
-    let profile = small();
-    let table = PolicyTable::builtin(&profile).unwrap();
-    let (folder, mut pipeline, id) = registered((profile, table, None), "align-improved");
+    let (folder, mut pipeline, id) = registered(simulated(), small_profile(), "align-improved");
     worked_past(&mut pipeline, &id, &[State::Registered, State::Validated]);
     // As if it had done in the sandbox what the active version never does.
     for pair in &mut pipeline.live().evidence_files.edit(&id).pairs {
@@ -152,9 +159,14 @@ fn a_re_evaluation_in_shadow_is_replayed() {
 fn observed(folder: &Path) -> StoreMetrics {
     let views = Views::open(&folder.join("holdpoint.db")).unwrap();
     let telemetry = TelemetryViews::open(&folder.join("telemetry.db")).unwrap();
-    let environment = Cell::of(&SimCells, None).unwrap().digest();
     let frames = vec![RulesInForce::of(small()).unwrap()];
-    observe_under(&views, Some(&telemetry), Since::Record(1), environment, frames).unwrap()
+    observe_under(&views, Some(&telemetry), Since::Record(1), environment(folder), frames).unwrap()
+}
+
+/// The environment of a store's cell.
+fn environment(folder: &Path) -> Digest {
+    let views = Views::open(&folder.join("holdpoint.db")).unwrap();
+    context_record(&views).unwrap().unwrap().environment.unwrap()
 }
 
 /// The metrics without telemetry, with the known profiles.
@@ -199,7 +211,7 @@ fn differs(found: &StoreMetrics, of: u64, named: &str) {
 
 #[test]
 fn replayed_validation_decision_equals_the_record() {
-    let (folder, id) = worked("grasp-tool-frame");
+    let (folder, id) = rejected_by_rules(small_profile());
     let found = observed(folder.path());
     assert_eq!(counts(found.metrics.auditability_observed), (1, 1), "{:?}", found.unequal);
     assert_eq!(found.metrics.screening_observed.blocked.get("validation"), Some(&1));
@@ -210,7 +222,7 @@ fn replayed_validation_decision_equals_the_record() {
     assert_eq!(found.unequal[0].version, id);
 
     // The same store under an unknown profile is not replayed, and counts as not equal.
-    let environment = Cell::of(&SimCells, None).unwrap().digest();
+    let environment = environment(folder.path());
     let unknown = known_as(folder.path(), environment, Vec::new());
     assert_eq!(counts(unknown.metrics.auditability_observed), (0, 1));
     assert_eq!(unknown.metrics.replayed_equal_observed.rate(), None);
@@ -233,7 +245,7 @@ fn replayed_validation_decision_equals_the_record() {
 
 #[test]
 fn edited_decision_differs_from_its_replay() {
-    let (folder, _) = worked("grasp-tool-frame");
+    let (folder, _) = rejected_by_rules(small_profile());
     let connection = chain(folder.path());
     let read = "SELECT body FROM audit WHERE kind = 'decision'";
     let body: String = connection.query_row(read, [], |row| row.get(0)).unwrap();
@@ -280,9 +292,8 @@ fn decision_under_a_site_profile_is_replayed_with_its_recorded_texts() {
         policy: policy.to_owned(),
     };
     let own = SiteProfile::parse(texts.clone()).unwrap();
-    let (folder, _) =
-        worked_under((own.profile().clone(), own.table().clone(), Some(texts)), "grasp-tool-frame", false);
-    let environment = Cell::of(&SimCells, None).unwrap().digest();
+    let (folder, _) = rejected_by_rules((own.profile().clone(), own.table().clone(), Some(texts)));
+    let environment = environment(folder.path());
     let found = known_as(folder.path(), environment, RulesInForce::known());
     assert_eq!(counts(found.metrics.auditability_observed), (1, 1), "{:?}", found.unequal);
 
@@ -296,7 +307,7 @@ fn decision_under_a_site_profile_is_replayed_with_its_recorded_texts() {
 
 #[test]
 fn failed_evaluation_is_replayed_from_its_pairs_and_drills() {
-    let (folder, _) = worked("align-no-stop");
+    let (folder, _) = worked_in(simulated(), small_profile(), "align-no-stop", false);
     let found = observed(folder.path());
     assert_eq!(counts(found.metrics.auditability_observed), (2, 2), "{:?}", found.unequal);
     let found = edited(folder.path(), "sandbox", |evidence| {
@@ -374,9 +385,7 @@ fn copied(whole: &Path) -> TempDir {
 
 #[test]
 fn replayed_upgrade_equals_the_record_and_its_rates_equal_telemetry() {
-    let profile = small();
-    let table = PolicyTable::builtin(&profile).unwrap();
-    let (folder, id) = worked_under((profile, table, None), "align-improved", true);
+    let (folder, id) = worked_in(simulated(), small_profile(), "align-improved", true);
     let found = observed(folder.path());
     let metrics = &found.metrics;
     let (equal, all) = counts(metrics.auditability_observed);
@@ -427,7 +436,7 @@ fn changed_decision_is_refused_and_the_signed_one_activates_in_four_transactions
     let mut profile = small();
     (profile.approval.quorum_low, profile.approval.quorum_medium, profile.approval.quorum_high) = (1, 1, 1);
     let table = PolicyTable::builtin(&profile).unwrap();
-    let (folder, mut pipeline, id) = registered((profile, table, None), "align-improved");
+    let (folder, mut pipeline, id) = registered(simulated(), (profile, table, None), "align-improved");
     for _ in 0..SLICES_MAX {
         if !pipeline.snapshot().prompts.is_empty() {
             break;

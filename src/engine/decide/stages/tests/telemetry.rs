@@ -2,20 +2,19 @@
 
 use holdpoint_governance::alarms::AlarmKey;
 use holdpoint_governance::notice::Notice;
+use holdpoint_governance::profile::ProfileName;
 use holdpoint_registry::verify;
 use holdpoint_store::Batch;
-use holdpoint_trials::cache::EpisodeCache;
-
-use super::cache_edits::pipeline;
 
 use crate::quick_folder::quick_folder;
+use crate::test_pipeline::resting_pipeline;
 
 /// An orderly end writes the digest of the last telemetry; the next session reports telemetry removed meanwhile.
 #[test]
 fn telemetry_lost_between_engines_alarms() {
     let folder = quick_folder();
     let store = folder.path().join("store");
-    let first = pipeline(&store, EpisodeCache::InStore, 1);
+    let first = resting_pipeline(&store, ProfileName::Sim);
     let version = "grasp@1.0.0".parse().unwrap();
     let to_ms = first.record().now_ms();
     let body = b"what was measured".to_vec();
@@ -27,13 +26,13 @@ fn telemetry_lost_between_engines_alarms() {
 
     std::fs::remove_file(store.join("telemetry.db")).unwrap();
     assert!(verify(&database, None).is_err());
-    let second = pipeline(&store, EpisodeCache::InStore, 1);
+    let second = resting_pipeline(&store, ProfileName::Sim);
     let alarm = second.record().alarms().get(&AlarmKey::TelemetryMissed).expect("an alarm is raised");
     assert_eq!(alarm.text, Notice::TelemetryMissing { batches: 1 }.into());
     drop(second);
     let report = verify(&database, None).unwrap();
     assert_eq!((report.batches, report.batches_missed), (0, 1));
-    let third = pipeline(&store, EpisodeCache::InStore, 1);
+    let third = resting_pipeline(&store, ProfileName::Sim);
     assert_eq!(third.record().version_table().store().opening().telemetry.missing, 0);
 }
 
@@ -42,11 +41,11 @@ fn telemetry_lost_between_engines_alarms() {
 fn foreign_telemetry_is_quarantined_with_an_alarm() {
     let folder = quick_folder();
     let store = folder.path().join("store");
-    drop(pipeline(&store, EpisodeCache::InStore, 1));
+    drop(resting_pipeline(&store, ProfileName::Sim));
     let telemetry = rusqlite::Connection::open(store.join("telemetry.db")).unwrap();
     telemetry.execute_batch("CREATE TRIGGER x AFTER INSERT ON batch BEGIN DELETE FROM batch; END").unwrap();
     drop(telemetry);
-    let second = pipeline(&store, EpisodeCache::InStore, 1);
+    let second = resting_pipeline(&store, ProfileName::Sim);
     let alarm = second.record().alarms().get(&AlarmKey::TelemetryMissed).expect("an alarm is raised");
     let Some(Notice::TelemetryQuarantined { file, problem, .. }) = alarm.text.notice() else {
         panic!("{alarm:?}");
@@ -55,6 +54,6 @@ fn foreign_telemetry_is_quarantined_with_an_alarm() {
     drop(second);
     assert!(store.join("telemetry-aside-1.db").is_file());
     verify(&store.join("holdpoint.db"), None).unwrap();
-    let third = pipeline(&store, EpisodeCache::InStore, 1);
+    let third = resting_pipeline(&store, ProfileName::Sim);
     assert_eq!(third.record().version_table().store().opening().telemetry.aside, []);
 }

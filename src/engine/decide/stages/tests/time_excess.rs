@@ -7,6 +7,7 @@ use holdpoint_governance::component::ComponentBytes;
 use holdpoint_governance::decision::ReasonCode;
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::lifecycle::{Stage, State};
+use holdpoint_governance::profile::ProfileName;
 use holdpoint_governance::submission::Package;
 use holdpoint_governance::time_excess::TimeExcess;
 use holdpoint_protocol::command::{Command, Operation, Reply};
@@ -172,9 +173,9 @@ fn an_ordinary_component_takes_no_excess_and_compiled_code_is_not_timed() {
 
 #[test]
 fn an_evaluation_that_takes_too_long_is_put_on_hold_and_the_next_candidate_proceeds() {
-    let mut bench = RollbackBench::new();
-    let first = register(&mut bench, read("candidates/align-improved"));
-    let second = register(&mut bench, read("candidates/grasp-improved"));
+    let mut bench = RollbackBench::resting(ProfileName::Sim);
+    let first = register(&mut bench, read("candidates/grasp-improved"));
+    let second = register(&mut bench, read("candidates/place-refined"));
     run_until(&mut bench, &first, State::Validated, Some(Stage::Sandbox));
     let live = bench.pipeline.live();
     assert_eq!(live.evidence_files.of(&first).unwrap().worked_ms, 0, "a script has no wall time");

@@ -6,6 +6,7 @@ use holdpoint_governance::finding::Finding;
 use holdpoint_governance::ids::{CapabilityId, Digest};
 use holdpoint_governance::lifecycle::{Stage, State};
 use holdpoint_governance::outcome::{Basis, BehaviorOutcome};
+use holdpoint_governance::profile::ProfileName;
 use holdpoint_governance::record::RecordKind;
 use holdpoint_governance::submission::Package;
 use holdpoint_governance::tries::{CountedTry, TryAuthor};
@@ -83,7 +84,7 @@ fn names(evidence_file: &EvidenceFile, finding: &Finding) -> bool {
 
 #[test]
 fn a_try_is_counted_once_with_its_first_pair() {
-    let mut bench = RollbackBench::new();
+    let mut bench = RollbackBench::resting(ProfileName::Sim);
     // A formal rejection costs nothing.
     let formal = register(&mut bench, candidate("grasp-tool-frame"));
     advance_until(&mut bench, |bench| rests(bench, &formal, State::Rejected));
@@ -110,7 +111,7 @@ fn a_try_is_counted_once_with_its_first_pair() {
 
 #[test]
 fn spent_tries_wait_for_a_review() {
-    let mut bench = RollbackBench::new();
+    let mut bench = RollbackBench::resting(ProfileName::Sim);
     let first: CapabilityId = "grasp@1.0.0".parse().unwrap();
     let spent = bench.pipeline.live().context.profile.tries.per_author;
     for number in 1..=spent {
@@ -154,7 +155,7 @@ fn renumbered(package: &Package) -> Package {
 /// Names are free: versions that no author signed count for one author, whatever name they state.
 #[test]
 fn unsigned_versions_under_other_names_are_tries_of_one_author() {
-    let mut bench = RollbackBench::new();
+    let mut bench = RollbackBench::resting(ProfileName::Sim);
     let package = candidate("grasp-improved");
     let stated = capability::Capability::load("test", package.clone()).unwrap().submission.author.clone();
     let by = |package: &Package, name: &str| Package {
@@ -173,7 +174,7 @@ fn unsigned_versions_under_other_names_are_tries_of_one_author() {
 /// A version on hold passes its verdict on: another number gives the content no other draw.
 #[test]
 fn the_same_content_under_another_number_is_on_hold_too() {
-    let mut bench = RollbackBench::new();
+    let mut bench = RollbackBench::resting(ProfileName::Sim);
     let package = candidate("grasp-improved");
     let first = register(&mut bench, package.clone());
     advance_until(&mut bench, |bench| !evidence(bench, &first).pairs.is_empty());
@@ -219,7 +220,7 @@ fn the_same_content_under_another_number_has_its_verdict() {
 
 #[test]
 fn who_tried_is_known_by_version() {
-    let mut bench = RollbackBench::new();
+    let mut bench = RollbackBench::resting(ProfileName::Sim);
     let id = register(&mut bench, candidate("grasp-improved"));
     let author = bench.pipeline.record().capability(&id).unwrap().submission.author.clone();
     let baseline: CapabilityId = "grasp@1.0.0".parse().unwrap();

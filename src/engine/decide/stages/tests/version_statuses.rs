@@ -1,5 +1,6 @@
 //! The status of a version in every state: one for engine and store, with the person and the reason where a person set it.
 
+use holdpoint_governance::profile::ProfileName;
 use holdpoint_governance::version_status::{StatusFacts, VersionCondition, VersionStatus};
 use holdpoint_wording::explanation_summary::summary_lines;
 
@@ -44,7 +45,7 @@ const CONDITIONS: [VersionCondition; SETTINGS.len()] = [
 #[test]
 fn engine_and_store_give_every_version_the_same_status() {
     for ((name, set), expected) in SETTINGS.iter().zip(CONDITIONS) {
-        let mut bench = RollbackBench::new();
+        let mut bench = RollbackBench::resting(ProfileName::Sim);
         let id = set(&mut bench);
         let held = bench.pipeline.live().evidence_files.is_held(&id);
         let now = bench.pipeline.snapshot();

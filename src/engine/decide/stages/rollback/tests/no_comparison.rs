@@ -4,7 +4,6 @@ use holdpoint_governance::monitor::SafetyEvent;
 use holdpoint_runtime::task::TaskRecord;
 
 use super::*;
-use crate::live::fake_cell::StubFactory;
 
 const FORCE: Option<SafetyEvent> = Some(SafetyEvent::ForceLimit);
 
@@ -55,7 +54,7 @@ fn a_fork_compares_only_from_a_state_that_its_cell_takes() {
 
 #[test]
 fn a_rollback_by_a_person_makes_no_comparison() {
-    let (mut bench, id) = RollbackBench::with_active("align-improved");
+    let (mut bench, id) = RollbackBench::resting_with_active("align-improved");
     let record = bench.by_operator(&id);
     assert_eq!((record.post_status, record.uncompared), (PostStatus::RolledBack, None));
 }

@@ -55,7 +55,7 @@ fn hooks(record: &RollbackRecord) -> Vec<(Rung, Option<RungFailure>)> {
 
 #[test]
 fn a_rehearsed_rollback_hook_is_the_first_rung() {
-    let (mut bench, id) = RollbackBench::with_active("align-improved");
+    let (mut bench, id) = RollbackBench::resting_with_active("align-improved");
     rehearse(&mut bench, &id, 0);
     let record = bench.by_operator(&id);
     assert_eq!(hooks(&record), [(Rung::RollbackHook, None)]);
@@ -66,7 +66,7 @@ fn a_rehearsed_rollback_hook_is_the_first_rung() {
 #[test]
 fn a_rollback_hook_that_failed_its_drills_is_not_called() {
     for failed_alone in [1, CLEAN_DRILLS] {
-        let (mut bench, id) = RollbackBench::with_active("align-improved");
+        let (mut bench, id) = RollbackBench::resting_with_active("align-improved");
         rehearse(&mut bench, &id, failed_alone);
         let record = bench.by_operator(&id);
         assert_eq!(hooks(&record), [(Rung::SafeAbort, None)], "{failed_alone}");
@@ -84,7 +84,7 @@ fn a_rollback_hook_that_never_ends_is_given_up_for_the_safe_abort_hook() {
         let text = text.replace("rollback = \"handover\"", "rollback = \"none\"");
         std::fs::write(folder.path().join(path.file_name().unwrap()), text).unwrap();
     }
-    let mut bench = RollbackBench::new();
+    let mut bench = RollbackBench::resting(ProfileName::Sim);
     let id = bench.activate_package(capability::read(folder.path()).unwrap(), &[]);
     rehearse(&mut bench, &id, 0);
     let record = bench.by_operator(&id);
