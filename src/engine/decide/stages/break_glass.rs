@@ -108,7 +108,7 @@ impl Activation<'_> {
     }
 }
 
-/// Open reviews: rolls back a version that was not reviewed in time, and keeps the review request open in any state
+/// Open reviews: demotes a version that was not reviewed in time, and keeps the review request open in any state
 /// of the version. Returns whether anything was done.
 ///
 /// # Errors
