@@ -319,6 +319,35 @@ pub(crate) fn quoted(cell: &str) -> Vec<String> {
     cell.split('`').skip(1).step_by(2).map(str::to_owned).collect()
 }
 
+/// Where a path in a page begins: at the root, at `src`, or in one of the folders that the architecture names.
+const PATH_STARTS: [&str; 7] =
+    ["", "src", "src/engine", "src/explain", "src/record", "src/service", "src/trials"];
+
+/// The source files that a page names in code spans, each with its folder; those of the reader's own skill excluded.
+fn named_sources(text: &str) -> Vec<String> {
+    let is_path = |span: &String| {
+        let is_plain = |ch: char| ch.is_ascii_alphanumeric() || "_./-".contains(ch);
+        span.contains('/') && span.ends_with(".rs") && !span.starts_with("my-") && span.chars().all(is_plain)
+    };
+    without_code(text).lines().flat_map(quoted).filter(is_path).collect()
+}
+
+#[test]
+fn source_files_that_the_pages_name_exist() {
+    let (mut problems, mut seen) = (Vec::new(), 0);
+    for page in pages() {
+        for named in named_sources(&fs::read_to_string(&page).unwrap()) {
+            seen += 1;
+            if !PATH_STARTS.iter().any(|start| root().join(start).join(&named).is_file()) {
+                problems.push(format!("{}: `{named}` is not there", page.display()));
+            }
+        }
+    }
+    report(&problems);
+    assert!(seen > 250, "{seen} files were looked for");
+    assert_eq!(named_sources("see `store/lib.rs`, `lib.rs` and `my-grasp/src/lib.rs`"), ["store/lib.rs"]);
+}
+
 /// The exit code of a run that ends as a scenario expects.
 fn code_of(state: &str) -> Option<u8> {
     match state {
