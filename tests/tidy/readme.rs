@@ -7,6 +7,7 @@ use std::path::{Path, PathBuf};
 
 use clap::CommandFactory as _;
 use holdpoint::cli::{Cli, Exit};
+use holdpoint::governance::profile::fields::{FIELDS, StricterDirection};
 use holdpoint::governance::profile::{Profile, ProfileName};
 use holdpoint::protocol::wire::{ClientMessage, PROTOCOL, ServerMessage};
 
@@ -493,4 +494,48 @@ fn the_page_of_profile_fields_names_every_field() {
         problems.extend(missing.map(|field| format!("{}: {field} is not on the page", name.name())));
     }
     report(&problems);
+}
+
+/// The stricter direction that the page states of each number, by table and field.
+fn documented_directions(page: &str) -> BTreeMap<String, String> {
+    let (mut tables, mut directions) = (Vec::new(), BTreeMap::new());
+    for line in page.lines().filter(|line| line.starts_with('|')) {
+        let cells: Vec<&str> = line.trim_matches('|').split('|').map(str::trim).collect();
+        if cells[0].starts_with("`[") {
+            tables = quoted(cells[0]);
+        } else if cells.len() == 4 {
+            let direction = cells[2].split(' ').next().unwrap_or_default();
+            for field in quoted(cells[0]) {
+                for table in &tables {
+                    let table = table.trim_matches(|ch: char| "[]".contains(ch));
+                    directions.insert(format!("{table}.{field}"), direction.to_owned());
+                }
+            }
+        }
+    }
+    directions
+}
+
+#[test]
+fn documented_directions_are_those_of_the_fields() {
+    let page = fs::read_to_string(root().join("src/guide/reference/profile-fields.md")).unwrap();
+    let documented = documented_directions(&page);
+    let (mut problems, mut seen) = (Vec::new(), 0);
+    // One sentence of the page states the direction of all tolerances of harm.
+    for field in FIELDS.iter().filter(|field| !field.path.starts_with("harm.")) {
+        // Each coordinate of a corner is a field.
+        let path = field.path.trim_end_matches(|ch: char| ch == '.' || ch.is_ascii_digit());
+        let direction = match field.tighter {
+            StricterDirection::Lower => "lower",
+            StricterDirection::Higher => "higher",
+            StricterDirection::Neither => "–",
+        };
+        seen += 1;
+        let stated = documented.get(path).map(String::as_str);
+        if stated != Some(direction) {
+            problems.push(format!("{path}: the page states {stated:?}, the table of fields {direction}"));
+        }
+    }
+    report(&problems);
+    assert!(seen > 100, "{seen} fields were compared");
 }
