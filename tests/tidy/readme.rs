@@ -7,6 +7,7 @@ use std::path::{Path, PathBuf};
 
 use clap::CommandFactory as _;
 use holdpoint::cli::{Cli, Exit};
+use holdpoint::governance::alarms::AlarmKind;
 use holdpoint::governance::profile::fields::{FIELDS, StricterDirection};
 use holdpoint::governance::profile::{Profile, ProfileName};
 use holdpoint::protocol::wire::{ClientMessage, PROTOCOL, ServerMessage};
@@ -538,4 +539,15 @@ fn documented_directions_are_those_of_the_fields() {
     }
     report(&problems);
     assert!(seen > 100, "{seen} fields were compared");
+}
+
+#[test]
+fn operators_find_every_kind_of_alarm_in_the_guide() {
+    let mut named = BTreeSet::new();
+    for page in ["src/guide/how-to/treat-an-alarm.md", "src/guide/troubleshooting.md"] {
+        named.extend(quoted(&fs::read_to_string(root().join(page)).unwrap()));
+    }
+    let missing: Vec<&str> =
+        AlarmKind::ALL.iter().map(|kind| kind.name()).filter(|kind| !named.contains(*kind)).collect();
+    assert!(missing.is_empty(), "neither page names {missing:?}");
 }
