@@ -57,8 +57,8 @@ exits! {
     Rejected = 1, "the candidate was rejected, or a check failed", "rejected";
     /// The command line, a file or the machine is not as required.
     Usage = 2, "usage: the command line, a file or the machine is not as required", "usage";
-    /// On hold, or timed out.
-    Held = 3, "on hold, or timed out", "held";
+    /// On hold, demoted, or timed out.
+    Held = 3, "on hold, demoted, or timed out", "held";
     /// The version was rolled back.
     RolledBack = 4, "rolled back", "rolled back";
     /// Nothing was judged, so there is no outcome.

@@ -80,7 +80,7 @@ pub enum CandidateVerb {
 #[command(after_help = "\
 The engine runs and records the stage as in the pipeline, and does not begin the
 next one. It exits with 0 if the candidate passes the stage, 1 if the candidate
-is rejected, 3 if the candidate is on hold.
+is rejected, 3 if the candidate is demoted or on hold.
 
 Examples:
   holdpoint candidate compat grasp@1.1.0
@@ -142,7 +142,7 @@ pub struct SignArgs {
 #[command(after_help = "\
 Exits with 0 if at least one profile admits the candidate; the last line names them. Exits with 1 if
 none does, or if its recovery cannot work. Exits with 3 if a fault of the cell, or ticks that take
-far longer than declared, would put it on hold.
+far longer than declared, would demote it.
 
 Examples:
   holdpoint candidate check manifests/candidates/grasp-improved --json
@@ -208,10 +208,10 @@ struct CandidateReport {
     verdicts: Vec<CheckVerdict>,
     /// Declared recovery that is unavailable under every profile.
     recovery: Vec<String>,
-    /// Faults of the cell that would put it on hold.
+    /// Faults of the cell that would demote it.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     cell_faults: Vec<String>,
-    /// Ticks that take too long, which would put it on hold.
+    /// Ticks that take too long, which would demote it.
     #[serde(skip_serializing_if = "Option::is_none")]
     slow_ticks: Option<String>,
     /// The declared fallback, if no version meets it.
@@ -513,7 +513,7 @@ fn check(
     })
 }
 
-/// The reason that validation would put a component on hold for, under the first profile that admits it and has one.
+/// The reason that validation would demote a component for, under the first profile that admits it and has one.
 fn slow_ticks(
     candidate: &Capability,
     findings: &[ProfileFindings],

@@ -149,7 +149,7 @@ pub fn approvals(prompt: &ApprovalRequestView, cell_is_stopped: bool, now: WallT
         let then = match prompt.purpose {
             RequestKind::Activation => "on hold",
             RequestKind::Release => wording::STAYS_RESTRICTED,
-            RequestKind::Review => wording::ROLLED_BACK,
+            RequestKind::Review => wording::DEMOTED,
             RequestKind::Emergency => wording::VOID,
         };
         let then = if prompt.until > now { format!(", then {then}") } else { String::new() };

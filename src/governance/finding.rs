@@ -350,7 +350,7 @@ findings! {
     TriesSpent { author: String, family: Family, by_author: u32, in_family: u32 } => BehaviorTriesSpent,
     /// The same content was rejected in the same circumstances, under this version number.
     TriedBefore { version: CapabilityId } => BehaviorTriedBefore,
-    /// The same content was measured under this version number in the same circumstances, and is on hold.
+    /// The same content was measured under this version number in the same circumstances, and demoted.
     HeldBefore { version: CapabilityId } => BehaviorTriedBefore,
 
     /// Recovery is as good as that of the active version.

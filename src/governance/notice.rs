@@ -174,7 +174,7 @@ pub enum Notice {
     RollbackContinued,
     /// A stage ran at the restart, and is run again.
     StageRunAgain,
-    /// The version is not admitted under the profile and is rolled back.
+    /// The version is not admitted under the profile and is demoted.
     RolledBackUnadmitted { profile: ProfileName, refusal: AdmissionRefusal },
     /// The provisional window restarts under a new monitor.
     WindowRestarts,

@@ -151,7 +151,7 @@ crate::closed_set! {
     OutputsAlone, "answer to outputs alone", {
         /// It passes a version; a large divergence of outputs makes it longer.
         Enough = "enough",
-        /// The version is put on hold.
+        /// The version is demoted.
         Hold = "hold",
     }
 }

@@ -62,7 +62,7 @@ pub enum Command {
         /// The act with its signature; checked by the engine and again by the store.
         signed: Box<SignedPersonAct>,
     },
-    /// Reject a candidate; an active version is rolled back instead.
+    /// Reject a candidate; refused for an active version, of which `rollback` takes the control away.
     Reject(Operation),
     /// Roll the active version back: safe pose first, then the rollback target; refused without one. Then use
     /// [`Command::Vacate`].

@@ -199,7 +199,7 @@ pub struct FamilyView {
 pub struct ReviewView {
     /// The version that one person activated; it may have left meanwhile.
     pub version: CapabilityId,
-    /// Deadline of the review, after which the version is rolled back.
+    /// Deadline of the review, after which the version is demoted.
     pub until: WallTime,
     /// Whether the deadline has passed; the review stays open.
     pub overdue: bool,

@@ -7,7 +7,7 @@ use holdpoint_governance::alarms::AlarmKind;
 pub const fn consequence(kind: AlarmKind) -> &'static str {
     use AlarmKind as K;
     match kind {
-        K::RolledBack => "its rollback target is in control; the version does not come back",
+        K::RolledBack => "its rollback target stays in control",
         K::Escalated => "without an answer the version is rolled back at the deadline",
         K::Restricted => "the version works with less speed and force until the restriction is lifted",
         K::Violation => "the limit may be passed again",
@@ -22,7 +22,7 @@ pub const fn consequence(kind: AlarmKind) -> &'static str {
         K::NotRecovered => "the family works on under a version that is not safe either",
         K::Rejected => "the candidate is not activated",
         K::Approval => "without signatures the candidate is put on hold at the deadline",
-        K::Unreviewed => "without a review the version is rolled back at the deadline",
+        K::Unreviewed => "without a review the version is demoted at the deadline",
         K::KeptFalse => "later decisions may rest on false results",
         K::TelemetryMissed => "telemetry that the record seals is missing",
         K::CheckpointFailed => "a change of the record since the last checkpoint could stay unseen",

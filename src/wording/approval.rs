@@ -26,7 +26,7 @@ use crate::request::{drift_response, untested};
 use crate::version_diff;
 
 /// Version of the words below and of those in [`crate::request`].
-pub const RENDERER_VERSION: u32 = 5;
+pub const RENDERER_VERSION: u32 = 6;
 
 /// The longest line, columns; a screen wraps them.
 const WIDTH_MAX: usize = 400;
@@ -74,7 +74,7 @@ pub fn marked_lines(facts: &ApprovalFacts) -> Vec<RequestLine> {
     let asked = facts.asked.as_ref().map(|person| signer_line(person, &facts.signed_before));
     lines.extend(LineMark::Plain, asked);
     if facts.purpose == RequestKind::Emergency {
-        let review = "Two others review it later, or it is rolled back; it is flagged until then";
+        let review = "Two others review it later, or it is demoted; it is flagged until then";
         lines.add(LineMark::Caution, review.to_owned());
     }
     if !facts.about.is_empty() {
@@ -391,7 +391,7 @@ fn deadline_line(facts: &ApprovalFacts) -> String {
         RequestKind::Release => format!("If no one decides by {by}, the version stays restricted"),
         RequestKind::Review => {
             format!(
-                "If no one decides by {by}, the version is rolled back; nothing of its family is promoted before"
+                "If no one decides by {by}, the version is demoted; nothing of its family is promoted before"
             )
         }
         RequestKind::Emergency => format!("If no one decides by {by}, the version stays on hold"),

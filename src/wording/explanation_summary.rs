@@ -372,7 +372,7 @@ fn summary_remark(remark: &SummaryRemark, of: &ExplanationSummary) -> String {
         SummaryRemark::OpenConcern(found) => format!("open concern: {}", reason(found)),
         SummaryRemark::ReviewUntil(until) => {
             format!(
-                "waits for the review of its break-glass activation by {}; else it is rolled back",
+                "waits for the review of its break-glass activation by {}; else it is demoted",
                 until.label()
             )
         }

@@ -176,7 +176,7 @@ pub fn finding(found: &Finding) -> String {
             format!("the same content was rejected as {version}, in the same circumstances")
         }
         F::HeldBefore { version } => {
-            format!("the same content is on hold as {version}, in the same circumstances")
+            format!("the same content was demoted as {version}, in the same circumstances")
         }
 
         F::RecoveryCompatible => "recovery is as good as that of the active version".into(),

@@ -84,7 +84,7 @@ pub fn notice_sentence(of: &Notice) -> String {
         N::RollbackContinued => "an interrupted rollback is finished now".into(),
         N::StageRunAgain => "a stage was running; it does not count and is run again".into(),
         N::RolledBackUnadmitted { profile, refusal } => {
-            format!("it {} and is rolled back", admission_refusal(*refusal, *profile))
+            format!("it {} and is demoted", admission_refusal(*refusal, *profile))
         }
         N::WindowRestarts => "it is provisional; its window restarts under a new monitor".into(),
         N::RolledBackUnmonitored { problem } => {

@@ -78,9 +78,9 @@ pub fn release_cause(by: &str, reason: &str) -> String {
 pub fn review_cause(by: &str, reason: Option<&str>, is_overdue: bool) -> String {
     let reason = reason.unwrap_or("its approval is not in the store");
     if is_overdue {
-        format!("{by} activated it alone ({reason}); it was not reviewed in time and is rolled back")
+        format!("{by} activated it alone ({reason}); it was not reviewed in time and is demoted")
     } else {
-        format!("{by} activated it alone ({reason}); without a review by the deadline it is rolled back")
+        format!("{by} activated it alone ({reason}); without a review by the deadline it is demoted")
     }
 }
 
@@ -209,11 +209,11 @@ mod tests {
         assert_eq!(release_cause("mia", "the camera is fixed"), "mia asks for it: the camera is fixed");
         assert_eq!(
             review_cause("mia", Some("parts fall"), false),
-            "mia activated it alone (parts fall); without a review by the deadline it is rolled back"
+            "mia activated it alone (parts fall); without a review by the deadline it is demoted"
         );
         assert_eq!(
             review_cause("engine", None, true),
-            "engine activated it alone (its approval is not in the store); it was not reviewed in time and is rolled back"
+            "engine activated it alone (its approval is not in the store); it was not reviewed in time and is demoted"
         );
     }
 

@@ -7,6 +7,8 @@ use std::path::{Path, PathBuf};
 
 use clap::CommandFactory as _;
 use holdpoint::cli::{Cli, Exit};
+use holdpoint::governance::alarms::AlarmKind;
+use holdpoint::governance::profile::fields::{FIELDS, StricterDirection};
 use holdpoint::governance::profile::{Profile, ProfileName};
 use holdpoint::protocol::wire::{ClientMessage, PROTOCOL, ServerMessage};
 
@@ -319,6 +321,35 @@ pub(crate) fn quoted(cell: &str) -> Vec<String> {
     cell.split('`').skip(1).step_by(2).map(str::to_owned).collect()
 }
 
+/// Where a path in a page begins: at the root, at `src`, or in one of the folders that the architecture names.
+const PATH_STARTS: [&str; 7] =
+    ["", "src", "src/engine", "src/explain", "src/record", "src/service", "src/trials"];
+
+/// The source files that a page names in code spans, each with its folder; those of the reader's own skill excluded.
+fn named_sources(text: &str) -> Vec<String> {
+    let is_path = |span: &String| {
+        let is_plain = |ch: char| ch.is_ascii_alphanumeric() || "_./-".contains(ch);
+        span.contains('/') && span.ends_with(".rs") && !span.starts_with("my-") && span.chars().all(is_plain)
+    };
+    without_code(text).lines().flat_map(quoted).filter(is_path).collect()
+}
+
+#[test]
+fn source_files_that_the_pages_name_exist() {
+    let (mut problems, mut seen) = (Vec::new(), 0);
+    for page in pages() {
+        for named in named_sources(&fs::read_to_string(&page).unwrap()) {
+            seen += 1;
+            if !PATH_STARTS.iter().any(|start| root().join(start).join(&named).is_file()) {
+                problems.push(format!("{}: `{named}` is not there", page.display()));
+            }
+        }
+    }
+    report(&problems);
+    assert!(seen > 250, "{seen} files were looked for");
+    assert_eq!(named_sources("see `store/lib.rs`, `lib.rs` and `my-grasp/src/lib.rs`"), ["store/lib.rs"]);
+}
+
 /// The exit code of a run that ends as a scenario expects.
 fn code_of(state: &str) -> Option<u8> {
     match state {
@@ -464,4 +495,59 @@ fn the_page_of_profile_fields_names_every_field() {
         problems.extend(missing.map(|field| format!("{}: {field} is not on the page", name.name())));
     }
     report(&problems);
+}
+
+/// The stricter direction that the page states of each number, by table and field.
+fn documented_directions(page: &str) -> BTreeMap<String, String> {
+    let (mut tables, mut directions) = (Vec::new(), BTreeMap::new());
+    for line in page.lines().filter(|line| line.starts_with('|')) {
+        let cells: Vec<&str> = line.trim_matches('|').split('|').map(str::trim).collect();
+        if cells[0].starts_with("`[") {
+            tables = quoted(cells[0]);
+        } else if cells.len() == 4 {
+            let direction = cells[2].split(' ').next().unwrap_or_default();
+            for field in quoted(cells[0]) {
+                for table in &tables {
+                    let table = table.trim_matches(|ch: char| "[]".contains(ch));
+                    directions.insert(format!("{table}.{field}"), direction.to_owned());
+                }
+            }
+        }
+    }
+    directions
+}
+
+#[test]
+fn documented_directions_are_those_of_the_fields() {
+    let page = fs::read_to_string(root().join("src/guide/reference/profile-fields.md")).unwrap();
+    let documented = documented_directions(&page);
+    let (mut problems, mut seen) = (Vec::new(), 0);
+    // One sentence of the page states the direction of all tolerances of harm.
+    for field in FIELDS.iter().filter(|field| !field.path.starts_with("harm.")) {
+        // Each coordinate of a corner is a field.
+        let path = field.path.trim_end_matches(|ch: char| ch == '.' || ch.is_ascii_digit());
+        let direction = match field.tighter {
+            StricterDirection::Lower => "lower",
+            StricterDirection::Higher => "higher",
+            StricterDirection::Neither => "–",
+        };
+        seen += 1;
+        let stated = documented.get(path).map(String::as_str);
+        if stated != Some(direction) {
+            problems.push(format!("{path}: the page states {stated:?}, the table of fields {direction}"));
+        }
+    }
+    report(&problems);
+    assert!(seen > 100, "{seen} fields were compared");
+}
+
+#[test]
+fn operators_find_every_kind_of_alarm_in_the_guide() {
+    let mut named = BTreeSet::new();
+    for page in ["src/guide/how-to/treat-an-alarm.md", "src/guide/troubleshooting.md"] {
+        named.extend(quoted(&fs::read_to_string(root().join(page)).unwrap()));
+    }
+    let missing: Vec<&str> =
+        AlarmKind::ALL.iter().map(|kind| kind.name()).filter(|kind| !named.contains(*kind)).collect();
+    assert!(missing.is_empty(), "neither page names {missing:?}");
 }

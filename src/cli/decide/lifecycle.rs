@@ -130,7 +130,7 @@ pub struct ReleaseArgs {
 Break-glass, under the profiles sim and real: one person activates a version
 that waits for approvers or for the end of a freeze after shadow, never one
 measured to be incompatible. Two others review it by its deadline (`holdpoint
-approve` or `reject`), or it is rolled back; until then it is flagged.
+approve` or `reject`), or it is demoted; until then it is flagged.
 
 Example:
   holdpoint version break-glass grasp@1.3.0 --as mara --reason 'the old one drops every second part'")]

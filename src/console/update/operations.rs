@@ -337,7 +337,7 @@ fn profile_lines(model: &ConsoleModel, id: &CapabilityId, profile: ProfileName, 
     let now = model.engine_data.snapshot.as_ref().map(|snapshot| snapshot.profile);
     let acts = model.version_state(id).is_some_and(|(state, _)| state == State::Active);
     let consequence = match (close, acts && now == Some(profile)) {
-        (true, true) => leaves(model, id, State::Active, wording::ROLLED_BACK_UNDER_THIS_PROFILE),
+        (true, true) => leaves(model, id, State::Active, wording::DEMOTED_UNDER_THIS_PROFILE),
         (true, false) => wording::not_activated_under(profile),
         (false, _) => wording::gate_looks_again_under(profile),
     };

@@ -111,7 +111,7 @@ fn take_in_telemetry(record: &mut EngineRecorder) -> Result<(), EngineFault> {
     Ok(())
 }
 
-/// Rolls back versions that do not admit the store's profile, or are blocked under it: a version for simulation only controls
+/// Demotes versions that do not admit the store's profile, or are blocked under it: a version for simulation only controls
 /// no other arm.
 fn deactivate_unadmitted(live: &mut LiveMonitoring<'_>) -> Result<(), EngineFault> {
     let version_table = live.record.version_table();

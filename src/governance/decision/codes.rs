@@ -108,7 +108,7 @@ reason_codes! {
     BehaviorTryOpen = "behavior-try-open",
     /// The tries of its author, or of its family, are spent until a person reviews them.
     BehaviorTriesSpent = "behavior-tries-spent",
-    /// The same content was rejected or put on hold before in the same circumstances; the text names the version.
+    /// The same content was rejected or demoted before in the same circumstances; the text names the version.
     BehaviorTriedBefore = "behavior-tried-before",
     /// It asks for more speed or force than its manifest declares, in more episodes than the profile accepts.
     BehaviorAsksMore = "behavior-asks-more",
@@ -197,7 +197,7 @@ reason_codes! {
     ShadowTwinObserved = "shadow-twin-observed",
     /// The cell has no twin; shadow rests on outputs alone, which the profile permits.
     ShadowOutputsAlone = "shadow-outputs-alone",
-    /// The cell has no twin, and outputs alone are not enough under the profile; on hold.
+    /// The cell has no twin, and outputs alone are not enough under the profile; demoted.
     ShadowTwinMissing = "shadow-twin-missing",
 
     /// Every demand of the gate is met.

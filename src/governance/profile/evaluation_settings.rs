@@ -40,9 +40,9 @@ pub struct EvaluationSettings {
     pub near_divergence_max: f64,
     /// Sequences of the live world per sandbox episode pair, in hundredths.
     pub live_sequences_per_100_episodes: u32,
-    /// Factor on the declared processor time of a tick; a component whose median tick takes longer is put on hold.
+    /// Factor on the declared processor time of a tick; a component whose median tick takes longer is demoted.
     pub tick_time_factor_max: f64,
-    /// Longest wall time that the evaluation of one candidate may take, minutes; then the candidate is put on hold.
+    /// Longest wall time that the evaluation of one candidate may take, minutes; then the candidate is demoted.
     pub wall_minutes_max: u32,
     /// Most versions that one person registers within a minute; a further one is refused.
     pub registrations_per_minute_max: u32,

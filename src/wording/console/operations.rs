@@ -49,7 +49,7 @@ pub const NOTE_GOES_ON_RECORD: &str =
     "It goes on record, into the log, and into Health as a mark; it changes nothing else";
 pub const GOAL_LEAVES_FAMILIES_OUT: &str =
     "A candidate of a family that the goal leaves out meets no task in shadow";
-pub const ROLLED_BACK_UNDER_THIS_PROFILE: &str = "It is active under this profile, so it is rolled back";
+pub const DEMOTED_UNDER_THIS_PROFILE: &str = "It is active under this profile, so it is demoted";
 pub const NOTHING_KNOWN_YET: &str = "nothing is known yet";
 pub const GO_TO_THE_ALARMS: &str = "go to the alarms first (5, or ! for the highest)";
 pub const HISTORY_CHANGES_NOTHING: &str = "the history changes nothing; tab leads to the open alarms";

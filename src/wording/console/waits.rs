@@ -27,6 +27,6 @@ pub fn others(count: usize, kinds: &str) -> String {
 
 #[must_use]
 pub fn review_until(until: &str, overdue: bool) -> String {
-    let then = if overdue { "" } else { ", then it is rolled back" };
+    let then = if overdue { "" } else { ", then it is demoted" };
     format!("until {until}{then}; one person activated it")
 }

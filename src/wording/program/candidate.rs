@@ -100,8 +100,8 @@ pub fn check_summary(of: CheckSummary<'_>) -> String {
             "result     refused: its recovery cannot work under any profile".to_owned()
         }
         CheckSummary::Refused(refuses) => format!("result     refused under {refuses}"),
-        CheckSummary::CellFault => "result     on hold until the cell is repaired".to_owned(),
-        CheckSummary::SlowTicks => "result     on hold: its ticks take too long".to_owned(),
+        CheckSummary::CellFault => "result     demoted until the cell is repaired".to_owned(),
+        CheckSummary::SlowTicks => "result     demoted: its ticks take too long".to_owned(),
         CheckSummary::Admitted(admits, "") => format!("result     admitted under {admits}"),
         CheckSummary::Admitted(admits, refuses) => {
             format!("result     admitted under {admits}; refused under {refuses}")

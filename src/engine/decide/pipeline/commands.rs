@@ -36,7 +36,7 @@ use holdpoint_wording::command_effect::{AlarmAct, EngineEffect, VersionEffect, e
 fn refuse_held(why: &Problem) -> Reply {
     let start_again = "end the engine, look at `holdpoint audit verify`, and start it again";
     let hint = why.hint().unwrap_or(start_again.into()).into_owned();
-    Reply::Refused { code: Refusal::Holding, text: format!("the engine is holding: {why}"), hint: Some(hint) }
+    Reply::Refused { code: Refusal::Holding, text: format!("the engine is halted: {why}"), hint: Some(hint) }
 }
 
 /// Under an unauthorized profile, commands that give or widen authority are refused.

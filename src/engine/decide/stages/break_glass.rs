@@ -1,7 +1,7 @@
 //! Break-glass: one person activates a version past missing approvals, a freeze or a block; two others review it.
 //!
 //! Break-glass never overrides a measurement: the gate decides with the emergency approval, and its rejections and
-//! returns to evaluation stand. A version not reviewed by its deadline is rolled back, and the review stays open;
+//! returns to evaluation stand. A version not reviewed by its deadline is demoted, and the review stays open;
 //! until it is closed no version of the family is promoted (design rule 3.10).
 
 use holdpoint_approvals::SignedApproval;
@@ -108,7 +108,7 @@ impl Activation<'_> {
     }
 }
 
-/// Open reviews: rolls back a version that was not reviewed in time, and keeps the review request open in any state
+/// Open reviews: demotes a version that was not reviewed in time, and keeps the review request open in any state
 /// of the version. Returns whether anything was done.
 ///
 /// # Errors

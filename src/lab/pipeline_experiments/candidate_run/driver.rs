@@ -218,7 +218,7 @@ impl<'a> CandidateDriver<'a> {
         match self.pump.engine().holding() {
             None => Ok(()),
             Some(why) => {
-                Err(ExperimentError::candidate(self.name, format!("the engine holds: {}", why.sentence())))
+                Err(ExperimentError::candidate(self.name, format!("the engine halted: {}", why.sentence())))
             }
         }
     }
