@@ -207,6 +207,7 @@ impl PeerBench {
             clutter: Vec::new(),
             object_half_m: CUBE_HALF_M,
             object: &object,
+            further: Vec::new(),
             self_contacts: false,
         };
         let (mut physics, handles) = build::assemble(&self.robot, &cell, &self.robot.home, 2.0 * OPEN_M)?;

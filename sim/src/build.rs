@@ -22,8 +22,7 @@ use crate::effort::SolverEffort;
 use crate::handles::{ColliderKind, Handles, to_rapier, to_vector};
 use crate::motors;
 use crate::robot::{Inertial, LinkShape, LinkSpec, RobotModel};
-use holdpoint_body::Shape;
-use holdpoint_body::TICK_SECS;
+use holdpoint_body::{FurtherObject, Shape, TICK_SECS};
 use holdpoint_cell::CellError;
 use holdpoint_cell::episode::{EpisodeSetup, ObjectSetup};
 use holdpoint_cell::scene::{Clutter, Scene, Table, Tray};
@@ -60,13 +59,19 @@ pub struct CellFixtures<'a> {
     pub clutter: Vec<(u8, &'a Clutter)>,
     pub object_half_m: f64,
     pub object: &'a ObjectSetup,
+    /// The further objects, and where they start.
+    pub further: Vec<(FurtherObject, Isometry3<f64>)>,
     /// Whether the arm's far end meets its near end.
     pub self_contacts: bool,
 }
 
 impl<'a> CellFixtures<'a> {
     /// The cell of an episode.
-    pub fn new(scene: &'a Scene, setup: &'a EpisodeSetup) -> Self {
+    pub fn new(
+        scene: &'a Scene,
+        setup: &'a EpisodeSetup,
+        further: Vec<(FurtherObject, Isometry3<f64>)>,
+    ) -> Self {
         let present = |index: &u8| scene.clutter.get(usize::from(*index)).map(|piece| (*index, piece));
         Self {
             table: &scene.table,
@@ -74,6 +79,7 @@ impl<'a> CellFixtures<'a> {
             clutter: setup.clutter.iter().filter_map(present).collect(),
             object_half_m: scene.object.half_m,
             object: &setup.object,
+            further,
             self_contacts: true,
         }
     }
@@ -100,11 +106,13 @@ pub fn assemble(
     builder.fixtures();
     let object = builder.object();
     let (links, fingers, joints) = builder.arm()?;
+    // Last, so that everything else is numbered as without them.
+    let further = builder.further();
     let Builder { mut world, kinds, .. } = builder;
     let first_joint = joints[0];
     let link_ids =
         joints.iter().map(|handle| world.multibody_joints.get(*handle).map_or(0, |(_, id)| id)).collect();
-    let handles = Handles { links, fingers, first_joint, link_ids, object, kinds };
+    let handles = Handles { links, fingers, first_joint, link_ids, object, further, kinds };
     set_configuration(&mut world, &handles, robot, q, width_m);
     Ok((world, handles))
 }
@@ -158,6 +166,29 @@ impl Builder<'_> {
             .friction_combine_rule(CoefficientCombineRule::Min);
         self.add(ColliderKind::Object, (OBJECT, Group::ALL), cube, Some(body));
         body
+    }
+
+    fn further(&mut self) -> Vec<RigidBodyHandle> {
+        let (cell, edge) = (self.cell, self.cell.object_half_m as f32);
+        let place = |(object, pose): &(FurtherObject, Isometry3<f64>)| {
+            let body = RigidBodyBuilder::dynamic().pose(to_rapier(pose)).can_sleep(false);
+            let body = self.world.insert_body(body);
+            let shape = match object.shape.primitive() {
+                // `warm_start.rs` knows the object by its size.
+                Shape::Cuboid { half_m: [x, y, z] } if [x, y, z].map(|half| half as f32) == [edge; 3] => {
+                    Shape::Cuboid { half_m: [f64::from((x as f32).next_up()), y, z] }
+                }
+                shape => shape,
+            };
+            let shape = LinkShape { pose: Isometry3::identity(), shape, pad: false };
+            let solid = collider(&shape)
+                .mass(object.mass_kg as f32)
+                .friction(object.friction as f32)
+                .friction_combine_rule(CoefficientCombineRule::Min);
+            self.add(ColliderKind::Further, (OBJECT, Group::ALL), solid, Some(body));
+            body
+        };
+        cell.further.iter().map(place).collect()
     }
 
     #[expect(clippy::type_complexity, reason = "read once, right above")]

@@ -1,11 +1,12 @@
 //! The simulated cell behind the ports of [`holdpoint_cell`]: a world as live cell and as trial cell, and its sources.
 
 use std::any::Any;
+use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::Arc;
 
 use holdpoint_body::disturbance::Drift;
-use holdpoint_body::{NamedReading, ObjectName, RATE_HZ, ReadingVec, TaskKind};
+use holdpoint_body::{FurtherObject, NamedReading, ObjectName, RATE_HZ, ReadingVec, TaskKind};
 use holdpoint_cell::film::EpisodeFrame;
 use holdpoint_cell::spec::{
     Abilities, CellObject, CellSpec, ObjectKind, PartShape, PlacedShape, RobotSpec, SensorSpec,
@@ -18,10 +19,11 @@ use holdpoint_cell::{
 
 use nalgebra::Isometry3;
 
+use crate::further::{self, NamedObject};
 use crate::perception::CAMERA_HZ;
 use crate::published;
 use crate::robot::{RobotModel, shapes};
-use crate::world::{World, WorldCopy};
+use crate::world::{World, WorldConfig, WorldCopy};
 
 /// Digest of what computes the simulated cell in this build (`build.rs`).
 pub const BUILD: &str = env!("HOLDPOINT_SIM_BUILD");
@@ -29,8 +31,11 @@ pub const BUILD: &str = env!("HOLDPOINT_SIM_BUILD");
 /// The robot that a cell has if none is named.
 const DEFAULT_ROBOT: &str = "arm7";
 
-/// The cube and the tray, under the names that the tasks have for them.
-fn objects(scene: &Scene) -> Vec<CellObject> {
+/// Episodes of each distribution that are tried for a place of further objects.
+const STARTS_TRIED: u64 = 64;
+
+/// The cube and the tray, under the names that the tasks have for them, and the further objects.
+fn objects(scene: &Scene, further: &[NamedObject]) -> Vec<CellObject> {
     let edge = scene.object.half_m;
     let outside = edge + scene.tray.clearance_m + scene.tray.wall_m;
     let declared = TaskKind::SEQUENCE[0].declaration();
@@ -41,6 +46,11 @@ fn objects(scene: &Scene) -> Vec<CellObject> {
     .into_iter()
     // A declared name is short enough: a test of the tasks holds them to it.
     .filter_map(|(name, kind, half_m)| Some(CellObject { name: ObjectName::from(name).ok()?, kind, half_m }))
+    .chain(further.iter().map(|(name, object)| CellObject {
+        name: *name,
+        kind: ObjectKind::Further(*object),
+        half_m: object.shape.half_m(),
+    }))
     .collect()
 }
 
@@ -60,8 +70,8 @@ pub(crate) fn readings(spec: &CellSpec, pads_n: [f64; 2]) -> ReadingVec {
     spec.sensors.iter().map(read).collect()
 }
 
-/// What the simulated cell of a robot and a scene is.
-pub(crate) fn cell_spec(robot: &RobotModel, scene: &Arc<Scene>) -> CellSpec {
+/// What the simulated cell of a robot, a scene and further objects is.
+pub(crate) fn cell_spec(robot: &RobotModel, scene: &Arc<Scene>, further: &[NamedObject]) -> CellSpec {
     let parts = shapes(&robot.links, &robot.gripper).into_iter().map(|(piece, at, shape)| PlacedShape {
         piece,
         pose: at.isometry(),
@@ -79,7 +89,7 @@ pub(crate) fn cell_spec(robot: &RobotModel, scene: &Arc<Scene>) -> CellSpec {
             width_max_m: robot.gripper.width_max_m(),
         },
         zones: scene.zones.clone().into(),
-        objects: objects(scene),
+        objects: objects(scene, further),
         sensors: sensors(),
         tasks: TaskKind::SEQUENCE.to_vec(),
         rate_hz: RATE_HZ,
@@ -186,6 +196,7 @@ impl TrialCell for World {
 pub struct SimFactory {
     robot: RobotModel,
     scene: Scene,
+    objects: BTreeMap<String, FurtherObject>,
     spec: Arc<CellSpec>,
 }
 
@@ -196,8 +207,12 @@ impl SimFactory {
     /// [`CellError::File`] if the embedded scene were wrong.
     pub fn new(robot: RobotModel) -> Result<Self, CellError> {
         let scene = published::scene()?;
-        let spec = Arc::new(cell_spec(&robot, &Arc::new(scene.clone())));
-        Ok(Self { robot, scene, spec })
+        let spec = Arc::new(cell_spec(&robot, &Arc::new(scene.clone()), &[]));
+        Ok(Self { robot, scene, objects: BTreeMap::new(), spec })
+    }
+
+    fn world(&self) -> Result<World, CellError> {
+        World::with_objects(&self.robot, &self.scene, &self.objects, WorldConfig::default())
     }
 }
 
@@ -218,12 +233,31 @@ impl CellFactory for SimFactory {
         published::with_drift(of, drift)
     }
 
+    fn with_objects(
+        &self,
+        file: &str,
+        objects: &BTreeMap<String, FurtherObject>,
+    ) -> Result<Arc<dyn CellFactory>, CellError> {
+        let further = further::check(file, &self.scene, objects)?;
+        for distribution in self.distributions()? {
+            for seed in 0..STARTS_TRIED {
+                let setup = EpisodeSetup::sample(TaskKind::Grasp, &self.scene, &distribution, seed);
+                // Else some episodes, the live cell's too, would not start.
+                further::starts(&further, &self.scene, &setup)
+                    .map_err(|error| CellError::file(file, "objects", error.to_string()))?;
+            }
+        }
+        let (robot, scene) = (self.robot.clone(), self.scene.clone());
+        let spec = Arc::new(cell_spec(&robot, &self.spec.scene, &further));
+        Ok(Arc::new(Self { robot, scene, objects: objects.clone(), spec }))
+    }
+
     fn live(&self) -> Result<Box<dyn LiveCell>, CellError> {
-        Ok(Box::new(World::new(&self.robot, &self.scene)?))
+        Ok(Box::new(self.world()?))
     }
 
     fn trial(&self) -> Result<Box<dyn TrialCell>, CellError> {
-        Ok(Box::new(World::new(&self.robot, &self.scene)?))
+        Ok(Box::new(self.world()?))
     }
 }
 

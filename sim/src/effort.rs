@@ -8,6 +8,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::handles::{ColliderKind, Handles};
 use crate::readout;
+use crate::reduced_state;
 
 /// How much work the solver does.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -134,9 +135,17 @@ pub fn situation(physics: &PhysicsWorld, handles: &Handles) -> Situation {
             | (ColliderKind::Table | ColliderKind::Tray | ColliderKind::Clutter(_), ColliderKind::Object) => {
                 supported = true;
             }
+            // What a further object stands on. It counts while it moves.
+            (
+                ColliderKind::Further,
+                ColliderKind::Table | ColliderKind::Tray | ColliderKind::Clutter(_) | ColliderKind::Further,
+            )
+            | (ColliderKind::Table | ColliderKind::Tray | ColliderKind::Clutter(_), ColliderKind::Further) => {
+            }
             (ColliderKind::Link(_) | ColliderKind::Finger(_) | ColliderKind::Pad(_), _)
             | (_, ColliderKind::Link(_) | ColliderKind::Finger(_) | ColliderKind::Pad(_))
-            | (ColliderKind::Object, ColliderKind::Object)
+            | (ColliderKind::Object, ColliderKind::Object | ColliderKind::Further)
+            | (ColliderKind::Further, ColliderKind::Object)
             | (
                 ColliderKind::Table | ColliderKind::Tray | ColliderKind::Clutter(_),
                 ColliderKind::Table | ColliderKind::Tray | ColliderKind::Clutter(_),
@@ -144,6 +153,9 @@ pub fn situation(physics: &PhysicsWorld, handles: &Handles) -> Situation {
                 return Situation::Contact;
             }
         }
+    }
+    if !reduced_state::further_objects_rest(physics, handles) {
+        return Situation::Contact;
     }
     let resting = || readout::object_state(physics, handles).1 < RESTING_M_S;
     match (gripping, supported) {

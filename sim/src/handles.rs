@@ -23,6 +23,8 @@ pub enum ColliderKind {
     Tray,
     /// Clutter by index.
     Clutter(u8),
+    /// A further object.
+    Further,
 }
 
 /// Handles into the physics world; they stay valid across a snapshot.
@@ -36,6 +38,9 @@ pub struct Handles {
     /// Multibody link ids: arm joints, then fingers.
     pub link_ids: Vec<usize>,
     pub object: RigidBodyHandle,
+    /// The further objects, in the order of their names. A snapshot has them at its end, if there are any.
+    #[serde(skip)]
+    pub further: Vec<RigidBodyHandle>,
     /// Kind of the collider with raw index `i`.
     pub kinds: Vec<ColliderKind>,
 }

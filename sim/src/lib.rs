@@ -20,6 +20,7 @@ mod coupled_rows;
 mod effort;
 mod fault;
 mod free_body;
+mod further;
 mod handles;
 mod motors;
 mod object_contacts;

@@ -172,7 +172,11 @@ impl ObjectPairs {
                 ColliderKind::Table | ColliderKind::Tray | ColliderKind::Clutter(_) => {
                     parameters.static_contact_softness
                 }
-                ColliderKind::Link(_) | ColliderKind::Finger(_) | ColliderKind::Object => continue,
+                // The engine takes over before the object meets one of these.
+                ColliderKind::Link(_)
+                | ColliderKind::Finger(_)
+                | ColliderKind::Object
+                | ColliderKind::Further => continue,
             };
             let softness = Softness {
                 frequency_hz: f64::from(softness.natural_frequency),

@@ -9,6 +9,7 @@ use serde::{Deserialize, Serialize};
 use crate::dynamics::ARM_JOINTS_MAX;
 use holdpoint_body::{Estimate, JointVec, Pose, RATE_HZ};
 use holdpoint_cell::episode::{CameraSetup, SensorSetup, upright, yaw_of};
+use holdpoint_cell::rng::Stream;
 
 /// Camera frames per second.
 pub const CAMERA_HZ: u32 = 30;
@@ -84,13 +85,10 @@ impl Camera {
         self.next_exposure += PERIOD_TICKS + s.timing.unit() * s.period_jitter_ticks;
         let delay = s.delay_ticks + s.timing.unit() * s.delay_jitter_ticks;
         let lost = s.timing.chance(s.drop_probability);
-        let fresh = libm::sqrt(1.0 - s.correlation * s.correlation);
         for row in &mut self.noise {
-            for value in row {
-                *value = s.correlation * *value + fresh * s.noise.normal();
-            }
+            correlate(row, s.correlation, &mut s.noise);
         }
-        let seen = [self.perceived(object, 0), self.perceived(target, 1)];
+        let seen = [self.perceived(object, &self.noise[0]), self.perceived(target, &self.noise[1])];
         // A camera frame never overtakes the one before it.
         let after = self.in_flight.last().map_or(0, |frame| frame.due);
         #[allow(
@@ -108,14 +106,35 @@ impl Camera {
     }
 
     /// A pose with bias and noise: translation, and a turn about the world's z.
-    fn perceived(&self, truth: &Isometry3<f64>, row: usize) -> Pose {
-        let (s, n) = (&self.setup, &self.noise[row]);
+    pub fn perceived(&self, truth: &Isometry3<f64>, n: &[f64; 4]) -> Pose {
+        let s = &self.setup;
         let turn = upright(0.0, 0.0, 0.0, s.bias_yaw_rad + s.sigma_yaw_rad * n[3]).rotation;
         let mut pose = Isometry3::from_parts(truth.translation, turn * truth.rotation);
         pose.translation.x += s.bias_m[0] + s.sigma_m * n[0];
         pose.translation.y += s.bias_m[1] + s.sigma_m * n[1];
         pose.translation.z += 0.5 * s.sigma_m * n[2];
         Pose::from(&pose)
+    }
+
+    /// Correlation of the noise from one exposure to the next.
+    pub const fn correlation(&self) -> f64 {
+        self.setup.correlation
+    }
+
+    /// Number of the newest exposure; 0 before the first.
+    pub const fn newest(&self) -> u32 {
+        self.sequence
+    }
+
+    /// Number of the newest delivered frame, seen or lost.
+    pub fn delivered(&self) -> Option<u32> {
+        self.delivered.as_ref().map(|frame| frame.sequence)
+    }
+
+    /// Number of the newest delivered frame and its age, ticks; absent before the first and while the last was lost.
+    pub fn in_view(&self, tick: u64) -> Option<(u32, u32)> {
+        let frame = self.delivered.as_ref().filter(|frame| frame.seen.is_some())?;
+        Some((frame.sequence, u32::try_from(tick - frame.taken).unwrap_or(u32::MAX)))
     }
 
     /// Object and target as last seen; absent before the first picture and while the last was lost.
@@ -131,6 +150,14 @@ impl Camera {
     /// Age of the newest camera frame that was not lost, ticks.
     pub fn age_ticks(&self, tick: u64) -> Option<u32> {
         self.last_seen.map(|taken| u32::try_from(tick - taken).unwrap_or(u32::MAX))
+    }
+}
+
+/// The next noise of an object after the last (AR(1)).
+pub fn correlate(row: &mut [f64; 4], correlation: f64, stream: &mut Stream) {
+    let fresh = libm::sqrt(1.0 - correlation * correlation);
+    for value in row {
+        *value = correlation * *value + fresh * stream.normal();
     }
 }
 

@@ -4,6 +4,7 @@
 //! `perception.rs`.
 
 use nalgebra::{Isometry3, Vector3};
+use rapier3d::dynamics::RigidBody;
 use rapier3d::geometry::ContactPair;
 use rapier3d::pipeline::PhysicsWorld;
 
@@ -45,6 +46,14 @@ pub fn object_state(physics: &PhysicsWorld, handles: &Handles) -> (Isometry3<f64
     (from_rapier(body.position()), f64::from(body.linvel().length()), f64::from(body.angvel().length()))
 }
 
+/// The bodies of the further objects.
+pub fn further_objects<'a>(
+    physics: &'a PhysicsWorld,
+    handles: &'a Handles,
+) -> impl Iterator<Item = &'a RigidBody> {
+    handles.further.iter().filter_map(|handle| physics.bodies.get(*handle))
+}
+
 /// Classifies every touching pair and sums its forces.
 pub fn contact_forces(physics: &PhysicsWorld, handles: &Handles, joints: usize) -> ContactForces {
     let mut out = ContactForces::default();
@@ -68,6 +77,8 @@ pub fn contact_forces(physics: &PhysicsWorld, handles: &Handles, joints: usize) 
         };
         let distal = is_distal(a, joints);
         match (rank(a), rank(b)) {
+            // A further object on what it stands on.
+            (2, _) => {}
             (0, 0) => {
                 out.contacts.robot_robot = true;
                 out.self_n = out.self_n.max(magnitude);
@@ -85,7 +96,7 @@ pub fn contact_forces(physics: &PhysicsWorld, handles: &Handles, joints: usize) 
                 }
             }
             (0, _) => {
-                if matches!(b, ColliderKind::Clutter(_)) {
+                if is_in_the_way(b) {
                     out.contacts.robot_clutter = true;
                     out.clutter_n = out.clutter_n.max(magnitude);
                 } else {
@@ -97,7 +108,7 @@ pub fn contact_forces(physics: &PhysicsWorld, handles: &Handles, joints: usize) 
                 }
             }
             _ => {
-                if matches!(b, ColliderKind::Clutter(_)) {
+                if is_in_the_way(b) {
                     out.contacts.object_clutter = true;
                     out.object_clutter_n = out.object_clutter_n.max(magnitude);
                 } else {
@@ -125,6 +136,9 @@ pub fn contact_points(physics: &PhysicsWorld, handles: &Handles) -> Vec<ContactP
         let (Some(first), Some(second)) = (kind(handles, pair, true), kind(handles, pair, false)) else {
             continue;
         };
+        if rank(first).min(rank(second)) == 2 {
+            continue;
+        }
         let (mut sum, mut count) = (Vector3::zeros(), 0.0_f64);
         for manifold in pair.solver_manifolds() {
             for contact in &manifold.data.solver_contacts {
@@ -158,8 +172,13 @@ fn rank(kind: ColliderKind) -> u8 {
     match kind {
         ColliderKind::Link(_) | ColliderKind::Finger(_) | ColliderKind::Pad(_) => 0,
         ColliderKind::Object => 1,
-        ColliderKind::Table | ColliderKind::Tray | ColliderKind::Clutter(_) => 2,
+        ColliderKind::Table | ColliderKind::Tray | ColliderKind::Clutter(_) | ColliderKind::Further => 2,
     }
+}
+
+/// Clutter, and further objects: no task has to do with them.
+fn is_in_the_way(kind: ColliderKind) -> bool {
+    matches!(kind, ColliderKind::Clutter(_) | ColliderKind::Further)
 }
 
 /// Beyond the wrist's force sensor.
@@ -167,6 +186,10 @@ fn is_distal(kind: ColliderKind, joints: usize) -> bool {
     match kind {
         ColliderKind::Link(index) => usize::from(index) == joints,
         ColliderKind::Finger(_) | ColliderKind::Pad(_) => true,
-        ColliderKind::Object | ColliderKind::Table | ColliderKind::Tray | ColliderKind::Clutter(_) => false,
+        ColliderKind::Object
+        | ColliderKind::Table
+        | ColliderKind::Tray
+        | ColliderKind::Clutter(_)
+        | ColliderKind::Further => false,
     }
 }

@@ -2,8 +2,8 @@
 //!
 //! The arm's own dynamics ([`crate::dynamics`]) with the motor law of [`crate::motors`] and, while the object moves or
 //! a pad is near it, the object's contacts ([`crate::object_contacts`]) advance the state in f64. Everything else is
-//! at rest. Before anything else can come within contact range ([`crate::survey`]) the state returns to the physics
-//! engine, equal to its f32. Nothing here allocates but a change of owner.
+//! at rest, further objects too. Before anything else can come within contact range ([`crate::survey`]) the state
+//! returns to the physics engine, equal to its f32. Nothing here allocates but a change of owner.
 #![allow(
     clippy::cast_possible_truncation,
     reason = "physics is f32: values are narrowed here on their way to the engine"
@@ -11,7 +11,7 @@
 
 use arrayvec::ArrayVec;
 use nalgebra::{Isometry3, Matrix3, Vector3};
-use rapier3d::dynamics::JointAxis;
+use rapier3d::dynamics::{JointAxis, RigidBody};
 use rapier3d::math::Rotation;
 use rapier3d::pipeline::PhysicsWorld;
 use serde::{Deserialize, Serialize};
@@ -24,6 +24,7 @@ use crate::free_body::FreeBody;
 use crate::handles::{ColliderKind, Handles, to_narrow};
 use crate::motors::{self, Drives, MotorReference};
 use crate::object_contacts::{self, FixtureRoom, Manifold, ObjectContacts, ObjectPairs};
+use crate::readout;
 use crate::robot::RobotModel;
 use crate::survey::{Survey, Surveyor};
 use crate::warm_start::WarmStart;
@@ -46,15 +47,27 @@ pub struct StateOwner {
     pub own: Option<ReducedState>,
     /// Ticks of the engine since the object last moved.
     still_ticks: u32,
+    /// Ticks of the engine since a further object last moved. A snapshot has them at its end, if there are any.
+    #[serde(skip)]
+    pub further_still_ticks: u32,
+}
+
+fn is_still(body: &RigidBody) -> bool {
+    f64::from(body.linvel().length()) < STILL.0 && f64::from(body.angvel().length()) < STILL.1
+}
+
+/// Whether no further object moves, for this tick.
+pub fn further_objects_rest(physics: &PhysicsWorld, handles: &Handles) -> bool {
+    readout::further_objects(physics, handles).all(is_still)
 }
 
 impl StateOwner {
-    /// Follows the object; called after every tick of the engine.
-    pub fn follow_object(&mut self, physics: &PhysicsWorld, handles: &Handles) {
-        let still = physics.bodies.get(handles.object).is_some_and(|body| {
-            f64::from(body.linvel().length()) < STILL.0 && f64::from(body.angvel().length()) < STILL.1
-        });
-        self.still_ticks = if still { self.still_ticks.saturating_add(1) } else { 0 };
+    /// Follows the objects; called after every tick of the engine.
+    pub fn follow_objects(&mut self, physics: &PhysicsWorld, handles: &Handles) {
+        let count = |ticks: u32, still: bool| if still { ticks.saturating_add(1) } else { 0 };
+        let still = physics.bodies.get(handles.object).is_some_and(is_still);
+        self.still_ticks = count(self.still_ticks, still);
+        self.further_still_ticks = count(self.further_still_ticks, further_objects_rest(physics, handles));
     }
 
     /// Takes the state from the own dynamics, with what they know of how long the object has stood still.
@@ -143,7 +156,8 @@ impl ReducedCell {
         (situation, effort): (Situation, SolverEffort),
         owner: &StateOwner,
     ) -> Option<ReducedState> {
-        if situation == Situation::Contact {
+        let further_move = !handles.further.is_empty() && owner.further_still_ticks < STILL_TICKS;
+        if situation == Situation::Contact || further_move {
             return None;
         }
         let (multibody, _) = physics.multibody_joints.get(handles.first_joint)?;
@@ -172,7 +186,7 @@ impl ReducedCell {
         let place = self.dynamics.place(&q);
         let object = FreeBody::of(body)?;
         let turn = object.rotation.to_rotation_matrix().into_inner();
-        let survey = self.surveyor.survey(&q, &place, &object, &turn);
+        let survey = self.surveyor.survey(physics, &q, &place, &object, &turn);
         let moved = survey.robot_moved(&q, &dq, TICK_SECS);
         let in_hand = survey.moved(&self.surveyor, (&q, &dq), &place, &object, &turn, TICK_SECS).in_hand_m;
         let clear = survey.robot_m > ENTRY_ROOM_M + moved
@@ -215,14 +229,20 @@ impl ReducedCell {
     }
 
     /// One tick; false where the engine must take over before it.
-    pub fn tick(&self, state: &mut ReducedState, drives: &Drives, object_weight: f64) -> bool {
+    pub fn tick(
+        &self,
+        state: &mut ReducedState,
+        physics: &PhysicsWorld,
+        drives: &Drives,
+        object_weight: f64,
+    ) -> bool {
         let n = self.dynamics.joints();
         if !self.within_limits(&state.q) {
             return false;
         }
         let place = self.dynamics.place(&state.q);
         let turn = state.object.rotation.to_rotation_matrix().into_inner();
-        if !self.clear(state, &place, &turn) {
+        if !self.clear(state, physics, &place, &turn) {
             return false;
         }
         let mut contacts = ObjectContacts::new();
@@ -294,7 +314,7 @@ impl ReducedCell {
             coupled_rows::object_speeds(&mut state.object, &u);
             ObjectPairs::store(&mut state.manifolds, &contacts);
             state.forces = Some(self.forces(&contacts));
-            self.let_rest(state, &contacts);
+            self.let_rest(state, physics, &contacts);
         }
         state.arm.clone_from(&drives.arm);
         for reference in &mut state.arm {
@@ -318,10 +338,16 @@ impl ReducedCell {
 
     /// Whether nothing but pads, table, tray and clutter can come within range of the object in this tick, and nothing
     /// within that of the robot. The object takes part from where a pad can.
-    fn clear(&self, state: &mut ReducedState, place: &Placement, turn: &Matrix3<f64>) -> bool {
+    fn clear(
+        &self,
+        state: &mut ReducedState,
+        physics: &PhysicsWorld,
+        place: &Placement,
+        turn: &Matrix3<f64>,
+    ) -> bool {
         for fresh in [false, true] {
             if fresh {
-                state.survey = self.surveyor.survey(&state.q, place, &state.object, turn);
+                state.survey = self.surveyor.survey(physics, &state.q, place, &state.object, turn);
             }
             let survey = &state.survey;
             let clear = if state.moving {
@@ -346,7 +372,7 @@ impl ReducedCell {
     }
 
     /// Leaves the object where it is once it has stood still for long enough, away from the pads.
-    fn let_rest(&self, state: &mut ReducedState, contacts: &ObjectContacts) {
+    fn let_rest(&self, state: &mut ReducedState, physics: &PhysicsWorld, contacts: &ObjectContacts) {
         let (object, pressed) = (&state.object, |pad: bool| {
             contacts
                 .iter()
@@ -359,7 +385,7 @@ impl ReducedCell {
         if state.still_ticks >= STILL_TICKS && state.still_ticks.is_multiple_of(STILL_TICKS) {
             let place = self.dynamics.place(&state.q);
             let turn = object.rotation.to_rotation_matrix().into_inner();
-            let survey = self.surveyor.survey(&state.q, &place, object, &turn);
+            let survey = self.surveyor.survey(physics, &state.q, &place, object, &turn);
             let moved = survey.robot_moved(&state.q, &state.dq, TICK_SECS);
             state.moving = survey.pads_object_m <= ENTRY_ROOM_M + moved;
             state.survey = survey;

@@ -15,7 +15,8 @@ use serde::{Deserialize, Serialize};
 
 use crate::build;
 use crate::fault::{ActiveFaults, RUNAWAY_RAD_S};
-use crate::handles::Handles;
+use crate::further::{self, FurtherSight, NamedObject};
+use crate::handles::{Handles, from_rapier};
 use crate::motors::{self, Drives, MotorReference};
 use crate::perception::{Camera, SensorErrors};
 use crate::readout;
@@ -101,12 +102,23 @@ pub struct WorldState {
     pub joints: JointState,
     pub forces: ContactForces,
     pub errors: SensorErrors,
+    /// What the camera sees of the further objects. A snapshot has it at its end, if there are any.
+    #[serde(skip, default = "FurtherSight::none")]
+    pub further: FurtherSight,
 }
 
 impl WorldState {
-    pub fn new(robot: &RobotModel, scene: &Scene, setup: &EpisodeSetup) -> Result<Self, CellError> {
+    pub fn new(
+        robot: &RobotModel,
+        scene: &Scene,
+        objects: &[NamedObject],
+        setup: &EpisodeSetup,
+    ) -> Result<Self, CellError> {
         let (q, width) = start_configuration(robot, scene, setup)?;
-        let (physics, handles) = build::assemble(robot, &build::CellFixtures::new(scene, setup), &q, width)?;
+        let (starts, stream) = further::starts(objects, scene, setup)?;
+        let placed = objects.iter().map(|(_, object)| *object).zip(starts).collect();
+        let fixtures = build::CellFixtures::new(scene, setup, placed);
+        let (physics, handles) = build::assemble(robot, &fixtures, &q, width)?;
         let joints = readout::joint_state(&physics, &handles, robot);
         Ok(Self {
             physics,
@@ -128,6 +140,7 @@ impl WorldState {
             joints,
             forces: ContactForces::default(),
             errors: SensorErrors::default(),
+            further: FurtherSight::new(objects.len(), stream),
         })
     }
 
@@ -151,6 +164,11 @@ impl WorldState {
     pub fn object(&self) -> (Isometry3<f64>, f64, f64) {
         let own = self.owner.own.as_ref().map(ReducedState::object);
         own.unwrap_or_else(|| readout::object_state(&self.physics, &self.handles))
+    }
+
+    /// Poses of the further objects, in the order of their names.
+    pub fn further_poses(&self) -> impl Iterator<Item = Isometry3<f64>> {
+        readout::further_objects(&self.physics, &self.handles).map(|body| from_rapier(body.position()))
     }
 
     /// Applies the push that is due.
@@ -235,6 +253,11 @@ impl WorldState {
         let usable = distance < DISTANCE_DIVERGED_M && speed < OBJECT_SPEED_DIVERGED_M_S && spin.is_finite();
         if !usable {
             return diverged(format!("object {distance} m away at \"{speed}\" m/s"));
+        }
+        // One that a skill pushed off the table falls for the rest of the episode.
+        let finite = |pose: Isometry3<f64>| pose.translation.vector.iter().all(|at| at.is_finite());
+        if !self.further_poses().all(finite) {
+            return diverged("a further object is nowhere".to_owned());
         }
         Ok(())
     }

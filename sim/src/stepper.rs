@@ -47,7 +47,7 @@ impl Stepper {
         let weight =
             || physics.bodies.get(handles.object).map_or(1.0, |body| f64::from(body.gravity_scale()));
         if let (Some(cell), Some(state)) = (&self.cell, owner.own.as_mut())
-            && cell.tick(state, drives, weight())
+            && cell.tick(state, physics, drives, weight())
         {
             return true;
         }
@@ -74,7 +74,7 @@ impl Stepper {
         }
         if let Some(cell) = &self.cell {
             let situation = effort::situation(physics, handles);
-            owner.follow_object(physics, handles);
+            owner.follow_objects(physics, handles);
             owner.own = cell.enter(physics, handles, (situation, effort), owner);
         }
         false

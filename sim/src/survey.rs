@@ -5,8 +5,9 @@
 //! joints have turned. Bounds are conservative: a survey that errs hands a tick to the physics
 //! engine, never the other way round.
 
+use arrayvec::ArrayVec;
 use nalgebra::{Matrix3, Vector3};
-use rapier3d::geometry::{Collider, InteractionGroups, SharedShape};
+use rapier3d::geometry::{Collider, ColliderHandle, InteractionGroups, SharedShape};
 use rapier3d::math::{Pose as RapierPose, Vector};
 use rapier3d::parry::query;
 use rapier3d::pipeline::PhysicsWorld;
@@ -15,6 +16,7 @@ use serde::{Deserialize, Serialize};
 use crate::dynamics::{ArmDynamics, DOFS_MAX, Dofs, Placement};
 use crate::free_body::FreeBody;
 use crate::handles::{ColliderKind, Handles, from_rapier, to_rapier};
+use holdpoint_body::FURTHER_OBJECTS_MAX;
 use holdpoint_body::chain::Transform;
 
 /// Closer than this counts as within contact range, m: the engine's prediction distance and a
@@ -86,6 +88,8 @@ pub struct Surveyor {
     covers: [BoundingBall; DOFS_MAX],
     fixtures: Vec<FixedObstacle>,
     object: Option<(SharedShape, Vector3<f64>, InteractionGroups)>,
+    /// The further objects: they stand while the engine rests, each time where it left them.
+    further: Vec<ColliderHandle>,
     self_contacts: bool,
 }
 
@@ -100,9 +104,9 @@ pub struct Survey {
     object_at: [f64; 3],
     /// Its pose in the frame of the hand: position, then the rotation's columns.
     in_hand: [f64; 12],
-    /// The robot to what stands, and to itself.
+    /// The robot to what stands and to further objects, and to itself.
     pub robot_m: f64,
-    /// The object to the arm before the hand.
+    /// The object to the arm before the hand, and to further objects.
     pub arm_object_m: f64,
     /// The object to the hand and the fingers without their pads.
     pub hand_object_m: f64,
@@ -189,6 +193,7 @@ impl Surveyor {
         let mut parts = Vec::new();
         let mut fixtures = Vec::new();
         let mut object = None;
+        let mut further = Vec::new();
         for (handle, collider) in physics.colliders.iter() {
             let Some(kind) = handles.kinds.get(handle.into_raw_parts().0 as usize) else { continue };
             match kind {
@@ -209,19 +214,33 @@ impl Surveyor {
                     let shape = collider.shared_shape().clone();
                     object = Some((shape.clone(), half_extents(&shape), collider.collision_groups()));
                 }
+                ColliderKind::Further => further.push(handle),
             }
         }
         let covers = core::array::from_fn(|link| BoundingBall::new(&parts, link));
-        Self { joints, parts, covers, fixtures, object, self_contacts }
+        Self { joints, parts, covers, fixtures, object, further, self_contacts }
     }
 
     /// Lower bounds of every distance that counts, for an object with the orientation `turn`.
-    pub fn survey(&self, q: &Dofs, place: &Placement, object: &FreeBody, turn: &Matrix3<f64>) -> Survey {
+    pub fn survey(
+        &self,
+        physics: &PhysicsWorld,
+        q: &Dofs,
+        place: &Placement,
+        object: &FreeBody,
+        turn: &Matrix3<f64>,
+    ) -> Survey {
+        let further: ArrayVec<FixedObstacle, FURTHER_OBJECTS_MAX> = self
+            .further
+            .iter()
+            .filter_map(|handle| physics.colliders.get(*handle))
+            .map(|collider| FixedObstacle::new(collider, false))
+            .collect();
         let balls: [(Vector3<f64>, f64); DOFS_MAX] = core::array::from_fn(|link| {
             (place.frames[link].point(&self.covers[link].centre), self.covers[link].radius)
         });
         let mut robot = FAR_M;
-        for fixture in &self.fixtures {
+        for fixture in self.fixtures.iter().chain(&further) {
             for (link, (centre, radius)) in balls.iter().enumerate() {
                 if self.covers[link].any && fixture.bounds.distance_to_ball(centre, *radius) < robot {
                     robot = robot.min(self.link_to_fixture(place, link, fixture, robot));
@@ -231,7 +250,7 @@ impl Surveyor {
         if self.self_contacts {
             robot = robot.min(self.to_itself(place, &balls, robot));
         }
-        let [arm, hand, pads] = self.to_object(place, &balls, object, turn);
+        let [arm, hand, pads] = self.to_object(place, &balls, object, turn, &further);
         let room = |least: f64| (least - RANGE_M).max(0.0);
         let most = room(robot.max(arm).max(hand).max(pads));
         Survey {
@@ -246,20 +265,22 @@ impl Surveyor {
         }
     }
 
-    /// Distance of the object to the arm before the hand, to hand and fingers, and to the pads, m.
+    /// Distance of the object to the arm before the hand and to further objects, to hand and fingers, and to the
+    /// pads, m.
     fn to_object(
         &self,
         place: &Placement,
         balls: &[(Vector3<f64>, f64); DOFS_MAX],
         object: &FreeBody,
         turn: &Matrix3<f64>,
+        further: &[FixedObstacle],
     ) -> [f64; 3] {
         let mut least = [FAR_M; 3];
         let Some((shape, half, groups)) = &self.object else { return least };
         let bounds = Bounds::of(turn, object.position, half);
         let pose = to_rapier(&object.pose());
         let radius = half.norm();
-        for fixture in self.fixtures.iter().filter(|fixture| fixture.robot) {
+        for fixture in self.fixtures.iter().filter(|fixture| fixture.robot).chain(further) {
             least[0] = least[0].min(fixture.bounds.distance_to_ball(&object.position, radius));
         }
         for (link, (centre, around)) in balls.iter().enumerate() {

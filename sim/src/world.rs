@@ -1,4 +1,4 @@
-//! One cell: build, reset, observe, step, snapshot. The first implementation of the robot boundary.
+//! One cell: build, reset, observe, step. The first implementation of the robot boundary.
 //!
 //! A tick is 1/240 s: the command passes the latency queue, sets a channel's setpoint, the servo
 //! moves the motor targets, physics advances once, sensors and camera read the result. Everything
@@ -8,6 +8,7 @@ mod copy;
 
 pub use copy::WorldCopy;
 
+use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use arrayvec::ArrayVec;
@@ -17,6 +18,8 @@ use serde::{Deserialize, Serialize};
 use crate::cell::{cell_spec, readings};
 use crate::dynamics::ARM_JOINTS_MAX;
 use crate::film::EpisodeFilm;
+use crate::further::NamedObject;
+use crate::handles::from_rapier;
 use crate::perception::sensor_errors;
 use crate::readout;
 use crate::reduced_state::ReducedState;
@@ -26,8 +29,8 @@ use crate::stepper::Stepper;
 use crate::work_count;
 use holdpoint_body::chain::Transform;
 use holdpoint_body::{
-    Body, BodyError, Command, GuardVerdict, Interrupt, JointVec, ObjectVec, Observation, Pose, ReadingVec,
-    TaskKind, Telemetry, Twist, check_command,
+    Body, BodyError, Command, FurtherObject, GuardVerdict, Interrupt, JointVec, ObjectVec, Observation, Pose,
+    ReadingVec, TaskKind, Telemetry, Twist, check_command,
 };
 use holdpoint_cell::episode::{EpisodeSetup, Start};
 use holdpoint_cell::truth::{ContactForces, ContactPoint, JointState};
@@ -50,6 +53,7 @@ pub struct World {
     robot: Arc<RobotModel>,
     scene: Arc<Scene>,
     pub(crate) spec: Arc<CellSpec>,
+    further: Arc<[NamedObject]>,
     config: WorldConfig,
     stepper: Stepper,
     state: WorldState,
@@ -103,14 +107,28 @@ impl World {
     /// # Errors
     /// As [`World::new`].
     pub fn with_config(robot: &RobotModel, scene: &Scene, config: WorldConfig) -> Result<Self, CellError> {
+        Self::with_objects(robot, scene, &BTreeMap::new(), config)
+    }
+
+    /// A world with further objects under these names.
+    ///
+    /// # Errors
+    /// As [`World::new`], or if the cell cannot have one of the objects.
+    pub fn with_objects(
+        robot: &RobotModel,
+        scene: &Scene,
+        objects: &BTreeMap<String, FurtherObject>,
+        config: WorldConfig,
+    ) -> Result<Self, CellError> {
+        let further: Arc<[NamedObject]> = crate::further::check(&scene.name, scene, objects)?.into();
         let distribution = crate::published::canonical()?;
         let setup = EpisodeSetup::sample(TaskKind::Grasp, scene, &distribution, 0);
         let (robot, scene) = (Arc::new(robot.clone()), Arc::new(scene.clone()));
-        let state = WorldState::new(&robot, &scene, &setup)?;
+        let state = WorldState::new(&robot, &scene, &further, &setup)?;
         let observation = blank_observation(robot.geometry.joint_count());
         let stepper = Stepper::new(config.fidelity, &robot, &state.physics, &state.handles, true);
-        let spec = Arc::new(cell_spec(&robot, &scene));
-        let mut world = Self { robot, scene, spec, config, stepper, state, observation, film: None };
+        let spec = Arc::new(cell_spec(&robot, &scene, &further));
+        let mut world = Self { robot, scene, spec, further, config, stepper, state, observation, film: None };
         world.settle_start()?;
         Ok(world)
     }
@@ -120,7 +138,7 @@ impl World {
     /// # Errors
     /// [`CellError::InvalidStart`] when a held start is out of reach or the object does not hold.
     pub fn reset(&mut self, setup: &EpisodeSetup) -> Result<(), CellError> {
-        self.state = WorldState::new(&self.robot, &self.scene, setup)?;
+        self.state = WorldState::new(&self.robot, &self.scene, &self.further, setup)?;
         work_count::note(|count| count.episodes += 1);
         self.prepare();
         self.settle_start()?;
@@ -364,6 +382,13 @@ impl World {
         (pose, speed)
     }
 
+    /// True poses of the further objects, by their names.
+    #[must_use]
+    pub fn further_objects(&self) -> BTreeMap<&str, Isometry3<f64>> {
+        let names = self.further.iter().map(|(name, _)| name.as_str());
+        names.zip(self.state.further_poses()).collect()
+    }
+
     /// The end-of-task inspection, from true poses: is the work of the current task done right now?
     #[must_use]
     pub fn task_succeeded(&self) -> bool {
@@ -397,36 +422,6 @@ impl World {
                     && (tool - object.translation.vector).norm() >= t.place_clear_m
             }
         }
-    }
-
-    /// The complete state as bytes; see [`World::restore`].
-    ///
-    /// # Errors
-    /// [`CellError::Snapshot`] when the state cannot be written.
-    pub fn snapshot(&self) -> Result<Vec<u8>, CellError> {
-        let head = (self.robot.digest, &self.config);
-        postcard::to_allocvec(&(head, &self.state)).map_err(|error| CellError::Snapshot(error.to_string()))
-    }
-
-    /// Continues from a snapshot of a world with the same robot: bit-identical to never having
-    /// stopped. The scene is the caller's to match.
-    ///
-    /// # Errors
-    /// [`CellError::Snapshot`] when the bytes are not a snapshot or belong to another robot; the
-    /// world is then unchanged.
-    pub fn restore(&mut self, bytes: &[u8]) -> Result<(), CellError> {
-        let ((digest, config), state): ((u64, WorldConfig), WorldState) =
-            postcard::from_bytes(bytes).map_err(|error| CellError::Snapshot(error.to_string()))?;
-        if digest != self.robot.digest {
-            let problem =
-                format!("made with robot \"{digest:016x}\", this one is {:016x}", self.robot.digest);
-            return Err(CellError::Snapshot(problem));
-        }
-        self.config = config;
-        self.state = state;
-        self.prepare();
-        self.fill_observation();
-        Ok(())
     }
 
     /// FNV-1a over the raw bits of every body's pose and velocity, the servo's reference and the tick.
@@ -518,6 +513,8 @@ impl World {
         s.errors = sensor_errors(&mut s.setup.sensors);
         let (object, _, _) = s.object();
         s.camera.tick(s.tick, &object, &s.setup.target.isometry());
+        let further = readout::further_objects(&s.physics, &s.handles);
+        s.further.follow(&s.camera, further.map(|body| from_rapier(body.position())));
         self.fill_observation();
     }
 
@@ -541,6 +538,7 @@ impl World {
         o.wrist_force_n = (Vector3::from(s.forces.wrist_n).norm() + e.force_n[1]).max(0.0);
         let (object, target) = s.camera.estimates(s.tick);
         o.objects = s.task.seen_objects(object, target);
+        o.objects.extend(s.further.seen(&s.camera, s.tick, &self.further));
         o.sensors = readings(&self.spec, s.forces.pad_n.map(|force| (force + e.force_n[0]).max(0.0)));
         o.tool_available = s.tool_available();
         o.goal = s.task;

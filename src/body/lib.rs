@@ -9,6 +9,7 @@ pub mod chain;
 pub mod clearance;
 mod command_check;
 pub mod disturbance;
+mod further_object;
 pub mod geometry;
 pub mod ik;
 mod messages;
@@ -19,6 +20,7 @@ pub mod task;
 pub mod zone;
 
 pub use command_check::check_command;
+pub use further_object::{FURTHER_OBJECTS_MAX, FurtherObject, FurtherProblem, FurtherShape};
 pub use geometry::Geometry;
 pub use messages::*;
 pub use shape::Shape;

@@ -155,7 +155,7 @@ pub struct ToolWindow {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct EpisodeSetup {
-    /// The seed it was drawn with; for messages.
+    /// The seed it was drawn with; for messages, and for what a cell draws itself: where further objects start.
     pub seed: u64,
     /// Name of the distribution it was drawn from; for messages.
     pub distribution: String,

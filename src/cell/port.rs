@@ -1,11 +1,12 @@
 //! The ports of a cell: what live cells and trial cells have in common, what each adds, and where cells come from.
 
 use std::any::Any;
+use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::Arc;
 
 use holdpoint_body::disturbance::Drift;
-use holdpoint_body::{Body, Observation, TICK_SECS, TaskKind};
+use holdpoint_body::{Body, FurtherObject, Observation, TICK_SECS, TaskKind};
 use nalgebra::Isometry3;
 
 use crate::distribution::Distribution;
@@ -177,6 +178,19 @@ pub trait CellFactory: Send + Sync {
     /// # Errors
     /// If the cell has no such drift.
     fn with_drift(&self, of: &Distribution, drift: &Drift) -> Result<Distribution, CellError>;
+
+    /// Builds the same cells with further objects, by their names in observations; `file` declares them.
+    ///
+    /// # Errors
+    /// [`CellError::Unable`] for cells that have the objects that they have; [`CellError::File`] naming an object that
+    /// they cannot have.
+    fn with_objects(
+        &self,
+        _file: &str,
+        _objects: &BTreeMap<String, FurtherObject>,
+    ) -> Result<Arc<dyn CellFactory>, CellError> {
+        Err(CellError::Unable("have further objects"))
+    }
 
     /// A new live cell at rest.
     ///

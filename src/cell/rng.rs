@@ -33,6 +33,8 @@ pub enum StreamPurpose {
     InHand = 11,
     /// Points and faults of recovery drills.
     Drill = 12,
+    /// Starts of further objects, and the noise of the camera's measurements of them.
+    Further = 13,
 }
 
 /// SplitMix64 (Steele, Lea and Flood 2014): one 64-bit word of state.

@@ -5,8 +5,8 @@ use std::sync::Arc;
 use holdpoint_body::chain::Transform;
 use holdpoint_body::task::{SEQUENCE_ALLOWED, is_sequence};
 use holdpoint_body::{
-    Geometry, JointVec, MAX_JOINTS, MAX_OBJECTS, MAX_SENSORS, OBJECT_NAME_BYTES_MAX, ObjectName, RATE_HZ,
-    SENSOR_VALUES_MAX, Shape, TaskKind, Zone,
+    FurtherObject, FurtherProblem, Geometry, JointVec, MAX_JOINTS, MAX_OBJECTS, MAX_SENSORS,
+    OBJECT_NAME_BYTES_MAX, ObjectName, RATE_HZ, SENSOR_VALUES_MAX, Shape, TaskKind, Zone,
 };
 use nalgebra::Isometry3;
 use serde::{Deserialize, Serialize};
@@ -56,13 +56,15 @@ pub struct RobotSpec {
 }
 
 /// What a task does with a named object.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum ObjectKind {
     /// It works on it.
     Workpiece,
     /// It brings a workpiece to it.
     Place,
+    /// Nothing: it is a further object.
+    Further(FurtherObject),
 }
 
 impl ObjectKind {
@@ -72,6 +74,7 @@ impl ObjectKind {
         match self {
             Self::Workpiece => "workpiece",
             Self::Place => "place",
+            Self::Further(_) => "further object",
         }
     }
 }
@@ -217,7 +220,7 @@ impl CellSpec {
         if self.objects.len() > MAX_OBJECTS {
             return Some(format!("\"{}\" objects; at most {MAX_OBJECTS} are allowed", self.objects.len()));
         }
-        for (place, CellObject { name, half_m, .. }) in self.objects.iter().enumerate() {
+        for (place, CellObject { name, kind, half_m }) in self.objects.iter().enumerate() {
             if name.is_empty() || self.objects.iter().take(place).any(|before| before.name == *name) {
                 return Some(format!(
                     "\"{name}\" must have 1 to {OBJECT_NAME_BYTES_MAX} bytes and occur once"
@@ -227,6 +230,11 @@ impl CellSpec {
                 return Some(format!(
                     "half_m \"{half_m:?}\" of {name}: every value must be finite and above 0"
                 ));
+            }
+            if let ObjectKind::Further(further) = kind
+                && let Some(FurtherProblem { field, value, allowed }) = further.problem()
+            {
+                return Some(format!("{field} \"{value}\" of {name}; allowed: {allowed}"));
             }
         }
         let has = |name: &str, kind: ObjectKind| self.object(name).is_some_and(|object| object.kind == kind);

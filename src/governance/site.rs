@@ -3,11 +3,12 @@
 //! Owns the text form (TOML, unknown fields refused), its limits and the digest. Opens no file: a path in it is a text,
 //! relative to the file's folder.
 
+use std::collections::BTreeMap;
 use std::net::SocketAddr;
 use std::path::Path;
 
-use holdpoint_body::TaskKind;
 use holdpoint_body::task::{SEQUENCE_ALLOWED, is_sequence};
+use holdpoint_body::{FURTHER_OBJECTS_MAX, FurtherObject, FurtherProblem, OBJECT_NAME_BYTES_MAX, TaskKind};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -35,7 +36,7 @@ crate::closed_set! {
 }
 
 /// What an engine is started with: robot, cells, families and profile.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Site {
     /// A built-in robot by its name, or a URDF file.
@@ -46,6 +47,9 @@ pub struct Site {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schemars(with = "Option<Vec<String>>")]
     pub sequence: Option<Vec<TaskKind>>,
+    /// The further objects of a simulated cell, by their names in observations.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub objects: BTreeMap<String, FurtherObject>,
     /// The cell in which the active versions work.
     pub live: SiteCell,
     /// The cell of sandbox, drills and the twin in shadow.
@@ -116,7 +120,7 @@ impl Site {
     /// SHA-256 over every value. The files that it names have digests of their own.
     ///
     /// # Errors
-    /// Never for a parsed site: it holds texts only.
+    /// Never for a parsed site: it holds texts and finite numbers only.
     pub fn digest(&self) -> Result<Digest, serde_json::Error> {
         Digest::of_json("holdpoint.site.v1", self)
     }
@@ -150,6 +154,9 @@ impl Site {
         if let Err((field, value, allowed)) = cells {
             return refuse(&field, &value, allowed);
         }
+        if let Some((field, value, allowed)) = self.object_problem() {
+            return refuse(&field, &value, &allowed);
+        }
         if self.families.len() > SITE_FAMILIES_MAX {
             let allowed = format!("up to {SITE_FAMILIES_MAX} families");
             return refuse("families", &format!("{} families", self.families.len()), &allowed);
@@ -179,6 +186,36 @@ impl Site {
             return refuse("families", &listed, &allowed);
         }
         Ok(())
+    }
+
+    /// Field, value and what is allowed of the first problem of a further object.
+    fn object_problem(&self) -> Option<(String, String, String)> {
+        let most = match self.live.kind {
+            CellKind::Simulated => FURTHER_OBJECTS_MAX,
+            CellKind::Wire => 0,
+        };
+        let count = self.objects.len();
+        if count > most {
+            let allowed = match self.live.kind {
+                CellKind::Simulated => format!("up to {most} objects"),
+                CellKind::Wire => "none: a cell of another process states its objects itself".to_owned(),
+            };
+            return Some(("objects".to_owned(), format!("{count} objects"), allowed));
+        }
+        let of_tasks = TaskKind::ALL.map(TaskKind::declaration).map(|task| [task.object, task.target]);
+        let of_tasks = of_tasks.as_flattened();
+        self.objects.iter().find_map(|(name, object)| {
+            let field = format!("objects.{name}");
+            if !is_name(name) || name.len() > OBJECT_NAME_BYTES_MAX || of_tasks.contains(&name.as_str()) {
+                let allowed = format!(
+                    "1 to {OBJECT_NAME_BYTES_MAX} of a-z, 0-9, ., _ and -, with a letter or digit first; not the name \
+                     of a task's object"
+                );
+                return Some((field, name.clone(), allowed));
+            }
+            let FurtherProblem { field: own, value, allowed } = object.problem()?;
+            Some((format!("{field}.{own}"), value, allowed))
+        })
     }
 
     /// As [`check_cell`]: trial cells continue from states of the live cell, so both are at one place.
@@ -399,6 +436,47 @@ mod tests {
             assert!(matches!(&error, TextError::Value { field: named, .. } if named == field), "{error}");
         }
         assert!(matches!(of("[\"wipe\"]", "", ""), Err(TextError::Syntax { .. })));
+    }
+
+    /// A site without further objects has the digest of before there were any.
+    #[test]
+    fn further_objects_are_named_and_checked_field_by_field() {
+        const LID: &str = "\n[objects.lid]\nshape = { box = { half_m = [0.03, 0.02, 0.01] } }\nmass_kg = 0.2\n\
+                           friction = 0.5\nx_m = [0.4, 0.5]\ny_m = [0.0, 0.0]\nyaw_rad = [-0.5, 0.5]\n";
+        let of = |objects: &str| Site::parse("site.toml", &format!("{}{objects}", shipped()));
+        let site = of(LID).unwrap();
+        assert_eq!(site.objects["lid"].shape.half_m(), [0.03, 0.02, 0.01]);
+        assert_ne!(site.digest().unwrap(), Site::shipped().unwrap().digest().unwrap());
+        assert_ne!(site.digest().unwrap(), of(&LID.replace("0.2", "0.3")).unwrap().digest().unwrap());
+        let text = serde_json::to_string(&Site::shipped().unwrap()).unwrap();
+        assert!(!text.contains("objects"), "{text}");
+        for (from, to, field) in [
+            ("[objects.lid]", "[objects.tray]", "objects.tray"),
+            ("[objects.lid]", "[objects.Lid]", "objects.Lid"),
+            ("[objects.lid]", "[objects.seventeen-letters]", "objects.seventeen-letters"),
+            ("mass_kg = 0.2", "mass_kg = nan", "objects.lid.mass_kg"),
+            ("friction = 0.5", "friction = 9.0", "objects.lid.friction"),
+            ("[0.03, 0.02, 0.01]", "[0.03, 0.02, 0.0001]", "objects.lid.shape"),
+            ("x_m = [0.4, 0.5]", "x_m = [0.5, 0.4]", "objects.lid.x_m"),
+        ] {
+            let text = LID.replacen(from, to, 1);
+            assert_ne!(text, LID, "{to}");
+            let error = of(&text).unwrap_err();
+            let TextError::Value { line, field: named, value, allowed, .. } = &error else {
+                panic!("{to}: {error}");
+            };
+            assert_eq!(named, field, "{error}");
+            assert!(!value.is_empty() && !allowed.is_empty() && *line > shipped().lines().count(), "{error}");
+        }
+        let many: String = (0..7).map(|number| LID.replace("lid", &format!("box-{number}"))).collect();
+        let wire =
+            shipped().replace("kind = \"simulated\"", "kind = \"wire\"\nendpoint = \"unix:/run/cell.sock\"");
+        for error in [of(&many), Site::parse("site.toml", &format!("{wire}{LID}"))].map(Result::unwrap_err) {
+            assert!(matches!(&error, TextError::Value { field, .. } if field == "objects"), "{error}");
+        }
+        for text in [format!("{LID}{LID}"), LID.replace("box", "ball"), LID.replace("mass_kg", "mass")] {
+            assert!(matches!(of(&text), Err(TextError::Syntax { .. })), "{text}");
+        }
     }
 
     /// Trial cells continue from states of the live cell.

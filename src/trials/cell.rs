@@ -1,10 +1,11 @@
 //! The cell of every measurement: robot, scene and the published distributions.
 
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use holdpoint_body::disturbance::Drift;
-use holdpoint_body::{Geometry, TaskKind, Zone};
+use holdpoint_body::{FurtherObject, Geometry, TaskKind, Zone};
 use holdpoint_cell::{
     CellError, CellFactory, CellSource, CellSpec, Distribution, LiveCell, Scene, TrialCell,
 };
@@ -133,8 +134,9 @@ impl Cell {
     /// The cell of a site, with the robot of this file if one is named; as [`Cell::of`] without a site.
     ///
     /// # Errors
-    /// As [`Cell::of`], or if the source has no such built-in robot, or a baseline of the site names a zone that the cell
-    /// does not have, or asks for a sensor that it does not offer; for a cell of another process also if it is not there or has another robot.
+    /// As [`Cell::of`], or if the source has no such built-in robot, or the cell cannot have an object of the site, or a
+    /// baseline of the site names a zone that the cell does not have, or asks for a sensor that it does not offer; for a
+    /// cell of another process also if it is not there or has another robot.
     pub fn at(
         source: &dyn CellSource,
         robot: Option<&Path>,
@@ -146,6 +148,7 @@ impl Cell {
             (None, Some(file)) => Self::of(source, Some(&file))?,
             (None, None) => Self::new(source.builtin(Some(&site.site.robot))?)?,
         };
+        let cell = cell.with_objects(&shown(&site.file), &site.site.objects)?;
         let cell = match &site.site.sequence {
             Some(tasks) => cell.with_tasks(tasks),
             None => cell,
@@ -188,6 +191,15 @@ impl Cell {
                 Err(CellError::file(&shown(&site.file), format!("wanted of {file}"), problem))
             }
         }
+    }
+
+    /// The same cell with further objects, which a file declares. Evidence of other objects does not count.
+    fn with_objects(self, file: &str, objects: &BTreeMap<String, FurtherObject>) -> Result<Self, CellError> {
+        if objects.is_empty() {
+            return Ok(self);
+        }
+        let cell = Self::new(self.factory.with_objects(file, objects)?)?;
+        Ok(Self { robot_file: self.robot_file, ..cell })
     }
 
     /// The same cell with another sequence of tasks. Evidence of another sequence does not count.

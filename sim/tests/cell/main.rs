@@ -10,6 +10,7 @@ mod copies;
 mod determinism;
 mod dynamics;
 mod fidelity;
+mod further;
 mod inputs;
 mod kinematics;
 mod perception;

@@ -4,7 +4,9 @@ use std::os::unix::net::UnixStream;
 use std::sync::Arc;
 use std::thread;
 
-use holdpoint_body::{Body as _, GuardVerdict, ObjectVec, ReadingVec};
+use holdpoint_body::{
+    Body as _, FurtherObject, FurtherShape, GuardVerdict, ObjectName, ObjectVec, ReadingVec,
+};
 use holdpoint_cell::spec::{CellObject, ObjectKind, SensorSpec};
 use holdpoint_cell::{CellError, CellFactory as _, CellSpec, RobotCell as _};
 use serde::Serialize;
@@ -156,6 +158,24 @@ fn description_names_each_object_once_with_a_size_and_has_those_of_its_tasks() {
         changed.check("test")
     };
     assert_eq!(after(|_| ()), Ok(()));
+    let further = |mass_kg| FurtherObject {
+        shape: FurtherShape::Cylinder { half_height_m: 0.02, radius_m: 0.03 },
+        mass_kg,
+        friction: 0.5,
+        x_m: [0.4, 0.5],
+        y_m: [0.0, 0.0],
+        yaw_rad: [0.0, 0.0],
+        above_table_m: 0.0,
+    };
+    for (mass_kg, is_taken) in [(0.2, true), (f64::NAN, false)] {
+        let mut changed = CellSpec::clone(&spec);
+        let kind = ObjectKind::Further(further(mass_kg));
+        let name = ObjectName::from("lid").unwrap();
+        changed.objects.push(CellObject { name, kind, half_m: [0.03, 0.03, 0.02] });
+        assert_eq!(changed.check("test").is_ok(), is_taken);
+        let passed: CellSpec = decode(&encode(&changed).unwrap()).unwrap();
+        assert!(passed.object("lid").is_some_and(|lid| !is_taken || lid.kind == kind));
+    }
     let changes: [fn(&mut Vec<CellObject>); 6] = [
         |objects| objects.push(objects[0].clone()),
         |objects| objects[0].name.clear(),

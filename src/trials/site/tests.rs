@@ -74,6 +74,36 @@ fn a_site_names_the_sequence_of_its_simulated_cell() {
     assert_ne!(own.digest(), built_in.digest());
 }
 
+/// Live cell and trial cells have the objects that the file declares. Evidence of other objects does not count.
+#[test]
+fn a_site_declares_further_objects_of_its_simulated_cell() {
+    let folder = tempfile::tempdir().unwrap();
+    let lid = |x: &str| {
+        format!(
+            "[objects.lid]\nshape = {{ cylinder = {{ half_height_m = 0.02, radius_m = 0.03 }} }}\nmass_kg = 0.2\n\
+             friction = 0.5\nx_m = {x}\ny_m = [0.0, 0.0]\nyaw_rad = [0.0, 0.0]\n\n[live]\n"
+        )
+    };
+    let own = cell(Some(&changed(folder.path(), "[live]\n", &lid("[0.68, 0.68]"))));
+    let names = |cell: &Cell| cell.spec.objects.iter().map(|one| one.name.to_string()).collect::<Vec<_>>();
+    assert_eq!(names(&own), ["object", "tray", "lid"]);
+    let built_in = cell(Some(&shipped_file()));
+    assert_eq!(names(&built_in), ["object", "tray"]);
+    assert_ne!(own.digest(), built_in.digest());
+    let mut trial = own.trial().unwrap();
+    let setup = holdpoint_cell::EpisodeSetup::sample(TaskKind::Grasp, &own.scene, &own.canonical, 3);
+    trial.reset(&setup).unwrap();
+    let seen = trial.observe(holdpoint_body::GuardVerdict::Allowed);
+    assert!((seen.named("lid").unwrap().pose.position[0] - 0.68).abs() < 1e-3);
+    assert_eq!(own.live_cell().unwrap().spec().digest(), trial.spec().digest());
+    // Not on the table.
+    let site = changed(folder.path(), "[live]\n", &lid("[0.68, 1.9]"));
+    let site = Arc::new(LoadedSite::read(&site).unwrap());
+    let refused = Cell::at(&SimCells, None, Some(&site)).err().unwrap();
+    let holdpoint_cell::CellError::File { element, .. } = refused else { panic!("{refused}") };
+    assert_eq!(element, "objects.lid");
+}
+
 /// Each error names the field, and a command that checks the corrected file.
 #[test]
 fn a_baseline_has_to_be_what_the_file_says() {
