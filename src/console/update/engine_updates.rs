@@ -75,7 +75,11 @@ pub(super) fn attached(
         // The end of the other engine says nothing about this one.
         model.engine_data.started_here = false;
         model.engine_data.attached_ms = Some(model.now_ms);
-        model.requests.pending.clear();
+        let stop = model.engine_data.pending_stop.as_ref().map(|stop| stop.id.clone());
+        let dropped = std::mem::take(&mut model.requests.pending).into_iter();
+        // The stop has a warning of its own, and the console's own queries are repeated.
+        let dropped = dropped.filter(|(id, one)| !one.what.is_empty() && stop.as_ref() != Some(id));
+        let dropped: Vec<String> = dropped.map(|(_, one)| one.what).collect();
         model.requests.alarms_changed = 0;
         model.requests.changes_at_query.clear();
         model.key_log.lost(wording::ENGINE_WAS_LOST);
@@ -90,7 +94,12 @@ pub(super) fn attached(
         if let Some(stop) = &mut model.engine_data.pending_stop {
             stop.why = Some(lost.to_owned());
         }
-        show_message(model, now, false);
+        if dropped.is_empty() {
+            show_message(model, now, false);
+        } else {
+            let text = format!("{}: {}", dropped.join(", "), wording::request_in_doubt(lost));
+            show_message(model, text, true);
+        }
     }
     Vec::new()
 }

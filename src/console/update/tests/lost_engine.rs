@@ -237,6 +237,20 @@ fn requests_to_a_lost_engine_are_not_waited_for() {
     assert!(is_stop(&effects), "{effects:?}");
 }
 
+/// A request without a passphrase leaves no field that could say it: only the log of keys did.
+#[test]
+fn a_request_to_a_lost_engine_is_named_on_the_screen() {
+    let mut console = attached();
+    console.keys(":pace 5");
+    assert!(!console.press(KeyCode::Enter).is_empty());
+    let mut asked = console.model.requests.pending.values().map(|pending| pending.what.clone());
+    let what = asked.find(|what| !what.is_empty()).expect("the pace was asked for");
+    console.tell(MsgKind::EngineEnded(Err(EngineEndError::of("it has ended"))));
+    console.tell(MsgKind::Attached(Some(902), None));
+    let notice = console.model.notice.as_ref().unwrap();
+    assert!(notice.bad && notice.text.starts_with(&format!("{what}: ")), "{notice:?}");
+}
+
 fn event(seq: u64) -> Event {
     Event {
         seq,
