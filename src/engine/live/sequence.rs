@@ -62,14 +62,17 @@ impl ActiveView for VersionsAtStart {
 }
 
 impl VersionsAtStart {
-    /// The active versions that are admitted to the arm now.
+    /// The active versions that are admitted to the arm now. A version whose rollback has begun commands nothing any more.
     fn new(context: &Context, version_table: &VersionTable, evidence_files: &EvidenceFiles) -> Self {
         let outside = context.profile.domain.outside;
         let is_admitted = |version: &Capability| not_admitted(context, version_table, version).is_none();
         let mut active = BTreeMap::new();
         let mut earlier = BTreeMap::new();
         for (family, entry) in version_table.families() {
-            let Some(member) = entry.active().filter(|member| is_admitted(&member.capability)) else {
+            let version = entry.state.active().and_then(|version| entry.state.get(version));
+            let is_revoked = version.is_some_and(|version| version.flags.rollback_pending);
+            let Some(member) = entry.active().filter(|member| !is_revoked && is_admitted(&member.capability))
+            else {
                 continue;
             };
             active.insert(family.clone(), member.capability.clone());

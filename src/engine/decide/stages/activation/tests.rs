@@ -213,6 +213,18 @@ fn a_blocked_version_does_not_run_under_the_profile() {
     assert!(!runs_task(&mut bench, &id));
 }
 
+/// If a full disk interrupts a rollback, the version stays active, and it once ran its next task without its monitor.
+#[test]
+fn a_version_whose_rollback_has_begun_gets_no_task() {
+    let (mut bench, id) = RollbackBench::with_active("align-improved");
+    assert!(runs_task(&mut bench, &id));
+    let version = bench.pipeline.record().version_table().version(&id).unwrap().0;
+    let note = TransitionNote::because(Notice::StageBegins);
+    let begin = LifecycleEvent::BeginRollback { version };
+    bench.pipeline.live().record.transition(&id.family, begin, note).unwrap();
+    assert!(!runs_task(&mut bench, &id));
+}
+
 /// Neither a rollback nor an operator reactivates a blocked version.
 #[test]
 fn no_rollback_activates_a_blocked_version() {
