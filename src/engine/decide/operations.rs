@@ -220,11 +220,27 @@ pub(crate) fn resume(
 }
 
 /// Makes a confirmed version its family's anchor.
-pub(crate) fn set_anchor(record: &mut EngineRecorder, operation: &Operation) -> Result<Reply, EngineFault> {
+pub(crate) fn set_anchor(
+    context: &Context,
+    record: &mut EngineRecorder,
+    operation: &Operation,
+) -> Result<Reply, EngineFault> {
     let id = checked(record, operation)?;
+    let people = context.may_need_approval() && !record.clock().is_scripted();
     let table = record.version_table();
     let refused =
         |text: String, hint: Option<String>| Ok(Reply::Refused { code: Refusal::NotNow, text, hint });
+    // Else one person could let the tolerances add up again, with a series of versions of their own.
+    if people && version_origin::is_of(&table.store().persons()?, table.version(&id)?.2, &operation.by) {
+        return Ok(Reply::Refused {
+            code: Refusal::NotAllowed,
+            text: format!(
+                "{} registered or wrote {id}: another person must make it the anchor",
+                operation.by
+            ),
+            hint: None,
+        });
+    }
     if !table.may_be_anchor(&id) {
         let hint = "a confirmed version that is or was in control can be: see `holdpoint version list`";
         return refused(format!("{id} cannot be an anchor: it is not confirmed"), Some(hint.to_owned()));

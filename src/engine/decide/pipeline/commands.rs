@@ -205,7 +205,7 @@ impl Pipeline {
                 evidence_file.worked_ms = 0;
                 Ok(reply)
             }
-            Command::Anchor(operation) => operations::set_anchor(record, &operation),
+            Command::Anchor(operation) => operations::set_anchor(context, record, &operation),
             Command::ReviewTries(operation) => operations::review_tries(context, record, &operation),
             Command::Restrict(operation) => {
                 let id = checked(record, &operation)?;

@@ -253,3 +253,29 @@ fn authors_and_registrars_do_not_review_their_own_tries() {
     let reply = review("ben");
     assert!(matches!(reply, Reply::Accepted { .. }), "{reply:?}");
 }
+
+/// A low risk may need no approval: with anchors of their own, one author could let the tolerances add up.
+#[test]
+fn authors_and_registrars_do_not_make_their_own_version_the_anchor() {
+    let folder = quick_folder();
+    let mut pipeline = resting_pipeline(folder.path(), ProfileName::Human);
+    for name in ["rita", "ben"] {
+        person(&mut pipeline, name, Role::Safety);
+    }
+    let package = submitted("skill-lab");
+    let id = holdpoint_runtime::capability::Capability::load("test", package.clone()).unwrap().id();
+    let by = Some("rita".to_owned());
+    pipeline.command(Command::Register { package, name: "test".to_owned(), by });
+    let now_ms = pipeline.record().now_ms();
+    pipeline.live().record.set_clock(Clock::real(now_ms));
+    let mut choose = |by: &str| {
+        let (version, by, reason) = (id.clone(), by.to_owned(), "a test".to_owned());
+        pipeline.command(Command::Anchor(Operation { version, by, reason }))
+    };
+    for own in ["rita", "skill-lab"] {
+        let reply = choose(own);
+        assert!(matches!(reply, Reply::Refused { code: Refusal::NotAllowed, .. }), "{own}: {reply:?}");
+    }
+    let reply = choose("ben");
+    assert!(matches!(reply, Reply::Refused { code: Refusal::NotNow, .. }), "it is not confirmed: {reply:?}");
+}
