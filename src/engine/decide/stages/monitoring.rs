@@ -181,7 +181,7 @@ impl LiveMonitoring<'_> {
     }
 
     /// Rolls a version back for the harm of its live task. Returns whether it did: a version without monitor and rollback
-    /// target is its family's commissioned one, and gets an alarm.
+    /// target is its family's commissioned one, a superseded one ran the task in place of the active one; both get an alarm.
     fn act_on_harm(
         &mut self,
         id: &CapabilityId,
@@ -189,10 +189,11 @@ impl LiveMonitoring<'_> {
         scene: Option<LiveScene<'_>>,
     ) -> Result<bool, EngineFault> {
         let reasons = harm.reasons();
-        if reasons.is_empty() || !self.is_active(id)? {
+        let state = self.record.version_table().version(id)?.1.state;
+        if reasons.is_empty() || !matches!(state, State::Active | State::Superseded) {
             return Ok(false);
         }
-        if self.is_replaceable(id)? {
+        if state == State::Active && self.is_replaceable(id)? {
             let decision = roll_back(reasons, self.record.now_tick());
             return self.act_on(id, &decision, None, scene).map(|()| true);
         }

@@ -34,6 +34,11 @@ fn alarm<'a>(bench: &'a RollbackBench, id: &CapabilityId) -> Option<&'a Alarm> {
     bench.pipeline.record().alarms().get(&AlarmKey::OutsideDomain(id.clone()))
 }
 
+/// A domain that covers no start of the cell.
+fn nowhere() -> StartDomain {
+    StartDomain { bounds: vec![StartBound { quantity: StartQuantity::ObjectX, low: 0.0, high: 0.1 }] }
+}
+
 fn run(bench: &mut RollbackBench) -> SequenceReport {
     bench.pipeline.live().sequence(None).unwrap()
 }
@@ -89,11 +94,9 @@ fn beside_people_the_task_is_refused_and_a_covered_one_runs() {
 
 #[test]
 fn the_newest_earlier_version_that_covers_the_start_runs_the_task() {
-    let nowhere = StartBound { quantity: StartQuantity::ObjectX, low: 0.0, high: 0.1 };
-    let nowhere = StartDomain { bounds: vec![nowhere] };
     let mut bench = RollbackBench::under(responding(OutsideResponse::LastCovering));
     let id = bench.activate("grasp-improved");
-    bench.pipeline.live().evidence_files.edit(&id).domain = Some(nowhere.clone());
+    bench.pipeline.live().evidence_files.edit(&id).domain = Some(nowhere());
     let report = run(&mut bench);
     assert_eq!(report.tasks[0].id, baseline(), "{report:?}");
     assert_eq!(report.outside.len(), 1);
@@ -103,10 +106,26 @@ fn the_newest_earlier_version_that_covers_the_start_runs_the_task() {
     let episodes = bench.pipeline.live().monitors.of(&id).unwrap().episodes;
     assert_eq!(episodes, 0, "the task of another version is none of its own");
     // Where no version covers the start, the task is refused.
-    bench.pipeline.live().evidence_files.edit(&baseline()).domain = Some(nowhere);
+    bench.pipeline.live().evidence_files.edit(&baseline()).domain = Some(nowhere());
     let report = run(&mut bench);
     assert!(is_outside(&report) && report.tasks.is_empty(), "{report:?}");
     assert_eq!(report.outside[0].run_by, None);
+}
+
+/// Every task is near enough to a person's zone to be a danger. Once nothing was told of a version in place of the active one.
+#[test]
+fn harm_by_a_version_in_place_of_the_active_one_raises_an_alarm() {
+    let mut profile = responding(OutsideResponse::LastCovering);
+    profile.harm.zone_clearance_m.limit = 2.0;
+    profile.live_harm.danger_zone_clearance_m = 2.0;
+    let mut bench = RollbackBench::under(profile);
+    let id = bench.activate("grasp-improved");
+    bench.pipeline.live().evidence_files.edit(&id).domain = Some(nowhere());
+    let report = run(&mut bench);
+    assert_eq!(report.tasks[0].id, baseline(), "{report:?}");
+    let record = bench.pipeline.record();
+    assert!(record.alarms().get(&AlarmKey::Harm(baseline())).is_some(), "{:?}", record.alarms());
+    assert_eq!(record.active_of(&id.family).map(|active| active.id()), Some(id.clone()), "it did not run");
 }
 
 #[test]
