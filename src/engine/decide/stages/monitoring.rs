@@ -172,6 +172,10 @@ impl LiveMonitoring<'_> {
                 self.watch(id, &dispatched.record, tightened, scene)?;
             }
         }
+        // A task with a refused start is not in the report; what a monitor decided in it counts all the same.
+        for raised in raised {
+            self.act_on(&raised.id, &raised.decision, raised.trip.as_ref(), None)?;
+        }
         Ok(report)
     }
 

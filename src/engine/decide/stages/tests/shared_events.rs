@@ -21,6 +21,7 @@ use crate::decide::pipeline::SliceOutcome;
 use crate::decide::stages::monitoring::tell_monitor;
 use crate::decide::stages::rollback::tests::RollbackBench;
 use crate::decide::stages::rollback::trigger;
+use crate::live::listener::NoListener;
 use holdpoint_record::version_table::TransitionNote;
 
 /// A version under the next number, with nothing else changed.
@@ -147,6 +148,25 @@ fn earlier_safety_event_did_not_begin_an_interrupted_rollback() {
     let mut bench = interrupted(bench, &id, None);
     let record = rollback_of(&mut bench, &id);
     assert_eq!((record.trigger.kind, record.post_status), (TriggerKind::Restart, PostStatus::RolledBack));
+}
+
+/// A task with a refused start is not in the report of its sequence.
+#[test]
+fn decision_of_a_monitor_counts_without_its_task_in_the_report() {
+    // It flies low, among the live cell's clutter.
+    let (mut bench, id) = RollbackBench::with_active("align-low-transit");
+    for _ in 0..40 {
+        let mut live = bench.pipeline.live();
+        let mut worked = live.begin_sequence().unwrap().run(&mut NoListener);
+        worked.report.tasks.retain(|done| done.id != id);
+        live.end_sequence(worked).unwrap();
+        let state = bench.pipeline.record().version_table().version(&id).unwrap().1.state;
+        if state != State::Active {
+            assert_eq!(state, State::Demoted, "no task shows a difference");
+            return;
+        }
+    }
+    panic!("{id} is still active");
 }
 
 /// Regression: on this run seed, a person reaches onto the arm in one of the episodes under stress, and the commissioned
