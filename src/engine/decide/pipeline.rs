@@ -212,6 +212,7 @@ impl Pipeline {
             resumptions: &mut self.resumptions,
             health: &mut self.health,
             live_harm: &mut self.live_harm,
+            is_starting: false,
         };
         (live, &mut self.approvals)
     }

@@ -4,21 +4,21 @@
 use crate::decide::operations::report_refused_form;
 use crate::decide::people::approvals::{Approvals, void_requests};
 use crate::decide::recorder::EngineRecorder;
-use crate::decide::stages::live_harm::LiveHarmWatch;
+use crate::decide::stages::live_harm::{self, LiveHarmWatch};
 use crate::decide::stages::monitoring::LiveMonitoring;
 use crate::decide::stages::rollback::trigger;
 use crate::fault::EngineFault;
 use crate::live::monitors::ActivationMonitor;
 use holdpoint_governance::alarms::{AlarmKey, Priority};
 use holdpoint_governance::condition::Condition;
-use holdpoint_governance::decision::Decision;
+use holdpoint_governance::decision::{Decision, Reason};
 use holdpoint_governance::gate::GateOutcome;
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::lifecycle::{DeactivationKind, LifecycleEvent, Stage, State};
 use holdpoint_governance::monitor::MonitorOutcome;
 use holdpoint_governance::notice::{AdmissionRefusal, Notice};
-use holdpoint_governance::record::RecordKind;
-use holdpoint_governance::rollback::{Trigger, TriggerKind};
+use holdpoint_governance::record::{AuditRecord, RecordKind};
+use holdpoint_governance::rollback::TriggerKind;
 use holdpoint_protocol::event::EventKind;
 use holdpoint_record::context::Context;
 use holdpoint_record::evidence_binding::not_admitted;
@@ -28,11 +28,12 @@ use holdpoint_record::version_concern::VersionConcern;
 use holdpoint_record::version_table::TransitionNote;
 use holdpoint_runtime::capability::Capability;
 use holdpoint_store::{
-    AuditFilter, EvidenceEntry, EvidenceKind, InterruptedWork, QuarantinedFile, StartupTelemetry,
+    AuditFilter, EvidenceEntry, EvidenceKind, InterruptedWork, QuarantinedFile, StartupTelemetry, StoreError,
 };
 
 /// Finishes or undoes the interrupted work of an earlier engine.
 pub(crate) fn recover(live: &mut LiveMonitoring<'_>, approvals: &mut Approvals) -> Result<(), EngineFault> {
+    live.is_starting = true;
     take_in_telemetry(live.record)?;
     let members = live.record.version_table().families().flat_map(|(_, entry)| &entry.members);
     let refused: Vec<Capability> = members
@@ -49,9 +50,8 @@ pub(crate) fn recover(live: &mut LiveMonitoring<'_>, approvals: &mut Approvals) 
     for work in interrupted {
         match work {
             InterruptedWork::RollbackPending { version } => {
-                report_recovered(live.record, &version, Notice::RollbackContinued);
-                let trigger = interrupted_trigger(live.record, &version)?;
-                live.deactivate(&version, trigger, None, DeactivationKind::RolledBack)?;
+                let reasons = decided_rollback(live.record, &version)?;
+                continue_rollback(live, &version, reasons.as_deref())?;
             }
             InterruptedWork::Stage { version, .. } => {
                 if restarted.insert(version.family.clone()) {
@@ -64,31 +64,65 @@ pub(crate) fn recover(live: &mut LiveMonitoring<'_>, approvals: &mut Approvals) 
             InterruptedWork::Provisional { version } => resume_watch(live, &version)?,
         }
     }
+    begin_decided_rollbacks(live)?;
     deactivate_unadmitted(live)?;
     resume_questions(live, approvals)
 }
 
-/// The trigger of an interrupted rollback: the safety event of its monitor, if that began it; any other trigger becomes the
-/// restart.
-fn interrupted_trigger(record: &EngineRecorder, version: &CapabilityId) -> Result<Trigger, EngineFault> {
-    let views = record.version_table().store().views()?;
-    let newest =
-        |kind, limit| AuditFilter { subject: Some(version.to_string()), limit, ..AuditFilter::newest(kind) };
-    // The newest flags began the rollback. An action before those that they replaced has had its effect.
-    let flags = views.audit(&newest(RecordKind::FlagsSet, 2))?;
-    let replaced = flags.get(1).map_or(0, |flags| flags.seq);
-    let action = views.audit(&newest(RecordKind::Monitor, 1))?.into_iter().find(|one| one.seq > replaced);
-    let began = action
-        .and_then(|action| serde_json::from_str::<MonitorRecord>(&action.body).ok())
-        .filter(|action| action.action == MonitorOutcome::Rollback);
-    if let Some(action) = began {
-        let reason = action.reasons.first().and_then(ReasonRecord::known);
-        let kind = TriggerKind::of(reason.as_slice(), false);
-        if kind.needs_difference() {
-            return Ok(trigger(record, kind, Notice::decided(reason.as_ref())));
+/// Rolls back the active versions whose rollback was decided and had not begun when the last engine ended.
+fn begin_decided_rollbacks(live: &mut LiveMonitoring<'_>) -> Result<(), EngineFault> {
+    let active = live.record.version_table().families().filter_map(|(_, entry)| entry.active());
+    let active: Vec<CapabilityId> = active.map(|member| member.capability.id()).collect();
+    for id in active {
+        if let Some(reasons) = decided_rollback(live.record, &id)?
+            && live.is_replaceable(&id)?
+        {
+            continue_rollback(live, &id, Some(&reasons))?;
         }
     }
-    Ok(trigger(record, TriggerKind::Restart, Notice::RollbackInterrupted))
+    Ok(())
+}
+
+/// The reasons for which the monitor, or the harm of a live task, ended the control of a version since it became active;
+/// `None` if neither did. Such a decision ends the active state, so that one on record is still to be carried out.
+fn decided_rollback(
+    record: &EngineRecorder,
+    version: &CapabilityId,
+) -> Result<Option<Vec<Reason>>, EngineFault> {
+    let views = record.version_table().store().views()?;
+    let newest = |kind| {
+        let filter = AuditFilter { subject: Some(version.to_string()), ..AuditFilter::newest(kind) };
+        Ok::<_, StoreError>(views.audit(&filter)?.into_iter().next())
+    };
+    let active_since = newest(RecordKind::StateSet)?.map_or(0, |record| record.seq);
+    let since = |found: Option<AuditRecord>| found.filter(|one| one.seq > active_since);
+    let action = since(newest(RecordKind::Monitor)?)
+        .and_then(|action| serde_json::from_str::<MonitorRecord>(&action.body).ok())
+        .filter(|action| action.action == MonitorOutcome::Rollback);
+    if let Some(action) = action {
+        return Ok(Some(action.reasons.iter().filter_map(ReasonRecord::known).collect()));
+    }
+    let harm = since(newest(RecordKind::LiveHarm)?).map(|task| live_harm::recorded_reasons(&task.body));
+    Ok(harm.filter(|reasons| !reasons.is_empty()))
+}
+
+/// Finishes a rollback that an earlier engine decided or began. Only a decision on record ends a version for good: what else
+/// began the rollback is unknown.
+fn continue_rollback(
+    live: &mut LiveMonitoring<'_>,
+    version: &CapabilityId,
+    decided: Option<&[Reason]>,
+) -> Result<(), EngineFault> {
+    report_recovered(live.record, version, Notice::RollbackContinued);
+    let leave = if decided.is_some() { DeactivationKind::RolledBack } else { DeactivationKind::Demoted };
+    let event = decided.filter(|reasons| TriggerKind::of(reasons, false).needs_difference());
+    let trigger = match event {
+        Some(reasons) => {
+            trigger(live.record, TriggerKind::of(reasons, false), Notice::decided(reasons.first()))
+        }
+        None => trigger(live.record, TriggerKind::Restart, Notice::RollbackInterrupted),
+    };
+    live.deactivate(version, trigger, None, leave)
 }
 
 /// Records the state of telemetry since the last engine before anything else: seals unsealed batches as found, and reports
@@ -165,7 +199,7 @@ fn resume_watch(live: &mut LiveMonitoring<'_>, id: &CapabilityId) -> Result<(), 
             let problem = fault.to_string();
             report_recovered(live.record, id, Notice::RolledBackUnmonitored { problem });
             let trigger = trigger(live.record, TriggerKind::Restart, Notice::NoMonitorAfterRestart);
-            live.deactivate(id, trigger, None, DeactivationKind::RolledBack)
+            live.deactivate(id, trigger, None, DeactivationKind::Demoted)
         }
     }
 }

@@ -1,15 +1,26 @@
-//! What people were asked is open after a restart as it was, and shows what takes effect.
+//! What an engine makes of the work of one that ended in the middle of it: questions to people, rollbacks, watched versions.
 
 use holdpoint_approvals::keyfile::KeyEncoding;
 use holdpoint_governance::approval::{ApprovalDecision, Role};
 use holdpoint_governance::condition::Condition;
+use holdpoint_governance::decision::{Dimension, Reason};
+use holdpoint_governance::finding::Finding;
+use holdpoint_governance::ids::{CapabilityId, Digest};
+use holdpoint_governance::lifecycle::{LifecycleEvent, Stage, State};
+use holdpoint_governance::live_harm::{LiveHarm, TaskHarm};
+use holdpoint_governance::monitor::{MonitorDecision, Rate, SafetyEvent, roll_back, safety_trip};
 use holdpoint_governance::outcome::PolicyOutcome;
 use holdpoint_governance::profile::ProfileName;
+use holdpoint_governance::record::RecordKind;
 use holdpoint_protocol::event::EventKind;
+use holdpoint_record::evidence_file::EvidenceFile;
+use holdpoint_store::{Change, EvidenceKind};
 
 use crate::decide::people::persons::enrolled;
 use crate::decide::people::signers::tests::{question, signed};
 use crate::decide::pipeline::Pipeline;
+use crate::decide::stages::monitoring::tell_monitor;
+use crate::decide::stages::rollback::tests::RollbackBench;
 use crate::quick_folder::quick_folder;
 use crate::test_pipeline::resting_pipeline;
 use crate::tests::{assert_accepted, at_the_gate, awaiting_approval};
@@ -88,4 +99,64 @@ fn a_request_for_a_condition_is_open_after_a_restart() {
         before[0].valid_until = after.first().map_or(before[0].until, |prompt| prompt.valid_until);
         assert_eq!(after, before, "{profile:?}");
     }
+}
+
+/// Puts on record that an active version is rolled back for these reasons, and ends the engine before it begins.
+fn decided(
+    mut bench: RollbackBench,
+    id: &CapabilityId,
+    decision: &MonitorDecision,
+    by_harm: bool,
+) -> RollbackBench {
+    let live = bench.pipeline.live();
+    if by_harm {
+        let task = TaskHarm { danger: decision.reasons.clone(), ..TaskHarm::default() };
+        let limits = Digest::of_parts("test", &[]);
+        let body =
+            serde_json::json!({ "limits": limits, "batch": 1, "task": task, "harm": LiveHarm::default() });
+        live.record.note(RecordKind::LiveHarm, id.to_string(), body.to_string()).unwrap();
+    } else {
+        tell_monitor(live.record, id, decision.action, &decision.reasons).unwrap();
+    }
+    bench.restart()
+}
+
+/// Once the version went on as if nothing had been decided.
+#[test]
+fn decided_rollback_that_had_not_begun_is_carried_out_before_any_task() {
+    let event = safety_trip(SafetyEvent::Danger, 0);
+    let rate =
+        roll_back(vec![Reason::new(Dimension::Monitor, Finding::RateWorse { rate: Rate::Failure })], 0);
+    for (decision, by_harm, state) in
+        [(&event, false, State::Demoted), (&event, true, State::Demoted), (&rate, false, State::RolledBack)]
+    {
+        let (bench, id) = RollbackBench::with_active("align-improved");
+        let bench = decided(bench, &id, decision, by_harm);
+        assert_eq!(bench.pipeline.record().version_table().version(&id).unwrap().1.state, state, "{by_harm}");
+        assert_eq!(bench.pipeline.sequences(), 0, "no task runs before every version is watched");
+    }
+    // What was decided about an earlier activation has had its effect.
+    let mut bench = RollbackBench::new();
+    let id = bench.pass("align-improved", &Stage::ALL);
+    tell_monitor(bench.pipeline.live().record, &id, event.action, &event.reasons).unwrap();
+    bench.enter(&id, |version| LifecycleEvent::Activate { version });
+    let bench = bench.restart();
+    assert_eq!(bench.pipeline.record().version_table().version(&id).unwrap().1.state, State::Active);
+}
+
+/// Its evidence is unreadable or gone, which says nothing against it.
+#[test]
+fn version_that_cannot_be_watched_after_a_restart_is_not_rolled_back_for_good() {
+    let (mut bench, id) = RollbackBench::with_active("align-improved");
+    let without_twins = EvidenceFile::default();
+    let evidence = Change::PutEvidence {
+        version: id.clone(),
+        kind: EvidenceKind::Shadow,
+        json: serde_json::to_string(&without_twins).unwrap(),
+        digest: without_twins.digest().unwrap(),
+    };
+    bench.pipeline.live().record.write(vec![evidence], Vec::new()).unwrap();
+    let bench = bench.restart();
+    let version_table = bench.pipeline.record().version_table();
+    assert_eq!(version_table.version(&id).unwrap().1.state, State::Demoted);
 }

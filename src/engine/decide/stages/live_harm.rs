@@ -5,6 +5,7 @@
 
 use std::collections::BTreeMap;
 
+use holdpoint_governance::decision::Reason;
 use holdpoint_governance::harm::HarmMeasures;
 use holdpoint_governance::ids::{CapabilityId, Digest};
 use holdpoint_governance::lifecycle::State;
@@ -214,6 +215,12 @@ impl LiveHarmWatch {
         });
         self.counts.entry(id.clone()).or_insert(known)
     }
+}
+
+/// The reasons in the body of a record to roll its version back; empty if its task gives none, or it is unreadable.
+pub(crate) fn recorded_reasons(body: &str) -> Vec<Reason> {
+    let recorded = serde_json::from_str::<LiveHarmRecord>(body).ok();
+    recorded.and_then(|recorded| recorded.task).map(|task| task.reasons()).unwrap_or_default()
 }
 
 /// The last recorded count of a version; absent without one, and if the limits were others.

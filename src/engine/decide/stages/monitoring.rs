@@ -55,6 +55,8 @@ pub struct LiveMonitoring<'a> {
     pub(crate) health: &'a mut CellHealth,
     /// The harm of every active version's live tasks.
     pub(crate) live_harm: &'a mut LiveHarmWatch,
+    /// The engine comes up: no task runs before every version is watched and every rollback is finished.
+    pub(crate) is_starting: bool,
 }
 
 impl LiveMonitoring<'_> {
@@ -215,7 +217,7 @@ impl LiveMonitoring<'_> {
     }
 
     /// Whether a version is rolled back like a new one: it has a monitor or a rollback target.
-    fn is_replaceable(&self, id: &CapabilityId) -> Result<bool, EngineFault> {
+    pub(crate) fn is_replaceable(&self, id: &CapabilityId) -> Result<bool, EngineFault> {
         let (_, lifecycle, _) = self.record.version_table().version(id)?;
         Ok(self.monitors.of(id).is_some() || lifecycle.predecessor.is_some())
     }
@@ -396,8 +398,8 @@ impl LiveMonitoring<'_> {
             world: self.world,
         };
         let Some(mut resumption) = rollback.run(id, trigger, trip, leave, scene)? else { return Ok(()) };
-        // A stopped cell runs no task: the result is known when it starts again.
-        if self.world.is_paced() || self.world.is_halted() {
+        // Neither a stopped cell nor an engine that comes up runs a task: the result is known later.
+        if self.world.is_paced() || self.world.is_halted() || self.is_starting {
             raise_rolled_back(self.context, self.record, &resumption.record);
             self.resumptions.push(resumption.alarmed());
             return Ok(());
@@ -464,7 +466,7 @@ fn escalated(
     Ok(())
 }
 
-pub(super) fn tell_monitor(
+pub(crate) fn tell_monitor(
     record: &mut EngineRecorder,
     id: &CapabilityId,
     action: MonitorAction,

@@ -119,14 +119,14 @@ fn interrupted(mut bench: RollbackBench, id: &CapabilityId, by: Option<&MonitorD
 }
 
 #[test]
-fn interrupted_rollback_for_a_safety_event_is_not_final() {
+fn interrupted_rollback_is_final_only_for_a_recorded_decision_on_the_conduct() {
     let event = safety_trip(SafetyEvent::ForceLimit, 0);
     let rate =
         roll_back(vec![Reason::new(Dimension::Monitor, Finding::RateWorse { rate: Rate::Failure })], 0);
     for (by, kind, status, uncompared) in [
         (Some(&event), TriggerKind::SafetyEvent, PostStatus::Demoted, Some(UncomparedReason::Interrupted)),
         (Some(&rate), TriggerKind::Restart, PostStatus::RolledBack, None),
-        (None, TriggerKind::Restart, PostStatus::RolledBack, None),
+        (None, TriggerKind::Restart, PostStatus::Demoted, None),
     ] {
         let (bench, id) = RollbackBench::resting_with_active("align-improved");
         let mut bench = interrupted(bench, &id, by);
@@ -137,17 +137,32 @@ fn interrupted_rollback_for_a_safety_event_is_not_final() {
 }
 
 #[test]
-fn earlier_safety_event_did_not_begin_an_interrupted_rollback() {
-    let (mut bench, id) = RollbackBench::resting_with_active("align-improved");
-    let version = bench.pipeline.record().version_table().version(&id).unwrap().0;
+fn safety_event_of_an_earlier_activation_did_not_begin_an_interrupted_rollback() {
+    let mut bench = RollbackBench::new();
+    let id = bench.pass("align-improved", &Stage::ALL);
     let earlier = safety_trip(SafetyEvent::ForceLimit, 0);
-    let live = bench.pipeline.live();
-    tell_monitor(live.record, &id, earlier.action, &earlier.reasons).unwrap();
-    let note = TransitionNote::because(Notice::StageBegins);
-    live.record.transition(&id.family, LifecycleEvent::Restrict { version }, note).unwrap();
+    tell_monitor(bench.pipeline.live().record, &id, earlier.action, &earlier.reasons).unwrap();
+    bench.enter(&id, |version| LifecycleEvent::Activate { version });
     let mut bench = interrupted(bench, &id, None);
     let record = rollback_of(&mut bench, &id);
-    assert_eq!((record.trigger.kind, record.post_status), (TriggerKind::Restart, PostStatus::RolledBack));
+    assert_eq!((record.trigger.kind, record.post_status), (TriggerKind::Restart, PostStatus::Demoted));
+}
+
+/// Flags that changed while the rollback was pending once hid the event that began it.
+#[test]
+fn flags_that_change_during_a_rollback_do_not_hide_what_began_it() {
+    let (mut bench, id) = RollbackBench::with_active("align-improved");
+    let version = bench.pipeline.record().version_table().version(&id).unwrap().0;
+    let event = safety_trip(SafetyEvent::ForceLimit, 0);
+    let live = bench.pipeline.live();
+    tell_monitor(live.record, &id, event.action, &event.reasons).unwrap();
+    for event in [LifecycleEvent::BeginRollback { version }, LifecycleEvent::Pause { version }] {
+        let note = TransitionNote::because(Notice::StageBegins);
+        live.record.transition(&id.family, event, note).unwrap();
+    }
+    let mut bench = bench.restart();
+    let record = rollback_of(&mut bench, &id);
+    assert_eq!((record.trigger.kind, record.post_status), (TriggerKind::SafetyEvent, PostStatus::Demoted));
 }
 
 /// A task with a refused start is not in the report of its sequence.
