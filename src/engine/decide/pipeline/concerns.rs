@@ -16,7 +16,8 @@ use crate::fault::EngineFault;
 impl Pipeline {
     /// Begins to re-evaluate the first active version with an open concern. Returns whether there is one.
     pub(super) fn begin_re_evaluation(&mut self) -> Result<bool, EngineFault> {
-        let Some(id) = re_evaluation::next(&self.monitors, &self.evidence_files) else { return Ok(false) };
+        let next = re_evaluation::next(self.record.version_table(), &self.evidence_files);
+        let Some(id) = next else { return Ok(false) };
         let Self { context, record, evidence_files, world, .. } = self;
         match re_evaluation::begin(context, record, evidence_files, &world.cell, &id, None)? {
             Some(run) => self.work = Some(StageWork::ReEvaluation(run)),
@@ -36,8 +37,8 @@ impl Pipeline {
 
     pub(super) fn re_evaluation_slice(&mut self, run: Box<ReEvaluationRun>) -> Result<(), EngineFault> {
         let (id, begun_ms) = (run.id.clone(), self.record.now_ms());
-        let Self { context, trials, record, evidence_files, monitors, .. } = self;
-        let step = re_evaluation::slice(context, trials, record, evidence_files, monitors, run)?;
+        let Self { context, trials, record, evidence_files, .. } = self;
+        let step = re_evaluation::slice(context, trials, record, evidence_files, run)?;
         self.note_slice_time(&id, begun_ms);
         let Self { record, evidence_files, monitors, .. } = self;
         match step {

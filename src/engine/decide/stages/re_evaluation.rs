@@ -13,7 +13,7 @@ use holdpoint_governance::distribution_shift::{is_cleared, re_evaluation_reasons
 use holdpoint_governance::evaluation_key::KeyUse;
 use holdpoint_governance::evidence::EvidenceBinding;
 use holdpoint_governance::ids::CapabilityId;
-use holdpoint_governance::lifecycle::Stage;
+use holdpoint_governance::lifecycle::{Stage, State};
 use holdpoint_governance::monitor::MonitorOutcome;
 use holdpoint_governance::notice::Notice;
 use holdpoint_protocol::event::EventKind;
@@ -31,12 +31,12 @@ use super::comparison_slice::{ComparisonSlice, run_slice};
 use super::shadow::{self, ShadowRun};
 use crate::decide::recorder::EngineRecorder;
 use crate::fault::EngineFault;
-use crate::live::monitors::Monitors;
 use crate::live::station::LiveStation;
 use holdpoint_record::context::Context;
 use holdpoint_record::evidence_binding::binding;
 use holdpoint_record::evidence_file::EvidenceFiles;
 use holdpoint_record::version_concern::ReEvaluationEvidence;
+use holdpoint_record::version_table::VersionTable;
 
 /// A version under re-evaluation.
 pub struct ReEvaluationRun {
@@ -65,10 +65,11 @@ impl ReEvaluationRun {
     }
 }
 
-/// The first active version with an open concern that has not been re-evaluated.
+/// The first active version with an open concern that has not been re-evaluated. After a restart a confirmed one has no monitor.
 #[must_use]
-pub fn next(monitors: &Monitors, evidence_files: &EvidenceFiles) -> Option<CapabilityId> {
-    monitors.iter().map(|watched| &watched.id).find(|id| evidence_files.is_suspicious(id)).cloned()
+pub fn next(version_table: &VersionTable, evidence_files: &EvidenceFiles) -> Option<CapabilityId> {
+    let active = version_table.families().filter_map(|(_, entry)| entry.active());
+    active.map(|member| member.capability.id()).find(|id| evidence_files.is_suspicious(id))
 }
 
 /// Begins it: of a candidate with the shadow that found it suspicious, of an active version without. Absent if there is no
@@ -143,11 +144,10 @@ pub fn slice(
     trials: &Trials,
     record: &mut EngineRecorder,
     evidence_files: &mut EvidenceFiles,
-    monitors: &Monitors,
     mut run: Box<ReEvaluationRun>,
 ) -> Result<ReEvaluationStep, EngineFault> {
     let id = run.id.clone();
-    if run.shadow.is_none() && monitors.of(&id).is_none() {
+    if run.shadow.is_none() && record.version_table().version(&id)?.1.state != State::Active {
         return Ok(ReEvaluationStep::Gone);
     }
     let candidate = record.capability(&id)?;

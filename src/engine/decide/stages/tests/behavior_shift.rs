@@ -9,7 +9,7 @@ use holdpoint_governance::explanation::Consequence;
 use holdpoint_governance::finding::Finding;
 use holdpoint_governance::harm::HarmMeasures;
 use holdpoint_governance::ids::CapabilityId;
-use holdpoint_governance::lifecycle::{Stage, State};
+use holdpoint_governance::lifecycle::{LifecycleEvent, Stage, State};
 use holdpoint_governance::notice::{Notice, NoticeOrText};
 use holdpoint_governance::outcome::BehaviorOutcome;
 use holdpoint_governance::profile::ProfileName;
@@ -19,6 +19,7 @@ use crate::decide::pipeline::SliceOutcome;
 use crate::decide::stages::rollback::tests::{GOOD, RollbackBench};
 use holdpoint_explain::store_metrics::{Since, observe};
 use holdpoint_record::version_concern::VersionConcern;
+use holdpoint_record::version_table::TransitionNote;
 
 /// A bench with an active version whose twins in shadow were these, once it has worked as many live tasks as the first look
 /// is taken at; and what the alarm says, if it is raised.
@@ -128,6 +129,28 @@ fn a_version_that_re_evaluates_as_worse_is_demoted() {
         matches!(found, Some(Finding::ReEvaluatedLive { outcome: of, .. }) if *of == outcome),
         "{first:?}"
     );
+}
+
+/// No monitor watches a confirmed version after a restart, and its concern once stayed open without a re-evaluation.
+#[test]
+fn a_concern_about_a_confirmed_version_is_re_evaluated_after_a_restart() {
+    let (mut bench, id) = RollbackBench::with_active("align-improved");
+    let version = bench.pipeline.record().version_table().version(&id).unwrap().0;
+    let live = bench.pipeline.live();
+    let note = TransitionNote::because(Notice::StageBegins);
+    live.record.transition(&id.family, LifecycleEvent::Confirm { version }, note).unwrap();
+    let concern = VersionConcern { reasons: Vec::new(), again: None };
+    live.record.write(vec![concern.evidence(&id).unwrap()], Vec::new()).unwrap();
+    let mut bench = bench.restart();
+    assert!(bench.pipeline.live().monitors.of(&id).is_none());
+    for _ in 0..2_000 {
+        let concern = bench.pipeline.live().evidence_files.of(&id).unwrap().suspicion.clone().unwrap();
+        if concern.again.is_some() {
+            return;
+        }
+        assert_eq!(bench.pipeline.advance(), SliceOutcome::Ran);
+    }
+    panic!("{id} was not re-evaluated");
 }
 
 #[test]
