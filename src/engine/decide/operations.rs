@@ -493,10 +493,20 @@ pub(crate) fn set_pace(
 
 /// Causes a fault in the live cell, or repairs it.
 pub(crate) fn live_fault(
+    context: &Context,
     record: &mut EngineRecorder,
     world: &mut LiveWorld,
     fault: Option<LiveFault>,
 ) -> Result<Reply, EngineFault> {
+    let profile = context.profile.name;
+    let blinds_monitors = fault == Some(LiveFault::TelemetryLost);
+    if blinds_monitors && profile.is_at_risk() && !record.clock().is_scripted() {
+        return Ok(Reply::Refused {
+            code: Refusal::NotAllowed,
+            text: format!("under the profile {profile} no exercise takes the telemetry from the monitors"),
+            hint: None,
+        });
+    }
     world.cell.fault = fault;
     let body = serde_json::json!({ "fault": fault }).to_string();
     record.note(RecordKind::LiveFault, String::new(), body)?;

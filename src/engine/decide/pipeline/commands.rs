@@ -244,7 +244,7 @@ impl Pipeline {
                 Ok(reply)
             }
             Command::Drift { kind, magnitude } => operations::drift(record, world, kind, magnitude),
-            Command::LiveFault { fault } => operations::live_fault(record, world, fault),
+            Command::LiveFault { fault } => operations::live_fault(context, record, world, fault),
             Command::AcknowledgeAlarm { alarm, by } => {
                 let event = |key| AlarmEvent::Acknowledge { key, by };
                 Ok(self.alarm_command(alarm, event, AlarmAct::Acknowledge))

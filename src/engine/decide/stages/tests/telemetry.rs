@@ -1,11 +1,15 @@
-//! Telemetry at the end of a session and at the start of the next.
+//! Telemetry at the end of a session and at the start of the next, and who may take it from the monitors.
 
+use holdpoint_body::disturbance::LiveFault;
 use holdpoint_governance::alarms::AlarmKey;
 use holdpoint_governance::notice::Notice;
 use holdpoint_governance::profile::ProfileName;
+use holdpoint_protocol::clock::Clock;
+use holdpoint_protocol::command::{Command, Refusal, Reply};
 use holdpoint_registry::verify;
 use holdpoint_store::Batch;
 
+use crate::decide::stages::rollback::tests::RollbackBench;
 use crate::quick_folder::quick_folder;
 use crate::test_pipeline::resting_pipeline;
 
@@ -56,4 +60,20 @@ fn foreign_telemetry_is_quarantined_with_an_alarm() {
     verify(&store.join("holdpoint.db"), None).unwrap();
     let third = resting_pipeline(&store, ProfileName::Sim);
     assert_eq!(third.record().version_table().store().opening().telemetry.aside, []);
+}
+
+/// One person could blind the monitors of a confirmed version for as long as the engine ran.
+#[test]
+fn no_exercise_takes_telemetry_from_the_monitors_of_a_cell_at_risk() {
+    for (profile, is_refused) in
+        [(ProfileName::Sim, false), (ProfileName::Real, true), (ProfileName::Human, true)]
+    {
+        let mut bench = RollbackBench::resting(profile);
+        let now_ms = bench.pipeline.record().now_ms();
+        bench.pipeline.live().record.set_clock(Clock::real(now_ms));
+        let reply = bench.pipeline.command(Command::LiveFault { fault: Some(LiveFault::TelemetryLost) });
+        let refused = matches!(reply, Reply::Refused { code: Refusal::NotAllowed, .. });
+        assert_eq!(refused, is_refused, "{profile}: {reply:?}");
+        assert_eq!(bench.pipeline.live().world.cell.link_is_up(), is_refused, "{profile}");
+    }
 }
