@@ -219,6 +219,25 @@ pub(crate) fn resume(
     accepted(&id, &VersionEffect::Resumed)
 }
 
+/// The refusal of an act that favors a version, by a person who registered or wrote it; only where people decide.
+pub(crate) fn own_version_refusal(
+    context: &Context,
+    record: &EngineRecorder,
+    operation: &Operation,
+) -> Result<Option<Reply>, EngineFault> {
+    if !context.may_need_approval() || record.clock().is_scripted() {
+        return Ok(None);
+    }
+    let Operation { by, version, .. } = operation;
+    let table = record.version_table();
+    let is_own = version_origin::is_of(&table.store().persons()?, table.version(version)?.2, by);
+    Ok(is_own.then(|| Reply::Refused {
+        code: Refusal::NotAllowed,
+        text: format!("{by} registered or wrote {version}: another person must do this"),
+        hint: None,
+    }))
+}
+
 /// Makes a confirmed version its family's anchor.
 pub(crate) fn set_anchor(
     context: &Context,
@@ -226,21 +245,13 @@ pub(crate) fn set_anchor(
     operation: &Operation,
 ) -> Result<Reply, EngineFault> {
     let id = checked(record, operation)?;
-    let people = context.may_need_approval() && !record.clock().is_scripted();
+    // Else one person could let the tolerances add up again, with a series of versions of their own.
+    if let Some(refused) = own_version_refusal(context, record, operation)? {
+        return Ok(refused);
+    }
     let table = record.version_table();
     let refused =
         |text: String, hint: Option<String>| Ok(Reply::Refused { code: Refusal::NotNow, text, hint });
-    // Else one person could let the tolerances add up again, with a series of versions of their own.
-    if people && version_origin::is_of(&table.store().persons()?, table.version(&id)?.2, &operation.by) {
-        return Ok(Reply::Refused {
-            code: Refusal::NotAllowed,
-            text: format!(
-                "{} registered or wrote {id}: another person must make it the anchor",
-                operation.by
-            ),
-            hint: None,
-        });
-    }
     if !table.may_be_anchor(&id) {
         let hint = "a confirmed version that is or was in control can be: see `holdpoint version list`";
         return refused(format!("{id} cannot be an anchor: it is not confirmed"), Some(hint.to_owned()));

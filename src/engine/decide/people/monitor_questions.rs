@@ -3,7 +3,7 @@
 //! Owns the answer and its record. The monitor decides what raises a question and what an unanswered one causes. An
 //! answer lifts no restriction and confirms no version.
 
-use crate::decide::operations::{accepted, checked};
+use crate::decide::operations::{accepted, checked, own_version_refusal};
 use crate::decide::recorder::EngineRecorder;
 use crate::fault::EngineFault;
 use crate::live::monitors::Monitors;
@@ -37,6 +37,10 @@ pub(crate) fn answer_continue(
             hint: Some("open questions are in `holdpoint status`".to_owned()),
         });
     };
+    // An author could keep a version in control that gets worse: each answer restarts its charts.
+    if let Some(refused) = own_version_refusal(context, record, operation)? {
+        return Ok(refused);
+    }
     watched
         .monitor
         .on_answer(&context.profile, &expected, now_tick)

@@ -16,7 +16,7 @@ use holdpoint_protocol::event::EventKind;
 use holdpoint_store::{AuditBody, RequestState};
 use holdpoint_wording::command_effect::{VersionEffect, version_effect};
 
-use crate::decide::operations::{accepted, checked};
+use crate::decide::operations::{accepted, checked, own_version_refusal};
 use crate::decide::people::approvals::{Approvals, clear_alarm, closing_note};
 use crate::decide::recorder::EngineRecorder;
 use crate::decide::stages::closing::end_request;
@@ -44,6 +44,9 @@ pub(crate) fn release(
         });
     }
     if !live.context.needs_approval() {
+        if let Some(refused) = own_version_refusal(live.context, live.record, operation)? {
+            return Ok(refused);
+        }
         let Operation { by, reason, .. } = operation;
         let notice = Notice::RestrictionLifted { by: by.clone(), reason: reason.clone() };
         lift(live, &id, by, reason, notice)?;

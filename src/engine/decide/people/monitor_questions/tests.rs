@@ -194,3 +194,29 @@ fn a_question_is_shown_during_its_sequence() {
     pipeline.end();
     assert!(!pipeline.live().world.is_running());
 }
+
+/// Each answer restarts the charts: one person could keep a version of their own in control that gets worse.
+#[test]
+fn authors_neither_answer_for_their_own_version_nor_lift_its_restriction() {
+    let mut bench = RollbackBench::resting(ProfileName::Real);
+    let id = bench.activate("align-improved");
+    let pipeline = &mut bench.pipeline;
+    pipeline.live().world.cell.fault = Some(LiveFault::TelemetryLost);
+    wait_for_a_question(pipeline);
+    let now_ms = pipeline.record().now_ms();
+    pipeline.live().record.set_clock(Clock::real(now_ms));
+    let operation =
+        |by: &str| Operation { version: id.clone(), by: by.to_owned(), reason: "a test".to_owned() };
+    let release = |by: &str| Command::Release { operation: operation(by), profiles: Vec::new() };
+    let refused = |reply: &Reply| matches!(reply, Reply::Refused { code: Refusal::NotAllowed, .. });
+    let reply = pipeline.command(Command::Continue(operation("skill-lab")));
+    assert!(refused(&reply), "{reply:?}");
+    let reply = pipeline.command(Command::Continue(operation("ada")));
+    assert!(matches!(reply, Reply::Accepted { .. }), "{reply:?}");
+    let reply = pipeline.command(Command::Restrict(operation("ada")));
+    assert!(matches!(reply, Reply::Accepted { .. }), "{reply:?}");
+    let reply = pipeline.command(release("skill-lab"));
+    assert!(refused(&reply), "{reply:?}");
+    let reply = pipeline.command(release("ada"));
+    assert!(matches!(reply, Reply::Accepted { .. }), "{reply:?}");
+}
