@@ -58,8 +58,9 @@ pub(crate) fn recover(live: &mut LiveMonitoring<'_>, approvals: &mut Approvals) 
                     let note = TransitionNote::because(Notice::StageVoidedByRestart);
                     live.record.transition(&version.family, LifecycleEvent::Restart, note)?;
                 }
-                resume_demoted(live.record, &version)?;
-                report_recovered(live.record, &version, Notice::StageRunAgain);
+                let is_run_again = resume_demoted(live.record, &version)?;
+                let notice = if is_run_again { Notice::StageRunAgain } else { Notice::RetryInterrupted };
+                report_recovered(live.record, &version, notice);
             }
             InterruptedWork::Provisional { version } => resume_watch(live, &version)?,
         }
@@ -169,14 +170,19 @@ fn deactivate_unadmitted(live: &mut LiveMonitoring<'_>) -> Result<(), EngineFaul
     Ok(())
 }
 
-/// Returns a version to its repeated stage after an interruption.
-fn resume_demoted(record: &mut EngineRecorder, id: &CapabilityId) -> Result<(), EngineFault> {
+/// Returns a version to its repeated stage after an interruption. Returns whether the stage is run again: that of a paused
+/// version is not before a person retries it.
+fn resume_demoted(record: &mut EngineRecorder, id: &CapabilityId) -> Result<bool, EngineFault> {
     let (version, lifecycle, _) = record.version_table().version(id)?;
-    if lifecycle.state == State::Demoted {
-        let event = LifecycleEvent::Repeat { version, stage: Stage::Sandbox };
-        record.transition(&id.family, event, TransitionNote::because(Notice::RetryInterrupted))?;
+    if lifecycle.state != State::Demoted {
+        return Ok(true);
     }
-    Ok(())
+    if lifecycle.flags.paused {
+        return Ok(false);
+    }
+    let event = LifecycleEvent::Repeat { version, stage: Stage::Sandbox };
+    record.transition(&id.family, event, TransitionNote::because(Notice::RetryInterrupted))?;
+    Ok(true)
 }
 
 /// Monitors a provisional version before its next tick, from the start of its window.

@@ -282,6 +282,21 @@ fn the_stage_of_a_rejection_is_on_record() {
     }
 }
 
+/// No engine started on the store any more: a paused version repeats no stage.
+#[test]
+fn a_paused_retry_does_not_keep_an_engine_from_starting() {
+    let mut bench = RollbackBench::new();
+    let id = bench.pass(CANDIDATE, &Stage::ALL[..3]);
+    let retry = || Command::Repeat { operation: operation(&id), stage: Stage::Sandbox };
+    done(&mut bench, retry());
+    pause(&mut bench, &id);
+    let mut bench = bench.restart();
+    let (state, flags) = state_of(&bench, &id);
+    assert_eq!((state, flags.paused, flags.running), (State::Demoted, true, None));
+    resume(&mut bench, &id);
+    done(&mut bench, retry());
+}
+
 /// The end of a drift, and of a fault, was answered as if one had set in.
 #[test]
 fn end_of_a_drift_or_fault_has_its_own_answer() {
