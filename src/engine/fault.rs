@@ -5,7 +5,7 @@ use std::borrow::Cow;
 use holdpoint_body::BodyError;
 use holdpoint_cell::CellError;
 use holdpoint_explain::fault::ExplainFault;
-use holdpoint_protocol::command::Refusal;
+use holdpoint_protocol::command::{AuthorityEffect, Refusal};
 use holdpoint_store::StoreError;
 
 use holdpoint_text::{ErrorDetails, ErrorReason, Hint, Problem};
@@ -96,6 +96,14 @@ impl EngineFault {
             | Self::Impossible(_) => None,
         }
     }
+
+    /// As [`EngineFault::refusal`], for a command with this effect. If authority cannot be taken away because nothing can
+    /// be written, the engine halts: the version may not run on.
+    #[must_use]
+    pub fn refusal_to(&self, effect: AuthorityEffect) -> Option<Refusal> {
+        let takes_away = effect == AuthorityEffect::TakesAway;
+        self.refusal().filter(|code| !(takes_away && *code == Refusal::Store))
+    }
 }
 
 impl Hint for EngineFault {
@@ -133,6 +141,9 @@ mod tests {
             EngineFault::Store(StoreError::DiskFull { what: "write" }).refusal(),
             Some(Refusal::Store)
         );
+        let full = EngineFault::Store(StoreError::DiskFull { what: "write" });
+        assert_eq!(full.refusal_to(AuthorityEffect::Gives), Some(Refusal::Store));
+        assert_eq!(full.refusal_to(AuthorityEffect::TakesAway), None, "a rollback that is not written: halt");
         let problem = EngineFault::Store(StoreError::DiskFull { what: "write" }).halt_problem();
         let hint = "free some space, then end the engine and start it again";
         assert_eq!(problem.hint().as_deref(), Some(hint));

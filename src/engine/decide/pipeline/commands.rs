@@ -24,7 +24,7 @@ use holdpoint_governance::notice::{Notice, OperatorAct};
 use holdpoint_governance::profile::ProfileName;
 use holdpoint_governance::record::RecordKind;
 use holdpoint_protocol::approval_document::QuestionRefusal;
-use holdpoint_protocol::command::{Caller, Command, Operation, Refusal, Reply, Request};
+use holdpoint_protocol::command::{AuthorityEffect, Caller, Command, Operation, Refusal, Reply, Request};
 use holdpoint_protocol::snapshot::RequestKind;
 use holdpoint_record::context::Context;
 use holdpoint_record::evidence_file::EvidenceFiles;
@@ -115,8 +115,9 @@ impl Pipeline {
         if let Some(why) = self.record.holding().filter(|_| !command.facts().is_harmless) {
             return refuse_held(why);
         }
+        let effect = command.authority_effect();
         let carried_out = self.carry_out(command, caller, signer);
-        self.reply_to(carried_out)
+        self.reply_to(carried_out, effect)
     }
 
     /// What the pipeline knows of the versions.
@@ -135,22 +136,22 @@ impl Pipeline {
         }
         let (context, version_table, evidence_files) = self.known();
         let read = query(context, version_table, evidence_files);
-        self.reply_to(read.map_err(Into::into))
+        self.reply_to(read.map_err(Into::into), AuthorityEffect::Reads)
     }
 
-    fn reply_to(&mut self, carried_out: Result<Reply, EngineFault>) -> Reply {
+    fn reply_to(&mut self, carried_out: Result<Reply, EngineFault>, effect: AuthorityEffect) -> Reply {
         let done = carried_out.and_then(|reply| {
             if self.record.holding().is_none() {
                 self.activation().look_at_changed()?;
             }
             Ok(reply)
         });
-        done.unwrap_or_else(|fault| self.refuse_fault(&fault))
+        done.unwrap_or_else(|fault| self.refuse_fault(&fault, effect))
     }
 
-    /// The refusal of a command that caused a fault; a fault of the engine's own halts it.
-    fn refuse_fault(&mut self, fault: &EngineFault) -> Reply {
-        if let Some(code) = fault.refusal() {
+    /// The refusal of a command with this effect that caused a fault; a fault of the engine's own halts it.
+    fn refuse_fault(&mut self, fault: &EngineFault, effect: AuthorityEffect) -> Reply {
+        if let Some(code) = fault.refusal_to(effect) {
             return Reply::refused(code, fault);
         }
         self.hold(&fault.halt_problem());
@@ -309,7 +310,8 @@ impl Pipeline {
         if let Some(why) = &self.context.unauthorized {
             return refuse_unauthorized(why);
         }
-        self.try_launch(id, stage).unwrap_or_else(|fault| self.refuse_fault(&fault))
+        let launched = self.try_launch(id, stage);
+        launched.unwrap_or_else(|fault| self.refuse_fault(&fault, AuthorityEffect::Gives))
     }
 
     fn try_launch(&mut self, id: &CapabilityId, stage: Stage) -> Result<Reply, EngineFault> {

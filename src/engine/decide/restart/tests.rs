@@ -1,4 +1,4 @@
-//! What an engine makes of the work of one that ended in the middle of it: questions to people, rollbacks, watched versions.
+//! What an engine makes of the work of one that ended in the middle of it: questions, rollbacks and watched versions.
 
 use holdpoint_approvals::keyfile::KeyEncoding;
 use holdpoint_governance::approval::{ApprovalDecision, Role};
