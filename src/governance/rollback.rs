@@ -8,9 +8,10 @@ use serde::{Deserialize, Serialize};
 
 use super::closed_set::convert_equal_terms;
 use super::decision::{Reason, ReasonCode};
+use super::finding::Finding;
 use super::ids::CapabilityId;
 use super::lifecycle::DeactivationKind;
-use super::monitor::SafetyEvent;
+use super::monitor::{Rate, SafetyEvent};
 use super::notice::NoticeOrText;
 use super::past_limit::MeasuredInTask;
 use super::shared_event::{SharedEvent, UncomparedReason};
@@ -91,6 +92,22 @@ impl TriggerKind {
             | Self::OpenDoubt => true,
             Self::Operator | Self::Restart | Self::ProfileNotAdmitted | Self::Unreviewed => false,
         }
+    }
+}
+
+/// How a version leaves after a rollback by its monitor for these reasons. People who step in show no difference in its
+/// conduct, and anyone may stop the cell: their interventions alone never end a version for good.
+#[must_use]
+pub fn deactivation_for(reasons: &[Reason]) -> DeactivationKind {
+    let rate = |reason: &Reason| match reason.finding {
+        Some(Finding::RateWorse { rate } | Finding::RateDrifts { rate }) => Some(rate),
+        _ => None,
+    };
+    let mut rates = reasons.iter().filter_map(rate).peekable();
+    if rates.peek().is_some() && rates.all(|rate| rate == Rate::Intervention) {
+        DeactivationKind::Demoted
+    } else {
+        DeactivationKind::RolledBack
     }
 }
 
@@ -299,7 +316,6 @@ pub const fn ticks_to_ms(ticks: u64) -> u64 {
 mod tests {
     use super::*;
     use crate::decision::Dimension;
-    use crate::finding::Finding;
 
     #[test]
     fn rollback_names_equal_the_stored_names() {
@@ -329,6 +345,25 @@ mod tests {
             assert_eq!(TriggerKind::of(&reasons, silent), kind, "{code}");
         }
         assert_eq!(TriggerKind::of(&[], false), TriggerKind::SafetyEvent);
+    }
+
+    #[test]
+    fn interventions_alone_end_no_version_for_good() {
+        let of = |finding| Reason::new(Dimension::Monitor, finding);
+        let worse = |rate| of(Finding::RateWorse { rate });
+        let drifts = |rate| of(Finding::RateDrifts { rate });
+        let coupled = || of(Finding::RollbackCoupled);
+        let (demoted, rolled_back) = (DeactivationKind::Demoted, DeactivationKind::RolledBack);
+        for (reasons, expected) in [
+            (vec![worse(Rate::Intervention), drifts(Rate::Intervention)], demoted),
+            (vec![coupled(), drifts(Rate::Intervention)], demoted),
+            (vec![worse(Rate::Failure), drifts(Rate::Intervention)], rolled_back),
+            (vec![coupled(), drifts(Rate::Failure)], rolled_back),
+            (vec![of(Finding::EscalationUnanswered)], rolled_back),
+            (Vec::new(), rolled_back),
+        ] {
+            assert_eq!(deactivation_for(&reasons), expected, "{reasons:?}");
+        }
     }
 
     #[test]

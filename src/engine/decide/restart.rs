@@ -18,7 +18,7 @@ use holdpoint_governance::lifecycle::{DeactivationKind, LifecycleEvent, Stage, S
 use holdpoint_governance::monitor::MonitorOutcome;
 use holdpoint_governance::notice::{AdmissionRefusal, Notice};
 use holdpoint_governance::record::{AuditRecord, RecordKind};
-use holdpoint_governance::rollback::TriggerKind;
+use holdpoint_governance::rollback::{TriggerKind, deactivation_for};
 use holdpoint_protocol::event::EventKind;
 use holdpoint_record::context::Context;
 use holdpoint_record::evidence_binding::not_admitted;
@@ -115,7 +115,7 @@ fn continue_rollback(
     decided: Option<&[Reason]>,
 ) -> Result<(), EngineFault> {
     report_recovered(live.record, version, Notice::RollbackContinued);
-    let leave = if decided.is_some() { DeactivationKind::RolledBack } else { DeactivationKind::Demoted };
+    let leave = decided.map_or(DeactivationKind::Demoted, deactivation_for);
     let event = decided.filter(|reasons| TriggerKind::of(reasons, false).needs_difference());
     let trigger = match event {
         Some(reasons) => {

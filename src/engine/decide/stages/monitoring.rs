@@ -10,7 +10,7 @@ use holdpoint_governance::live_harm::TaskHarm;
 use holdpoint_governance::monitor::{MonitorAction, MonitorDecision, roll_back, safety_trip};
 use holdpoint_governance::notice::Notice;
 use holdpoint_governance::record::{RecordKind, UpgradeEnd};
-use holdpoint_governance::rollback::{Trigger, TriggerKind};
+use holdpoint_governance::rollback::{Trigger, TriggerKind, deactivation_for};
 use holdpoint_protocol::event::{EventKind, TaskSummary};
 use holdpoint_runtime::agent::dispatcher::DispatchedTask;
 use holdpoint_runtime::task::TaskRecord;
@@ -360,7 +360,7 @@ impl LiveMonitoring<'_> {
                     tick: decision.tick,
                     measured: scene_of_event.map(|scene| scene.task.safety_event(event)),
                 };
-                self.deactivate_after(id, trigger, trip, DeactivationKind::RolledBack, scene)
+                self.deactivate_after(id, trigger, trip, deactivation_for(&decision.reasons), scene)
             }
         }
     }

@@ -1,5 +1,6 @@
 //! Stops by several accounts: what each is answered, and how many are counted.
 
+use holdpoint_governance::lifecycle::State;
 use holdpoint_governance::profile::ProfileName;
 use holdpoint_governance::record::RecordKind;
 use holdpoint_protocol::command::{Caller, Command, Reply, StopPersistence};
@@ -72,4 +73,19 @@ fn a_waiting_stop_is_recorded_by_an_engine_without_a_socket() {
     let (by, reason) = ("ben".to_owned(), "empty".to_owned());
     let reply = pipeline.command(Command::Go { by, reason, since_ms: stopped.since_ms, stops: 1 });
     assert!(matches!(reply, Reply::Accepted { .. }), "{reply:?}");
+}
+
+/// Anyone may stop the cell, and some stops in a window ended an honest version for good.
+#[test]
+fn interventions_of_people_alone_demote_a_version() {
+    let (mut bench, id) = RollbackBench::with_active("align-improved");
+    for _ in 0..100 {
+        bench.pipeline.live().stepped_in(&id).unwrap();
+        let state = bench.pipeline.record().version_table().version(&id).unwrap().1.state;
+        if state != State::Active {
+            assert_eq!(state, State::Demoted);
+            return;
+        }
+    }
+    panic!("the rate of interventions rose, and {id} is active");
 }
