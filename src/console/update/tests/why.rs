@@ -203,6 +203,28 @@ fn stop_key_works_in_the_check_and_the_film() {
     }
 }
 
+/// Regression: no line there said whether the cell runs or is stopped.
+#[test]
+fn the_line_of_state_stands_over_the_check_and_the_film() {
+    for keys in ["", "w"] {
+        let mut console = at_checks();
+        let line = |console: &TestConsole, row: usize| {
+            console.screen_text(120, 36).lines().nth(row).unwrap_or_default().to_owned()
+        };
+        // In a view, the line is below the names of the views.
+        let expected = line(&console, 2);
+        assert!(!expected.is_empty());
+        console.press(KeyCode::Down);
+        console.press(KeyCode::Enter);
+        console.keys(keys);
+        if !keys.is_empty() {
+            console.answer(RequestSubject::Film, Reply::Film { film: Box::new(film(17)) });
+        }
+        assert!(matches!(console.model.input.overlay, Some(Overlay::Why(_) | Overlay::Film(_))));
+        assert_eq!(line(&console, 1), expected, "{keys:?}");
+    }
+}
+
 /// No typed key there has an effect.
 #[test]
 fn no_other_key_in_the_check_or_the_film_changes_anything() {
