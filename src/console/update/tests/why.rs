@@ -2,6 +2,7 @@
 
 use super::*;
 use crate::frame;
+use crate::look::Glyph;
 use crate::model::RequestSubject;
 use holdpoint_governance::decision::Dimension;
 use holdpoint_protocol::command::Reply;
@@ -261,6 +262,30 @@ fn a_film_that_differs_from_the_record_is_marked() {
     let screen = console.screen_text(120, 36);
     assert!(screen.contains("AS RECORDED") && screen.contains("another build"), "{screen}");
     assert_eq!(console.model.subject_detail().unwrap().why[1].about, Dimension::Behavior);
+}
+
+/// Regression: a limit that the active version passed while it did the task had the sign of a failure, and the stop of a
+/// run looked like that of the cell.
+#[test]
+fn a_film_tells_failures_from_limits_passed_and_its_stop_from_that_of_the_cell() {
+    let mut console = at_checks();
+    console.press(KeyCode::Down);
+    console.press(KeyCode::Enter);
+    console.keys("w");
+    let mut film = film(17);
+    film.candidate.failed = true;
+    film.active.marks.clone_from(&film.candidate.marks);
+    for frame in &mut film.active.frames {
+        frame.stopped = true;
+    }
+    console.answer(RequestSubject::Film, Reply::Film { film: Box::new(film) });
+    let look = Look::new(Theme::builtin("mono").unwrap(), ColorDepth::Mono, Glyphs::Ascii);
+    let sign = |glyph: Glyph| look.glyph(glyph);
+    let screen = console.screen_text(120, 36);
+    assert!(screen.contains(&format!("{} passes a limit", sign(Glyph::Bad))), "{screen}");
+    assert!(screen.contains(&format!("{} does the task", sign(Glyph::Warning))), "{screen}");
+    assert!(!screen.contains(&format!("{} stopped", sign(Glyph::Bad))), "{screen}");
+    assert!(screen.contains(holdpoint_wording::console::film::STOPPED_IN_IT), "{screen}");
 }
 
 #[test]
