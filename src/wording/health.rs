@@ -94,11 +94,7 @@ pub fn health_verdict(of: &HealthVerdict) -> String {
         }
     });
     let sample = if *sampled { ", of a sample" } else { "" };
-    let uncounted = match unsealed {
-        0 => String::new(),
-        1 => "; the newest task is not counted yet".to_owned(),
-        tasks => format!("; the newest {tasks} tasks are not counted yet"),
-    };
+    let uncounted = if *unsealed > 0 { format!("; {unsealed} newer not counted yet") } else { String::new() };
     format!(
         "success of {family} since {moment}: {}, before {}{difference}{sample}{uncounted}",
         side(since),
@@ -296,7 +292,7 @@ mod tests {
             "not the same version worked: before grasp@1.0.0 (50), since grasp@1.1.0 (40)"
         );
         let open = HealthVerdict { unsealed: 37, ..open };
-        assert!(health_verdict(&open).ends_with("+10.0]; the newest 37 tasks are not counted yet"));
+        assert!(health_verdict(&open).ends_with("+10.0]; 37 newer not counted yet"));
         let none = verdict(VerdictSide::default(), side("grasp@1.0.0", 40, 30), None);
         assert_eq!(
             health_verdict(&none),
