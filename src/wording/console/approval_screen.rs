@@ -10,7 +10,8 @@ pub const SHORT_ID_MISSING: &str = "type the short id (tab)";
 pub const REASON_MISSING: &str = "give a reason (tab)";
 pub const SHORT_ID_HERE: &str = "type the short id";
 pub const REASON_HERE: &str = "type a reason";
-pub const REASON_BEFORE_KEY: &str = "A reason comes first: type it, leave the field (tab), then press the key again";
+pub const REASON_BEFORE_KEY: &str =
+    "A reason comes first: type it, leave the field (tab), then press the key again";
 pub const NO_REFUSAL: &str = "Esc changes nothing; F rejects the version";
 pub const NOT_DELIVERED: &str = "your text is being requested: wait, or r reads it again";
 pub const UNREAD: &str = "read it to its end (pagedown)";
