@@ -197,11 +197,15 @@ pub(super) fn unsealed(
         last = last.max(batches.last().map_or(0, |one| one.batch));
     }
     let mut tasks: BTreeMap<Family, u64> = BTreeMap::new();
-    telemetry.each_of_streams([LIVE, UNWATCHED], (last.saturating_add(1), u64::MAX), &mut |stored| {
-        if let Some(batch) = stored.batch {
-            *tasks.entry(batch.version.family).or_default() += 1;
-        }
-    })?;
+    telemetry.each_of_streams(
+        [LIVE, UNWATCHED],
+        (last.saturating_add(1), u64::MAX),
+        &mut |StoredBatch { batch, .. }| {
+            if let Some(batch) = batch {
+                *tasks.entry(batch.version.family).or_default() += 1;
+            }
+        },
+    )?;
     Ok(tasks)
 }
 
