@@ -72,9 +72,18 @@ fn paint(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
             let body = under(model, pen, body);
             views::form::draw(model, form, pen, body);
         }
-        Some(Overlay::Why(screen)) => views::why::draw(model, screen, pen, body),
-        Some(Overlay::Film(watched)) => views::film::draw(watched, pen, body),
-        Some(Overlay::Replay(replay)) => super::replay::frame::draw(replay, pen.look, body, pen.buf),
+        Some(Overlay::Why(screen)) => {
+            let body = below_state_line(model, pen, body);
+            views::why::draw(model, screen, pen, body);
+        }
+        Some(Overlay::Film(watched)) => {
+            let body = below_state_line(model, pen, body);
+            views::film::draw(watched, pen, body);
+        }
+        Some(Overlay::Replay(replay)) => {
+            let body = below_state_line(model, pen, body);
+            super::replay::frame::draw(replay, pen.look, body, pen.buf);
+        }
         Some(Overlay::KeyLog(row)) => {
             let body = under(model, pen, body);
             views::key_log::draw(model, *row, pen, body);
@@ -134,6 +143,15 @@ fn view_area(model: &ConsoleModel, area: Rect) -> Rect {
     below(area, lines.into_iter().fold(1, |rows, is_shown| rows + u16::from(is_shown)))
 }
 
+/// Draws the line of state in the first row, if there is one; returns the area below it.
+fn below_state_line(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) -> Rect {
+    if !views::state_line::is_shown(model) {
+        return area;
+    }
+    views::state_line::draw(model, pen, above(area, 1));
+    below(area, 1)
+}
+
 /// Draws the view with the lines above it; returns the view's area.
 fn under(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) -> Rect {
     if let Some(absence) = model.bare_absence() {
@@ -142,11 +160,7 @@ fn under(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) -> Rect {
     }
     views::tabs::views(model, pen, above(area, 1));
     let body = view_area(model, area);
-    let mut line = below(area, 1);
-    if views::state_line::is_shown(model) {
-        views::state_line::draw(model, pen, above(line, 1));
-        line = below(line, 1);
-    }
+    let line = below_state_line(model, pen, below(area, 1));
     if let Some(sentence) = views::tour::sentence(model) {
         let key = model.keymap.key(super::action::Action::Tour);
         // The key that dismisses the sentence stays even if the sentence is cut.

@@ -11,6 +11,7 @@ mod marks;
 mod tasks;
 
 use std::borrow::Cow;
+use std::collections::BTreeMap;
 
 use holdpoint_protocol::health::{HealthClock, HealthCoverage, HealthQuery, HealthSeries};
 use holdpoint_store::{ReadableStore, RecordViews, StoreError, TelemetryReader};
@@ -152,6 +153,7 @@ impl HealthReader {
             marks: Vec::new(),
             alarms: Vec::new(),
             coverage,
+            unsealed: BTreeMap::new(),
         };
         let span = RecordSpan::find(&*self.views, clock, from_ms, until_ms)?;
         series.alarms = alarms::read(&*self.views, &span, &mut coverage)?;
@@ -162,6 +164,10 @@ impl HealthReader {
         if let Some(telemetry) = &self.telemetry {
             series.points =
                 tasks::points(&*self.views, &**telemetry, (&span, &series), &mut coverage, tasks_read)?;
+            // The newest tasks belong to a span that reaches the end of the record.
+            if span.after > span.head {
+                series.unsealed = tasks::unsealed(&*self.views, &**telemetry)?;
+            }
         }
         let mut marks = marks::read(&*self.views, &span, &mut coverage)?;
         marks.extend(marks::of_alarms(&span, &series.alarms));

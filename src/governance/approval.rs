@@ -364,11 +364,10 @@ fn evaluate_under(
             continue;
         }
         if vote.answer == ApprovalDecision::Reject && rules.demands(ApprovalRule::Refusal) {
-            reasons.insert(0, reason(Finding::Refused { person: vote.person.clone() }));
-            return ApprovalResult {
-                outcome: ApprovalOutcome::Refused { person: vote.person.clone() },
-                reasons,
-            };
+            let person = vote.person.clone();
+            let refused = Finding::Refused { person: person.clone(), reason: vote.reason.clone() };
+            reasons.insert(0, reason(refused));
+            return ApprovalResult { outcome: ApprovalOutcome::Refused { person }, reasons };
         }
         if let Some(flaw) = not_independent(rules, vote, request) {
             reasons.push(answer_void(vote, flaw));

@@ -525,8 +525,12 @@ findings! {
     ApprovalsMissing => ApprovalPending,
     /// The approval of a safety officer is missing.
     SafetyOfficerMissing => ApprovalPending,
-    /// A person refused.
-    Refused { person: String } => ApprovalRefused,
+    /// A person refused; the reason is absent in records of older builds.
+    Refused {
+        person: String,
+        #[serde(default, skip_serializing_if = "String::is_empty")]
+        reason: String,
+    } => ApprovalRefused,
     /// Too few people answered by the deadline.
     DeadlinePassed { until: WallTime } => ApprovalTimeout,
     /// A person answered twice.

@@ -512,7 +512,9 @@ impl GateFindings {
             }
             ApprovalOutcome::TimedOut => (&mut self.hold, reason(Finding::AnsweredTooLate)),
             ApprovalOutcome::Refused { person } => {
-                (&mut self.reject, reason(Finding::Refused { person: person.clone() }))
+                // The reason given is with the answer, among the reasons handed in.
+                let refused = Finding::Refused { person: person.clone(), reason: String::new() };
+                (&mut self.reject, reason(refused))
             }
         };
         list.push(own);

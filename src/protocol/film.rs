@@ -92,6 +92,9 @@ pub struct FilmedRun {
     pub envelope: EnvelopeView,
     /// The result, in words, the gravest first.
     pub ended: String,
+    /// Whether it failed. A limit of harm that is passed in a task that is done speaks against a version, and is no failure.
+    #[serde(default)]
+    pub failed: bool,
     /// Whether the record has exactly this result; absent if the record has none.
     pub as_recorded: Option<bool>,
     /// What happened, in order.
@@ -103,7 +106,7 @@ pub struct FilmedRun {
 }
 
 impl FilmedRun {
-    /// The first failure, ticks; absent if there is none.
+    /// The first event that speaks against the version, ticks; absent if there is none.
     #[must_use]
     pub fn failed_at(&self) -> Option<u64> {
         self.marks.iter().find(|mark| mark.bad).map(|mark| mark.tick)
@@ -190,6 +193,7 @@ mod tests {
             version: "grasp@1.0.0".parse().unwrap(),
             envelope: EnvelopeView { speed_m_s: 1.0, force_n: 1.0, contact_n: 1.0 },
             ended: String::new(),
+            failed: false,
             as_recorded: None,
             marks,
             blocks: Vec::new(),

@@ -8,6 +8,8 @@ mod alarm_history;
 mod chart_content;
 mod verdict;
 
+use std::collections::BTreeMap;
+
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -271,6 +273,9 @@ pub struct HealthSeries {
     pub alarms: Vec<AlarmEpisode>,
     /// The basis of the numbers.
     pub coverage: HealthCoverage,
+    /// Live tasks of each family that no record seals yet: they are in no number.
+    #[serde(default)]
+    pub unsealed: BTreeMap<Family, u64>,
 }
 
 impl HealthSeries {
@@ -357,6 +362,7 @@ impl HealthSeries {
             family: family.clone(),
             moment: self.time_text(self.start_ms(bucket)),
             sampled: self.coverage.is_sample(),
+            unsealed: self.unsealed.get(family).copied().unwrap_or(0),
             before,
             since,
             interval,
@@ -404,6 +410,7 @@ mod tests {
             marks: Vec::new(),
             alarms: Vec::new(),
             coverage: HealthCoverage::default(),
+            unsealed: BTreeMap::new(),
         }
     }
 

@@ -135,6 +135,7 @@ mod tests {
             version: version.parse().unwrap(),
             envelope: EnvelopeView { speed_m_s: 1.0, force_n: 1.0, contact_n: 1.0 },
             ended: String::new(),
+            failed: false,
             as_recorded: Some(true),
             marks: Vec::new(),
             blocks: Vec::new(),

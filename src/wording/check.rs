@@ -15,6 +15,7 @@ use holdpoint_protocol::film::{CodeFaultCount, FilmSubject, SelectionReason};
 use crate::explanation::reason_content;
 use crate::film::{code_fault_count, selection_reason};
 use crate::harm::harm_measure;
+use crate::reason::with_limit;
 use crate::{hard_stop, harm_comparison, harm_decider, sequence_measure};
 
 /// What decided a check, one sentence; how confined code failed stands first.
@@ -150,13 +151,7 @@ fn check_reason(of: &CheckReason) -> String {
         }
         _ => reason_content(content),
     };
-    match (content.evidence, content.limit) {
-        (Some(found), Some(limit)) => {
-            format!("{text} ({} against a limit of {})", number(found), number(limit))
-        }
-        (Some(found), None) => format!("{text} ({})", number(found)),
-        (None, _) => text,
-    }
+    with_limit(text, content, ["limit ", ""])
 }
 
 /// `passes a limit in 38 of 120 episodes, the active version in 0; at most 5 % more is tolerated`.
@@ -289,8 +284,8 @@ mod tests {
             let content = ReasonContent { finding: None, older_text, evidence, limit };
             check_reason(&CheckReason { content, overrun: None })
         };
-        assert_eq!(of(Some(0.25), Some(0.1)), "it is slow (0.25 against a limit of 0.1)");
-        assert_eq!(of(Some(0.25), None), "it is slow (0.25)");
+        assert_eq!(of(Some(0.25), Some(0.1)), "it is slow (0.25; limit 0.1)");
+        assert_eq!(of(Some(0.25), None), "it is slow");
         assert_eq!(of(None, Some(0.1)), "it is slow");
     }
 }

@@ -20,13 +20,9 @@ pub fn reason_content(of: &ReasonContent) -> String {
     of.finding.as_ref().map_or_else(|| of.older_text.clone(), finding)
 }
 
-/// What a reason found, with its number against its limit.
+/// What a reason found, with its number and its limit.
 fn with_limit(of: &ReasonContent) -> String {
-    let text = reason_content(of);
-    match (of.evidence, of.limit) {
-        (Some(found), Some(limit)) => format!("{text} ({found:.3} against a limit of {limit:.3})"),
-        _ => text,
-    }
+    crate::reason::with_limit(reason_content(of), of, ["limit ", ""])
 }
 
 /// One sentence for each remedy, in their order. Two reasons may need the same: the sentence stands once.

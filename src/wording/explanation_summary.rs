@@ -245,18 +245,14 @@ fn with_limit(of: &ReasonContent) -> String {
                 | Finding::LiveLikePossiblyWorse { .. }
         )
     );
-    match (of.evidence, of.limit) {
-        (Some(value), Some(limit)) if is_worsening => {
-            format!("{text} ({}; limit {})", number(value), number(limit))
-        }
-        (Some(value), Some(limit)) if value < limit => {
-            format!("{text} ({}; at least {} is needed)", number(value), number(limit))
-        }
-        (Some(value), Some(limit)) => {
-            format!("{text} ({}; at most {} is allowed)", number(value), number(limit))
-        }
-        _ => text,
-    }
+    let words = if is_worsening {
+        ["limit ", ""]
+    } else if of.evidence < of.limit {
+        ["at least ", " is needed"]
+    } else {
+        ["at most ", " is allowed"]
+    };
+    crate::reason::with_limit(text, of, words)
 }
 
 /// The drills that a finding is about: of the kind and the phase that it names, or else the kind that passes least.

@@ -323,7 +323,8 @@ pub fn finding(found: &Finding) -> String {
         F::ApprovalNotNeeded => "the profile asks for no approval of this".into(),
         F::ApprovalsMissing => "approvals are missing".into(),
         F::SafetyOfficerMissing => "the approval of a safety officer is missing".into(),
-        F::Refused { person } => format!("{person:?} refused"),
+        F::Refused { person, reason } if reason.is_empty() => format!("{person:?} refused"),
+        F::Refused { person, reason } => format!("{person:?} refused: {reason}"),
         F::DeadlinePassed { until } => format!("too few people answered by {until}; the version is on hold"),
         F::AnsweredTwice { person } => format!("{person:?} answered twice and counts once"),
         F::KeyShared { person } => {

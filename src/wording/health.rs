@@ -72,7 +72,7 @@ fn marked_act(act: &MarkedAct) -> String {
 /// The comparison of the tasks before and since a moment with its numbers, one sentence.
 #[must_use]
 pub fn health_verdict(of: &HealthVerdict) -> String {
-    let HealthVerdict { family, moment, sampled, before, since, interval } = of;
+    let HealthVerdict { family, moment, sampled, unsealed, before, since, interval } = of;
     let share = |side: &VerdictSide| side.succeeded as f64 / side.tasks.max(1) as f64;
     let side = |side: &VerdictSide| {
         if side.tasks == 0 {
@@ -94,8 +94,9 @@ pub fn health_verdict(of: &HealthVerdict) -> String {
         }
     });
     let sample = if *sampled { ", of a sample" } else { "" };
+    let uncounted = if *unsealed > 0 { format!("; {unsealed} newer not counted yet") } else { String::new() };
     format!(
-        "success of {family} since {moment}: {}, before {}{difference}{sample}",
+        "success of {family} since {moment}: {}, before {}{difference}{sample}{uncounted}",
         side(since),
         side(before)
     )
@@ -270,6 +271,7 @@ mod tests {
             family: Family::new("grasp").unwrap(),
             moment: "noon".to_owned(),
             sampled: false,
+            unsealed: 0,
             interval: bounds.map(|(lower, upper)| Interval { lower, upper, level: 0.95 }),
             before,
             since,
@@ -289,6 +291,8 @@ mod tests {
             confounding_versions(&open).unwrap(),
             "not the same version worked: before grasp@1.0.0 (50), since grasp@1.1.0 (40)"
         );
+        let open = HealthVerdict { unsealed: 37, ..open };
+        assert!(health_verdict(&open).ends_with("+10.0]; 37 newer not counted yet"));
         let none = verdict(VerdictSide::default(), side("grasp@1.0.0", 40, 30), None);
         assert_eq!(
             health_verdict(&none),

@@ -17,7 +17,7 @@ use holdpoint_governance::wall_time::WallTime;
 
 use crate::clock::clock_mismatch;
 use crate::count::{counted, is_or_are};
-use crate::past_limit::{after_event, measured, past_limit};
+use crate::past_limit::{after_event, measured, past_limit, sequence_of_engine};
 use crate::policy_hit::policy_hit;
 
 /// What is stated, as one sentence without a full stop. A record of an older build has its sentence, which stays as it is.
@@ -234,7 +234,7 @@ pub fn notice_sentence(of: &Notice) -> String {
             format!("{}{}", about(version.as_ref()), joined(reasons, weakness))
         }
         N::Harmful { version, reason, sequence } => {
-            format!("{version}: {}, sequence {sequence}", crate::reason(reason))
+            format!("{version}: {}, {}", crate::reason(reason), sequence_of_engine(*sequence))
         }
         N::LimitViolated { version, hit, measured: found } => limit_violated(version, *hit, found.as_ref()),
         N::Degraded { version, rate } => {

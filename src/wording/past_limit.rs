@@ -15,10 +15,16 @@ pub(crate) fn past_limit(of: &PastLimit) -> String {
     format!("{quantity} {}{place}, limit {}", in_unit(quantity, value), in_unit(quantity, limit))
 }
 
-/// Value and limit, if one was measured, and the sequence: `force 71 N at the pads, limit 35 N, sequence 153`.
+/// Value and limit, if one was measured, and the sequence: `force 71 N at the pads, limit 35 N, sequence 153 since its
+/// engine began`.
 pub(crate) fn measured(of: &MeasuredInTask) -> String {
     let past = of.past.as_ref().map_or_else(String::new, |past| format!("{}, ", past_limit(past)));
-    format!("{past}sequence {}", of.sequence)
+    format!("{past}{}", sequence_of_engine(of.sequence))
+}
+
+/// The number of a recorded sequence. Each engine counts its own from 0, and the record outlives it.
+pub(crate) fn sequence_of_engine(sequence: u64) -> String {
+    format!("sequence {sequence} since its engine began")
 }
 
 /// What follows a sentence about an event: nothing if nothing was measured.
@@ -46,13 +52,13 @@ mod tests {
         };
         let tried = PastLimit { quantity: LimitedQuantity::Retries, value: 4.0, limit: 3.0, place: None };
         for (past, text) in [
-            (Some(forced), "force 71 N at the pads, limit 35 N, sequence 153"),
+            (Some(forced), "force 71 N at the pads, limit 35 N, sequence 153 since its engine began"),
             (
                 Some(PastLimit { place: Some(ForcePlace::Surroundings), ..forced }),
-                "force 71 N on its surroundings, limit 35 N, sequence 153",
+                "force 71 N on its surroundings, limit 35 N, sequence 153 since its engine began",
             ),
-            (Some(tried), "retries 4, limit 3, sequence 153"),
-            (None, "sequence 153"),
+            (Some(tried), "retries 4, limit 3, sequence 153 since its engine began"),
+            (None, "sequence 153 since its engine began"),
         ] {
             assert_eq!(measured(&MeasuredInTask { sequence: 153, task: TaskKind::Grasp, past }), text);
         }

@@ -6,7 +6,7 @@
 //! ▸ 1▲ CRIT   ⚠ unacknowledged 18:12:29  1      violation: grasp@1.0.0 violated a limit: force 71 N at the pads, limit 35 N
 //!   3● LOW    ‖ shelved        18:06:40  7 ⚠    monitor: the camera is worse than when the cell was commissioned
 //! ── violation:grasp@1.0.0 ───────────────────────────────────────────
-//! grasp@1.0.0 violated a limit: force 71 N at the pads, limit 35 N, sequence 153
+//! grasp@1.0.0 violated a limit: force 71 N at the pads, limit 35 N, sequence 153 since its engine began
 //! without action: the limit may be passed again
 //! look at: gripper, tool and what they touch, then the film of the task
 //! ```

@@ -8,7 +8,7 @@
 //! ── LIVE, NOT SIGNED, as of Tue 17 Nov 08:12:41 UTC ───────────────
 //! Deadline: 08:41:43 UTC, 29 min left · Open alarms: 1 …
 //! ▸[Later]   short id ____ (type 9f3c)   reason ____
-//! First: give a reason (tab), to sign: type the short id (tab)
+//! to sign: type the short id (tab), then: give a reason (tab)
 //! Y Sign   N Reject   Enter or Esc Later
 //! ```
 
@@ -305,21 +305,39 @@ fn blocks(model: &ConsoleModel, prompt: &ApprovalScreen, answer: ApprovalDecisio
     prompt.blocks(answer, model.session.operator.as_ref(), model.settings.read_only, model.now_ms)
 }
 
-/// The obstacles to each answer, in words; a shared obstacle appears once.
+/// What to do about an obstacle, in the field that has the keys, or on the way to it.
+const fn hint(block: DecisionObstacle, focus: ApprovalFocus) -> &'static str {
+    match (block, focus) {
+        (DecisionObstacle::ShortId, ApprovalFocus::ShortId) => wording::SHORT_ID_HERE,
+        (DecisionObstacle::Reason, ApprovalFocus::Reason) => wording::REASON_HERE,
+        _ => block.hint(),
+    }
+}
+
+/// The obstacles to each answer, in words and in the order of the steps; a shared obstacle appears once.
 fn missing(model: &ConsoleModel, prompt: &ApprovalScreen, width: usize) -> Vec<Row> {
     let mut approve = blocks(model, prompt, ApprovalDecision::Approve);
+    // The number of unread lines has its own line.
     approve.retain(|block| *block != DecisionObstacle::Unread);
     let reject = blocks(model, prompt, ApprovalDecision::Reject);
-    // The number of unread lines has its own line.
-    let hints =
-        |blocks: &[DecisionObstacle]| blocks.iter().map(|block| block.hint()).collect::<Vec<_>>().join("; ");
-    let both: Vec<DecisionObstacle> =
-        approve.iter().copied().filter(|block| reject.contains(block)).collect();
-    let rest = |all: &[DecisionObstacle]| {
-        all.iter().copied().filter(|block| !both.contains(block)).collect::<Vec<_>>()
+    let hints = |blocks: &[DecisionObstacle]| {
+        blocks.iter().map(|block| hint(*block, prompt.focus)).collect::<Vec<_>>().join("; ")
     };
-    let groups =
-        [("First", both.clone()), (wording::TO_SIGN, rest(&approve)), (wording::TO_REJECT, rest(&reject))];
+    let (both, of_approval): (Vec<_>, Vec<_>) =
+        approve.iter().copied().partition(|block| reject.contains(block));
+    let of_rejection: Vec<_> = reject.iter().copied().filter(|block| !both.contains(block)).collect();
+    // The fields come last: the reason behind the short id, and leaving them behind both.
+    let (last, first): (Vec<_>, Vec<_>) = both
+        .iter()
+        .copied()
+        .partition(|block| matches!(block, DecisionObstacle::Reason | DecisionObstacle::Typing));
+    let begins = [&first, &of_approval, &of_rejection].iter().all(|blocks| blocks.is_empty());
+    let groups = [
+        (wording::FIRST, first),
+        (wording::TO_SIGN, of_approval),
+        (wording::TO_REJECT, of_rejection),
+        (if begins { wording::FIRST } else { wording::THEN }, last),
+    ];
     let parts: Vec<String> = groups
         .iter()
         .filter(|(_, blocks)| !blocks.is_empty())
@@ -331,9 +349,12 @@ fn missing(model: &ConsoleModel, prompt: &ApprovalScreen, width: usize) -> Vec<R
     rows
 }
 
-/// Why the last key did nothing.
+/// Why the last key did nothing, or led to the reason.
 fn refused(prompt: &ApprovalScreen, width: usize) -> Vec<Row> {
-    let text = prompt.refused.map(|block| wording::key_did_nothing(block.hint()));
+    let text = prompt.refused.map(|block| match (block, prompt.focus) {
+        (DecisionObstacle::Reason, ApprovalFocus::Reason) => wording::REASON_BEFORE_KEY.to_owned(),
+        _ => wording::key_did_nothing(block.hint()),
+    });
     text.map_or_else(Vec::new, |text| wrapped(ThemeRole::Problem, &text, width))
 }
 

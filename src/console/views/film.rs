@@ -82,7 +82,9 @@ fn run(player: &Player, own: bool, pen: &mut Pen<'_>, area: Rect) {
     let inside = below(inside, taken);
     let charts = if inside.height >= CHARTS_HEIGHT_MIN { inside.height / 3 } else { 0 };
     let (scene, charts) = cut(inside, inside.height - charts);
-    robot::draw_frame(&video_frame(run, frame), &film.scenery, Vec::new(), pen, scene);
+    // The arm of the cell has no part in it.
+    let stopped = frame.stopped.then(|| Row::of(ThemeRole::Warning, wording::STOPPED_IN_IT));
+    robot::draw_frame(&video_frame(run, frame), &film.scenery, stopped.into_iter().collect(), pen, scene);
     if charts.height == 0 {
         return;
     }
@@ -97,8 +99,7 @@ fn run(player: &Player, own: bool, pen: &mut Pen<'_>, area: Rect) {
 /// The outcome, and the last event.
 fn draw_summary(player: &Player, run: &FilmedRun, pen: &mut Pen<'_>, area: Rect) -> u16 {
     let lines_max = if pen.fit >= Fit::Two { 2 } else { 1 };
-    let bad = run.failed_at().is_some();
-    let (glyph, role) = if bad { (Glyph::Bad, ThemeRole::Bad) } else { (Glyph::Good, ThemeRole::Good) };
+    let (glyph, role) = sign(run);
     let width = usize::from(area.width);
     let lines = |glyph: Glyph, run: &FilmedRun| {
         wrap(&format!("{} {}", pen.look.glyph(glyph), run.ended), width, lines_max)
@@ -118,6 +119,15 @@ fn draw_summary(player: &Player, run: &FilmedRun, pen: &mut Pen<'_>, area: Rect)
     pen.rows(area, 0, &rows)
 }
 
+/// The sign of a result. What speaks against a version without a failure is a warning.
+fn sign(run: &FilmedRun) -> (Glyph, ThemeRole) {
+    match (run.failed, run.failed_at()) {
+        (true, _) => (Glyph::Bad, ThemeRole::Bad),
+        (false, Some(_)) => (Glyph::Warning, ThemeRole::Warning),
+        (false, None) => (Glyph::Good, ThemeRole::Good),
+    }
+}
+
 fn video_frame(run: &FilmedRun, frame: &FilmFrame) -> VideoFrame {
     VideoFrame {
         sequence: 0,
@@ -133,7 +143,7 @@ fn video_frame(run: &FilmedRun, frame: &FilmFrame) -> VideoFrame {
         contacts: Vec::new(),
         blocks: run.blocks.clone(),
         unexpected_contact: frame.touched,
-        stopped: frame.stopped,
+        stopped: false,
         twin: None,
     }
 }

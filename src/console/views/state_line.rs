@@ -69,8 +69,17 @@ pub fn is_shown(model: &ConsoleModel) -> bool {
 #[must_use]
 pub fn says_stopped(model: &ConsoleModel) -> bool {
     let is_covered = match &model.input.overlay {
-        None | Some(Overlay::Palette(_) | Overlay::Form(_) | Overlay::KeyLog(_) | Overlay::Event(_)) => false,
-        Some(Overlay::Approval(_) | Overlay::Why(_) | Overlay::Film(_) | Overlay::Replay(_)) => true,
+        None
+        | Some(
+            Overlay::Palette(_)
+            | Overlay::Form(_)
+            | Overlay::KeyLog(_)
+            | Overlay::Event(_)
+            | Overlay::Why(_)
+            | Overlay::Film(_)
+            | Overlay::Replay(_),
+        ) => false,
+        Some(Overlay::Approval(_)) => true,
     };
     !is_covered && overriding(model) == Some(OverridingState::Stopped)
 }

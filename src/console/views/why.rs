@@ -20,6 +20,7 @@ use crate::model::{ConsoleModel, WhyScreen};
 use crate::theme::state_mark::of_dimension;
 use crate::widgets::pen::{Pen, below};
 use crate::widgets::row::{Row, safe, wrap};
+use holdpoint_governance::outcome::DimensionOutcome;
 use holdpoint_protocol::detail::{Detail, FindingVerdict, RationaleFinding, RationaleView};
 use holdpoint_wording::console::why as wording;
 
@@ -91,7 +92,7 @@ pub fn rows(detail: &Detail, why: &RationaleView, look: &Look, width: usize) -> 
     push_text(&mut rows, ThemeRole::Value, "", &sentence(&why.decisive), width);
     if !why.change.is_empty() {
         rows.push(Row::new());
-        rows.push(Row::of(ThemeRole::Title, wording::TO_PASS));
+        rows.push(Row::of(ThemeRole::Title, change_title(outcome.map(|result| result.outcome))));
         for text in &why.change {
             push_text(&mut rows, ThemeRole::Text, "  ", text, width);
         }
@@ -114,6 +115,25 @@ pub fn rows(detail: &Detail, why: &RationaleView, look: &Look, width: usize) -> 
         }
     }
     rows
+}
+
+/// What the changes are for: a check with these outcomes passes already.
+const fn change_title(of: Option<DimensionOutcome>) -> &'static str {
+    match of {
+        Some(
+            DimensionOutcome::Compatible
+            | DimensionOutcome::Conditional
+            | DimensionOutcome::Suspicious
+            | DimensionOutcome::Fragile,
+        ) => wording::TO_PASS_UNRESTRICTED,
+        Some(
+            DimensionOutcome::Review
+            | DimensionOutcome::Incompatible
+            | DimensionOutcome::Inconclusive
+            | DimensionOutcome::NoData,
+        )
+        | None => wording::TO_PASS,
+    }
 }
 
 /// The value of a field as text, or a note that it is missing.
@@ -165,6 +185,27 @@ fn push_finding(rows: &mut Vec<Row>, finding: &RationaleFinding, look: &Look, wi
 #[cfg(test)]
 mod tests {
     use super::*;
+    use holdpoint_governance::outcome::{BehaviorOutcome, CheckResult, PolicyOutcome, RecoveryOutcome};
+
+    /// Regression: a check that passes with conditions said `To pass, this would have to change`.
+    #[test]
+    fn changes_of_a_check_that_passes_are_not_there_to_pass() {
+        for outcome in DimensionOutcome::ALL {
+            let result = match outcome {
+                DimensionOutcome::Compatible => CheckResult::Pass,
+                DimensionOutcome::Conditional => PolicyOutcome::Conditional.into(),
+                DimensionOutcome::Review => PolicyOutcome::Review.into(),
+                DimensionOutcome::Suspicious => BehaviorOutcome::Suspicious.into(),
+                DimensionOutcome::Fragile => RecoveryOutcome::Fragile.into(),
+                DimensionOutcome::Incompatible => CheckResult::Fail,
+                DimensionOutcome::Inconclusive => BehaviorOutcome::Inconclusive.into(),
+                DimensionOutcome::NoData => CheckResult::NoData,
+            };
+            let passes = change_title(Some(outcome)) == wording::TO_PASS_UNRESTRICTED;
+            assert_eq!(passes, result.advances(), "{outcome}");
+        }
+        assert_eq!(change_title(None), wording::TO_PASS);
+    }
 
     #[test]
     fn a_sentence_begins_and_ends_as_one() {

@@ -244,8 +244,13 @@ impl StopSwitch {
         if after != NEVER {
             return Some(after);
         }
-        let still = self.stepped.load(Ordering::Acquire) == self.halted_at.load(Ordering::Acquire);
-        (!at_work && still).then_some(0)
+        (!at_work && !self.has_stepped_since_halt()).then_some(0)
+    }
+
+    /// Whether the body has stepped since the stop of the cell; false for a cell that is not stopped.
+    pub(crate) fn has_stepped_since_halt(&self) -> bool {
+        let since = self.halted_at.load(Ordering::Acquire);
+        self.is_halted() && self.stepped.load(Ordering::Acquire) != since
     }
 }
 
@@ -314,13 +319,15 @@ mod tests {
         let on_record: Vec<String> = std::iter::from_fn(take).map(|request| request.by).collect();
         assert_eq!(on_record, ["ana", "bo"]);
         assert_eq!(switch.ticks_to_standstill(true), None);
+        assert!(!switch.has_stepped_since_halt());
         for _ in 0..30 {
             switch.stepped(None);
         }
         switch.stepped(Some(12));
         switch.stepped(Some(12));
         assert_eq!(switch.ticks_to_standstill(true), Some(31 - 12));
-        assert!(switch.release() && !switch.is_halted());
+        assert!(switch.has_stepped_since_halt());
+        assert!(switch.release() && !switch.is_halted() && !switch.has_stepped_since_halt());
         // An arm that is not at work stands at once.
         switch.halt(stop_request("bo"));
         assert_eq!((switch.ticks_to_standstill(true), switch.ticks_to_standstill(false)), (None, Some(0)));

@@ -55,6 +55,12 @@ impl LiveThread {
         self.running.is_some()
     }
 
+    /// Whether a sequence is over and not taken back yet.
+    #[cfg(test)]
+    pub(crate) fn has_ended(&self) -> bool {
+        self.running.as_ref().is_some_and(JoinHandle::is_finished)
+    }
+
     /// Whether the arm is being stopped.
     #[must_use]
     pub fn is_stopping(&self) -> bool {

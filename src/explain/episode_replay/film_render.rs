@@ -67,6 +67,7 @@ impl FilmedWork<'_> {
         events.extend(exceeded.iter().map(EventMark::exceeded));
         run.marks = film_marks(events);
         run.ended = outcome(&ended(record, named(&exceeded)));
+        run.failed = has_failed(record);
         run
     }
 
@@ -88,9 +89,9 @@ impl FilmedWork<'_> {
         let mut events: Vec<EventMark> = exceeded.iter().map(EventMark::exceeded).collect();
         run.ended = outcome(&[vec![end.clone()], named(&exceeded)].concat());
         events.extend(from.map(|tick| EventMark::new(tick, MarkedEvent::DrillBegan(kind), false)));
+        run.failed = result == DrillResult::Failed;
         if let Some(last) = run.frames.last() {
-            let is_failed = result == DrillResult::Failed;
-            events.push(EventMark::new(last.tick, MarkedEvent::Outcome(end), is_failed));
+            events.push(EventMark::new(last.tick, MarkedEvent::Outcome(end), run.failed));
         }
         run.marks = film_marks(events);
         run
@@ -112,6 +113,7 @@ impl FilmedWork<'_> {
             version: self.version.id(),
             envelope: cell_frame::envelope(self.terms.envelope()),
             ended: String::new(),
+            failed: false,
             as_recorded: self.as_recorded,
             marks: Vec::new(),
             blocks,
@@ -190,7 +192,12 @@ fn named(exceeded: &[ExceededLimit]) -> Vec<OutcomePart> {
     parts
 }
 
-/// The result of an episode, the gravest first.
+/// Whether an episode failed, whatever limits of harm it passed.
+const fn has_failed(record: &TaskRecord) -> bool {
+    !record.success || record.violation || record.hard_stop.is_some() || record.fault.is_some()
+}
+
+/// The result of an episode, the gravest first. That a task is done comes before the limits of harm that it passed.
 fn ended(record: &TaskRecord, exceeded: Vec<OutcomePart>) -> Vec<OutcomePart> {
     if record.invalid {
         return vec![OutcomePart::SimulatorFailed];
@@ -208,7 +215,8 @@ fn ended(record: &TaskRecord, exceeded: Vec<OutcomePart>) -> Vec<OutcomePart> {
         let hits = record.hits.iter().map(|(_, hit)| *hit).filter(|hit| hit.is_violation()).collect();
         parts.push(OutcomePart::Violation { hits });
     }
-    parts.extend(exceeded);
+    let (before, after) = if has_failed(record) { (exceeded, Vec::new()) } else { (Vec::new(), exceeded) };
+    parts.extend(before);
     if record.unsafe_continuation_ms > 0 {
         parts.push(OutcomePart::MovedOn { ms: record.unsafe_continuation_ms });
     }
@@ -221,6 +229,7 @@ fn ended(record: &TaskRecord, exceeded: Vec<OutcomePart>) -> Vec<OutcomePart> {
     // That it ran out of time stands there already.
     let cause = record.failure_cause().filter(|cause| *cause != FailureCause::Late || !record.timeout);
     parts.push(OutcomePart::Task { done: record.success, cause });
+    parts.extend(after);
     if record.retries > 0 {
         parts.push(OutcomePart::Attempts { more: record.retries });
     }
@@ -284,6 +293,25 @@ mod tests {
         );
         let marks: Vec<(u64, bool)> = marks(&record).iter().map(|mark| (mark.tick, mark.bad)).collect();
         assert_eq!(marks, [(100, true), (120, false), (300, true), (480, true)]);
+    }
+
+    /// Regression: `time near a limit` headed, as a failure, a version that did the task.
+    #[test]
+    fn a_task_that_is_done_comes_before_the_limits_that_it_passed() {
+        let record = TaskRecord {
+            invalid: false,
+            success: true,
+            time_secs: 2.0,
+            ..TaskRecord::invalid(TaskKind::Grasp, 3)
+        };
+        let value = ExceededValue::Harm { kind: HarmKind::NearTime, value: 1.679, limit: 1.5 };
+        let near = OutcomePart::Exceeded(ExceededLimit { tick: 480, times: 1.1, value });
+        let done = OutcomePart::Task { done: true, cause: None };
+        let took = OutcomePart::Took { secs: 2.0 };
+        assert_eq!(ended(&record, vec![near.clone()]), [done, near, took]);
+        assert!(!has_failed(&record));
+        assert!(has_failed(&TaskRecord { success: false, ..record.clone() }));
+        assert!(has_failed(&TaskRecord { violation: true, ..record }));
     }
 
     /// A limit that was passed three times over stood in a chart and in no headline.

@@ -185,6 +185,30 @@ fn take_in(
     Ok(there)
 }
 
+/// The live tasks of each family that no record seals yet.
+pub(super) fn unsealed(
+    views: &dyn RecordViews,
+    telemetry: &dyn TelemetryReader,
+) -> Result<BTreeMap<Family, u64>, StoreError> {
+    let mut last = 0;
+    for kind in RecordKind::SEALS {
+        let newest = views.audit(&AuditFilter::newest(kind))?;
+        let batches = newest.first().map(sealed).unwrap_or_default().0;
+        last = last.max(batches.last().map_or(0, |one| one.batch));
+    }
+    let mut tasks: BTreeMap<Family, u64> = BTreeMap::new();
+    telemetry.each_of_streams(
+        [LIVE, UNWATCHED],
+        (last.saturating_add(1), u64::MAX),
+        &mut |StoredBatch { batch, .. }| {
+            if let Some(batch) = batch {
+                *tasks.entry(batch.version.family).or_default() += 1;
+            }
+        },
+    )?;
+    Ok(tasks)
+}
+
 fn sealed(record: &AuditRecord) -> (Vec<SealedBatchBody>, bool) {
     if record.kind == RecordKind::TelemetrySealed {
         return (change::<SealedBatchBody>(record).into_iter().collect(), false);

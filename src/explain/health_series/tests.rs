@@ -152,6 +152,7 @@ fn tasks_count_in_their_bucket_and_give_the_verdict() {
     let full = series.at(&family, bucket + 1).next().unwrap();
     assert_eq!((full.tasks, full.violated), (60, 20));
     assert_eq!(full.time_s, [4.0, 7.0]);
+    assert_eq!((series.unsealed.len(), verdict.unsealed), (0, 0));
     // The same by the engine's own clock.
     let by_engine = shift.read(&HealthQuery { clock: Some(HealthClock::Virtual), ..query });
     assert_eq!(by_engine.coverage.tasks, 480);
@@ -224,6 +225,25 @@ fn altered_telemetry_counts_nowhere_and_is_reported() {
     assert_eq!((coverage.damaged, coverage.removed, coverage.not_judged), (80, 20, 1), "{coverage:?}");
     assert_eq!(coverage.tasks, 480 - 80 - 20);
     assert_eq!(holdpoint_wording::health::omissions(&coverage).len(), 3);
+}
+
+#[test]
+fn tasks_that_no_record_seals_yet_are_told_apart() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut shift = shift(folder.path());
+    for _ in 0..7 {
+        shift.at_ms += 10_000;
+        shift.task("grasp@1.1.0", false, LiveTaskMarks::default());
+    }
+    let query = HealthQuery { bucket_ms: 10 * MINUTE_MS, buckets: 12, ..HealthQuery::default() };
+    let series = shift.read(&query);
+    assert_eq!((series.coverage.tasks, series.unsealed.get(&grasp())), (480, Some(&7)));
+    assert_eq!(series.verdict(&grasp(), 0).unsealed, 7);
+    let before = HealthQuery { until_ms: Some(TUESDAY_MS + 60 * 60_000), ..query };
+    assert!(shift.read(&before).unsealed.is_empty(), "a span that ends earlier has none of them");
+    shift.commit(Vec::new(), Vec::new());
+    let series = shift.read(&query);
+    assert_eq!((series.coverage.tasks, series.unsealed.len()), (487, 0));
 }
 
 #[test]

@@ -1,7 +1,7 @@
 //! The short explanation of a version, in typed values: what it is, the deciding reasons, and what ends it.
 //!
 //! Reads the decisions of [`super::decisions`] and the rows beside them. It judges nothing: the order of the reasons is that
-//! of the rules, and among reasons of one code the larger excess comes first.
+//! of the rules, and among further reasons of one code the larger excess comes first.
 
 mod decisive_reasons;
 

@@ -34,6 +34,8 @@ pub struct HealthVerdict {
     pub moment: String,
     /// Whether only a sample of the tasks was read.
     pub sampled: bool,
+    /// The newest live tasks, which no record seals yet: they are on neither side.
+    pub unsealed: u64,
     /// The part of the span before it.
     pub before: VerdictSide,
     /// From it to the end of the span.

@@ -8,6 +8,10 @@ pub const APPROVED_ALREADY: &str = "you have approved: another approver is neede
 pub const QUORUM_COMPLETE: &str = "the quorum is complete: no approval is missing";
 pub const SHORT_ID_MISSING: &str = "type the short id (tab)";
 pub const REASON_MISSING: &str = "give a reason (tab)";
+pub const SHORT_ID_HERE: &str = "type the short id";
+pub const REASON_HERE: &str = "type a reason";
+pub const REASON_BEFORE_KEY: &str =
+    "A reason comes first: type it, leave the field (tab), then press the key again";
 pub const NO_REFUSAL: &str = "Esc changes nothing; F rejects the version";
 pub const NOT_DELIVERED: &str = "your text is being requested: wait, or r reads it again";
 pub const UNREAD: &str = "read it to its end (pagedown)";
@@ -31,6 +35,8 @@ pub const SIGNED_AND_SENT: &str = "it is signed and sent; the engine has not ans
 pub const TAKES_IT_BACK: &str = " takes it back";
 pub const LEAVES_IT: &str = " leaves it";
 pub const NO_OPERATOR: &str = "no operator";
+pub const FIRST: &str = "First";
+pub const THEN: &str = "then";
 pub const TO_SIGN: &str = "to sign";
 pub const TO_REJECT: &str = "to reject";
 

@@ -9,6 +9,7 @@ pub const RERUN_READY: &str = "the re-run is ready; ask for it again to see it";
 pub const NOTHING_GOES_WRONG: &str = "nothing goes wrong in it";
 pub const NO_SUCH_CHECK: &str = "There is no such check any more; esc goes back";
 pub const TO_PASS: &str = "To pass, this would have to change";
+pub const TO_PASS_UNRESTRICTED: &str = "To pass without a restriction, this would have to change";
 pub const MEASURED: &str = "Measured, the most serious first; more is worse";
 pub const DIFFERENCES: &str = "Differences of the two versions";
 pub const FAR_BEYOND: &str = "far beyond";

@@ -122,6 +122,23 @@ fn invisible_reason_counts_as_missing() {
     }
 }
 
+/// Regression: `give a reason (tab)` stood before `type the short id (tab)`, and while the cursor was in the reason.
+#[test]
+fn steps_to_a_decision_are_named_in_their_order_and_from_where_the_cursor_is() {
+    use holdpoint_wording::console::approval_screen as wording;
+    let mut console = TestConsole::new(2);
+    console.open_prompt();
+    let place = |console: &TestConsole, text: &str| consistency::screen(console, 120, 36).find(text);
+    let short_id = place(&console, wording::SHORT_ID_MISSING);
+    assert!(short_id.is_some() && short_id < place(&console, wording::REASON_MISSING));
+    console.keys("N");
+    assert_eq!(place(&console, wording::REASON_MISSING), None);
+    for text in [wording::REASON_HERE, wording::REASON_BEFORE_KEY] {
+        assert!(place(&console, text).is_some(), "{text}");
+    }
+    assert!(place(&console, wording::REASON_HERE) < place(&console, wording::TYPING));
+}
+
 /// After an answer from elsewhere, the prompt offers no key without an effect, and no key has one.
 #[test]
 fn closed_request_offers_only_to_leave_it() {

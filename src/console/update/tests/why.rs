@@ -2,6 +2,7 @@
 
 use super::*;
 use crate::frame;
+use crate::look::Glyph;
 use crate::model::RequestSubject;
 use holdpoint_governance::decision::Dimension;
 use holdpoint_protocol::command::Reply;
@@ -203,6 +204,28 @@ fn stop_key_works_in_the_check_and_the_film() {
     }
 }
 
+/// Regression: no line there said whether the cell runs or is stopped.
+#[test]
+fn the_line_of_state_stands_over_the_check_and_the_film() {
+    for keys in ["", "w"] {
+        let mut console = at_checks();
+        let line = |console: &TestConsole, row: usize| {
+            console.screen_text(120, 36).lines().nth(row).unwrap_or_default().to_owned()
+        };
+        // In a view, the line is below the names of the views.
+        let expected = line(&console, 2);
+        assert!(!expected.is_empty());
+        console.press(KeyCode::Down);
+        console.press(KeyCode::Enter);
+        console.keys(keys);
+        if !keys.is_empty() {
+            console.answer(RequestSubject::Film, Reply::Film { film: Box::new(film(17)) });
+        }
+        assert!(matches!(console.model.input.overlay, Some(Overlay::Why(_) | Overlay::Film(_))));
+        assert_eq!(line(&console, 1), expected, "{keys:?}");
+    }
+}
+
 /// No typed key there has an effect.
 #[test]
 fn no_other_key_in_the_check_or_the_film_changes_anything() {
@@ -239,6 +262,30 @@ fn a_film_that_differs_from_the_record_is_marked() {
     let screen = console.screen_text(120, 36);
     assert!(screen.contains("AS RECORDED") && screen.contains("another build"), "{screen}");
     assert_eq!(console.model.subject_detail().unwrap().why[1].about, Dimension::Behavior);
+}
+
+/// Regression: a limit that the active version passed while it did the task had the sign of a failure, and the stop of a
+/// run looked like that of the cell.
+#[test]
+fn a_film_tells_failures_from_limits_passed_and_its_stop_from_that_of_the_cell() {
+    let mut console = at_checks();
+    console.press(KeyCode::Down);
+    console.press(KeyCode::Enter);
+    console.keys("w");
+    let mut film = film(17);
+    film.candidate.failed = true;
+    film.active.marks.clone_from(&film.candidate.marks);
+    for frame in &mut film.active.frames {
+        frame.stopped = true;
+    }
+    console.answer(RequestSubject::Film, Reply::Film { film: Box::new(film) });
+    let look = Look::new(Theme::builtin("mono").unwrap(), ColorDepth::Mono, Glyphs::Ascii);
+    let sign = |glyph: Glyph| look.glyph(glyph);
+    let screen = console.screen_text(120, 36);
+    assert!(screen.contains(&format!("{} passes a limit", sign(Glyph::Bad))), "{screen}");
+    assert!(screen.contains(&format!("{} does the task", sign(Glyph::Warning))), "{screen}");
+    assert!(!screen.contains(&format!("{} stopped", sign(Glyph::Bad))), "{screen}");
+    assert!(screen.contains(holdpoint_wording::console::film::STOPPED_IN_IT), "{screen}");
 }
 
 #[test]

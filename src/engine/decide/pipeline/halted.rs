@@ -11,6 +11,9 @@ use holdpoint_protocol::command::{Reply, StopPersistence};
 impl Pipeline {
     /// Records a stop that another thread requested, and reports when the arm is at standstill.
     pub(super) fn take_in_halt(&mut self) {
+        if self.world.switch().first_stop().is_some() {
+            self.collect_earlier_sequence();
+        }
         if let Err(error) = halt::record_stops(&mut self.record, &mut self.world)
             && self.record.holding().is_none()
         {
@@ -19,8 +22,16 @@ impl Pipeline {
         halt::report_standstill(&mut self.record, &mut self.world);
     }
 
+    /// Processes a sequence that ended before the stop of the cell, so that the record has its tasks before the stop.
+    fn collect_earlier_sequence(&mut self) {
+        if !self.world.switch().has_stepped_since_halt() {
+            self.collect_sequence(false);
+        }
+    }
+
     /// A person stops the cell, at any time. A stop that cannot be written still stops; the engine then halts.
     pub(crate) fn halt(&mut self, request: StopRequest) -> Reply {
+        self.collect_earlier_sequence();
         let reply = halt::stop(&mut self.record, &mut self.world, request);
         if let Reply::Stopped { text, kept: StopPersistence::InMark | StopPersistence::InMemory } = &reply
             && self.record.holding().is_none()

@@ -1,7 +1,8 @@
-//! The reasons that led to a decision, the strongest first, and what would remove them.
+//! The reasons that led to a decision, the strongest first, and what would remove them. The first is that of the rules, which
+//! every view shows where there is room for one.
 
 use holdpoint_governance::closed_set::Lenient;
-use holdpoint_governance::decision::{Dimension, ReasonCode};
+use holdpoint_governance::decision::{Dimension, Reason, ReasonCode, lead_reason};
 use holdpoint_governance::explanation::{ReasonMeasurement, Remedy};
 use holdpoint_governance::outcome::{CheckResult, StageOutcome};
 use holdpoint_protocol::explanation::Ruling;
@@ -29,6 +30,9 @@ pub(super) fn decisive_reasons<'a>(
         }
         DecisionReason::Remark(_) => None,
     });
+    let known: Vec<Reason> = rules.clone().filter_map(|reason| reason.record.known()).collect();
+    let lead = lead_reason(&known);
+    let is_lead = |reason: &RuleReason<'_>| lead.is_some() && reason.record.known().as_ref() == lead;
     let is_against =
         |reason: &RuleReason<'_>| !reason.record.code.known().is_some_and(|code| is_in_favor(*code));
     let against: Vec<RuleReason<'a>> = rules.filter(is_against).collect();
@@ -45,17 +49,20 @@ pub(super) fn decisive_reasons<'a>(
     };
     let codes: Vec<Lenient<ReasonCode>> = decisive.iter().map(|reason| reason.record.code.clone()).collect();
     let place = |reason: &RuleReason<'_>| codes.iter().position(|code| *code == reason.record.code);
+    // Without approvers, what a review is about rejects.
+    let reviews_decide = decisive.iter().any(|reason| is_lead(reason) && is_for_review(reason.record));
     decisive.sort_by(|a, b| {
-        let group = |of: &RuleReason<'_>| (is_for_review(of.record), place(of));
+        let group =
+            |of: &RuleReason<'_>| (!is_lead(of), !reviews_decide && is_for_review(of.record), place(of));
         group(a).cmp(&group(b)).then_with(|| excess(b).total_cmp(&excess(a)))
     });
     decisive
 }
 
-/// What would remove the reasons that decide; those for a review only if no other decides.
+/// What would remove the reasons that decide; those for a review only if the first is one.
 pub(super) fn reason_remedies(reasons: &[RuleReason<'_>], file: &EvidenceFileRecord) -> Vec<Remedy> {
-    let all_for_review = reasons.iter().all(|reason| is_for_review(reason.record));
-    let deciding = reasons.iter().filter(|reason| all_for_review || !is_for_review(reason.record));
+    let reviews_decide = reasons.first().is_some_and(|first| is_for_review(first.record));
+    let deciding = reasons.iter().filter(|reason| reviews_decide || !is_for_review(reason.record));
     deciding.flat_map(|reason| all_remedies(reason.record, file)).collect()
 }
 
@@ -176,18 +183,19 @@ mod tests {
 
     /// Regression: the first reason against a version stood on line 76 of its explanation, behind what spoke for it.
     #[test]
-    fn reasons_of_the_deciding_check_come_alone_the_larger_excess_first() {
+    fn reasons_of_the_deciding_check_come_alone_the_leading_one_and_then_the_larger_excess() {
         let reasons = || {
             vec![
                 reason("shadow-governance-divergence", "shadow", "failures", Some((0.041, 0.0))),
+                reason("shadow-governance-divergence", "shadow", "hits", Some((0.021, 0.0))),
                 reason("shadow-governance-divergence", "shadow", "events", Some((0.146, 0.0))),
                 reason("composition-eligible", "composition", "eligible", None),
                 reason("policy-escalation", "policy", "more speed", None),
             ]
         };
         let ruling = || Ruling::Shadow(StageOutcome::Fail.into());
-        assert_eq!(texts(ruling(), reasons(), true), ["events", "failures"]);
-        assert_eq!(texts(ruling(), reasons(), false), ["events", "failures", "more speed"]);
+        assert_eq!(texts(ruling(), reasons(), true), ["failures", "events", "hits"]);
+        assert_eq!(texts(ruling(), reasons(), false), ["failures", "events", "hits", "more speed"]);
     }
 
     /// Regression: the component furthest within its limit came first.
@@ -214,9 +222,9 @@ mod tests {
     #[test]
     fn what_people_may_accept_comes_after_what_rejects() {
         let reasons = vec![
+            reason("policy-uncovered-high-risk", "policy", "high risk", None),
             reason("policy-authority-review", "policy", "a review", None),
             reason("policy-below-threshold", "policy", "coverage", Some((0.75, 0.9))),
-            reason("policy-uncovered-high-risk", "policy", "high risk", None),
             reason("composition-no-data", "composition", "missing", None),
         ];
         let ruling = Ruling::Validation(StageOutcome::Reject.into());
@@ -224,9 +232,38 @@ mod tests {
         let file = EvidenceFileRecord::default();
         let decisive = decisive_reasons(&decision, &file, true);
         let texts: Vec<&str> = decisive.iter().map(|reason| reason.record.older_text.as_str()).collect();
-        assert_eq!(texts, ["coverage", "high risk", "a review"]);
+        assert_eq!(texts, ["high risk", "coverage", "a review"]);
         assert_eq!(reason_remedies(&decisive, &file).len(), 2, "what people may accept did not reject it");
         assert_eq!(decision_remedies(&decision, &file).len(), 2, "the whole explanation asks for as much");
+    }
+
+    /// Regression: the overview named the review that rejected a version, and its explanation began with another reason.
+    #[test]
+    fn where_a_review_rejects_it_comes_first_as_in_every_view() {
+        let reasons = vec![
+            reason("policy-authority-review", "policy", "a review", None),
+            reason("policy-escalation", "policy", "more authority", None),
+            reason("composition-no-data", "composition", "missing", None),
+            reason("recovery-fallback-unresolved", "recovery", "no fallback", None),
+        ];
+        let check = |outcome: &str| {
+            let none = serde_json::json!([]);
+            serde_json::json!({
+                "outcome": outcome, "kappa": null, "basis": "measured", "reasons": none, "conditions": none,
+            })
+        };
+        let kappas = serde_json::json!({
+            "interface": check("compatible"), "policy": check("incompatible"),
+            "behavior": check("no-data"), "recovery": check("incompatible"),
+        });
+        let file = EvidenceFileRecord { kappas: Some(kappas), ..EvidenceFileRecord::default() };
+        assert!(file.assessments().is_some());
+        let ruling = Ruling::Validation(StageOutcome::Reject.into());
+        let decision = ExplainedDecision::new(7, 0, ruling, reasons);
+        let decisive = decisive_reasons(&decision, &file, true);
+        let texts: Vec<&str> = decisive.iter().map(|reason| reason.record.older_text.as_str()).collect();
+        assert_eq!(texts, ["a review", "more authority", "no fallback"]);
+        assert_eq!(reason_remedies(&decisive, &file).len(), 3, "the review rejected it, too");
     }
 
     #[test]

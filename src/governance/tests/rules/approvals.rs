@@ -5,6 +5,7 @@ use holdpoint_governance::approval::{
     Subject, Vote, evaluate, quorum,
 };
 use holdpoint_governance::decision::ReasonCode::{self, *};
+use holdpoint_governance::finding::Finding;
 use holdpoint_governance::profile::ProfileName;
 use holdpoint_governance::submission::Risk;
 
@@ -109,6 +110,10 @@ fn approval_outcomes_follow_quorum_rejection_and_time() {
         let granted = matches!(result.outcome, ApprovalOutcome::Granted { .. });
         assert_eq!(granted, matches!(code, ApprovalGranted | ApprovalBreakGlass), "{name}");
     }
+    // The reason of a refusal is on record with it.
+    let refused = evaluate(&request(Risk::Medium), &[no("eve")], at(1), &human);
+    let words = Finding::Refused { person: "eve".into(), reason: "looked at it".into() };
+    assert_eq!(refused.reasons[0].finding, Some(words));
     let no_quorum = QuorumRequest { quorum: 0, ..request(Risk::High) };
     assert_eq!(evaluate(&no_quorum, &[], at(1), &sim).outcome, ApprovalOutcome::NotNeeded);
 }

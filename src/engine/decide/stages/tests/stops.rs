@@ -1,9 +1,14 @@
 //! Stops by several accounts: what each is answered, and how many are counted.
 
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
 use holdpoint_governance::lifecycle::State;
 use holdpoint_governance::profile::ProfileName;
 use holdpoint_governance::record::RecordKind;
+use holdpoint_protocol::clock::Clock;
 use holdpoint_protocol::command::{Caller, Command, Reply, StopPersistence};
+use holdpoint_protocol::event::EventKind;
 use holdpoint_store::{AuditFilter, Layout};
 use holdpoint_wording::command_effect::stop_effect;
 
@@ -59,6 +64,41 @@ fn stops_of_one_account_without_end_are_recorded_as_a_sum() {
     let released: serde_json::Value =
         serde_json::from_str(&records(RecordKind::CellReleased).pop().unwrap().body).unwrap();
     assert_eq!(released["summed_stops"]["61008"], 101 - stopped.stops, "{released}");
+}
+
+/// Regression: a sequence that had ended before a stop was recorded after it, as if the arm had worked on.
+#[test]
+fn a_sequence_that_ended_before_a_stop_is_recorded_before_it() {
+    for through_engine in [true, false] {
+        let mut bench = RollbackBench::new();
+        let pipeline = &mut bench.pipeline;
+        pipeline.live().record.set_clock(Clock::real(0));
+        pipeline.pace_live_world(None, Arc::new(|_| {}));
+        let until = Instant::now() + Duration::from_mins(1);
+        while !pipeline.live().world.is_running() {
+            assert!(Instant::now() < until, "no sequence begins");
+            pipeline.advance();
+        }
+        while !pipeline.live().world.thread.as_ref().unwrap().has_ended() {
+            assert!(Instant::now() < until, "the sequence does not end");
+            std::thread::yield_now();
+        }
+        pipeline.drain_events();
+        if through_engine {
+            stop(&mut bench, "1", 61_008, "ana");
+        } else {
+            let (id, by, caller) = ("1".to_owned(), "ana".to_owned(), process(61_008));
+            let switch = bench.pipeline.live().world.switch();
+            switch.halt(StopRequest { id, by, reason: String::new(), caller });
+            bench.pipeline.advance();
+        }
+        let events = bench.pipeline.drain_events();
+        let place = |wanted: fn(&EventKind) -> bool| events.iter().position(wanted);
+        let worked = place(|event| matches!(event, EventKind::Sequence { .. }));
+        let stopped = place(|event| matches!(event, EventKind::CellStopped { .. }));
+        assert!(worked.is_some() && worked < stopped, "{through_engine}: {events:?}");
+        bench.pipeline.end();
+    }
 }
 
 /// Without a socket no watch takes a stop that waits behind another one: it was not recorded, and no start was possible.
