@@ -101,7 +101,7 @@ fn an_edited_author_or_missing_state_is_refused_by_name() {
     for (sql, part) in [
         ("UPDATE version SET author = 'eve' WHERE name = 'grasp@1.1.0'", "\"grasp@1.1.0\""),
         ("UPDATE version SET permissions = '{}' WHERE name = 'grasp@1.1.0'", "(permissions)"),
-        ("UPDATE family SET standing = NULL WHERE name = 'grasp'", "the family \"grasp\""),
+        ("UPDATE family SET standing = NULL WHERE name = 'grasp'", "\"grasp\""),
     ] {
         let folder = edited_store(sql);
         let resume = ["resume", "align", "--as", "omar", "--reason", "the tray is back"];
