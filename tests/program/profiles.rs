@@ -91,7 +91,8 @@ fn a_custom_profile_is_on_record_and_stays_without_its_files() {
     assert!(confirmed.status.success(), "{}", text(&confirmed));
     let registered = on(&store, &signed);
     assert!(registered.status.success(), "{}", text(&registered));
-    assert!(text(&on(&store, &["status"])).contains("human (line-4)"));
+    let status: Value = serde_json::from_slice(&on(&store, &["status", "--json"]).stdout).unwrap();
+    assert_eq!((status["profile"].as_str(), status["site"].as_str()), (Some("human"), Some("line-4")));
     assert_eq!(records(&store, "context-set").len(), 1, "nothing was voided");
 
     // Another number is another profile: evidence under the first is void, and both are on record.
