@@ -9,11 +9,13 @@ use holdpoint::approvals::{Identity, KdfCost, Passphrase, SignedCall};
 use holdpoint::governance::approval::Role;
 use holdpoint::governance::profile::ProfileName;
 use holdpoint::governance::record::RecordKind;
+use holdpoint::protocol::approval_document::QuestionRefusal;
 use holdpoint::protocol::command::{Command, Operation, Refusal, Reply};
 use holdpoint::protocol::snapshot::{SigningView, Snapshot};
 use holdpoint::registry::{Store, Views};
 use holdpoint::service::control_socket::Client;
 use holdpoint::store::{AuditFilter, Change, Layout, Transaction};
+use holdpoint_wording::request::refusal;
 use serde_json::Value;
 use tempfile::TempDir;
 
@@ -178,7 +180,8 @@ fn check_single_use(profile: ProfileName) {
     let eve = Identity::create(&Layout::new(folder.path()).identities(), "eve", Role::Safety).unwrap();
     let view = client.signing();
     let by_eve = view.sign(&eve, &go("eve")).unwrap();
-    client.refuses(&go("eve"), &by_eve, Refusal::NotAllowed, "not enrolled");
+    let unknown = QuestionRefusal::NotEnrolled { name: "eve".to_owned(), administrator: "admin".to_owned() };
+    client.refuses(&go("eve"), &by_eve, Refusal::NotAllowed, &refusal(&unknown));
     let by_admin = client.sign("admin", &go("admin"));
     client.refuses(&go("admin"), &by_admin, Refusal::NotAllowed, "starts and resumes nothing");
     // Only the signed request, here and in time.
@@ -256,7 +259,8 @@ fn check_single_use(profile: ProfileName) {
     let act = persons.revocation(persons.named("omar").unwrap(), &admin, "left").unwrap();
     client.accepts(&Command::Person { signed: Box::new(act) });
     let by_omar = client.sign("omar", &go("omar"));
-    client.refuses(&go("omar"), &by_omar, Refusal::NotAllowed, "was revoked by admin");
+    let revoked = QuestionRefusal::KeyRevoked { name: "omar".to_owned(), by: "admin".to_owned() };
+    client.refuses(&go("omar"), &by_omar, Refusal::NotAllowed, &refusal(&revoked));
 
     // An act that takes authority away needs no signature; a bad one does not block it.
     client.stop();
