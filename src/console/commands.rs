@@ -287,12 +287,12 @@ mod tests {
             ("as", wording::NEEDS_IDENTITY.to_owned()),
             ("goal", wording::NEEDS_GOAL.to_owned()),
             ("demo grasp-low-flight", embedded::names().collect::<Vec<_>>().join(", ")),
-            ("drift strong", "allowed are".to_owned()),
+            ("drift strong", "`:drift off`".to_owned()),
             ("filter moon", "running, queued, waiting, held".to_owned()),
             ("close", wording::needs_profile()),
             ("close moon", "moon".to_owned()),
             ("alarms now", wording::takes_nothing("alarms")),
-            ("candidate grasp", "is no version".to_owned()),
+            ("candidate grasp", "\"grasp\"".to_owned()),
         ] {
             let problem = parse(text).unwrap_err();
             assert!(problem.contains(&expected), "{text}: {problem}");

@@ -40,7 +40,7 @@ use crate::quick_folder::quick_folder;
 use crate::test_pipeline::{pipeline, resting_pipeline};
 use crate::{Config, Engine, StartError};
 use holdpoint_record::version_table::TransitionNote;
-use holdpoint_text::Hint;
+use holdpoint_text::{ErrorReason, Hint};
 use holdpoint_trials::cache::EpisodeCache;
 use holdpoint_trials::cell::Cell;
 use holdpoint_trials::seeds::CALIBRATION_FROM_RUN;
@@ -319,8 +319,8 @@ fn unreadable_context_is_an_error_and_binds_nothing() {
     let (profile, policy_digest, _) = store.views().unwrap().context().unwrap().unwrap();
     let change = context_change((profile, policy_digest, "{\"robot\":7}".to_owned()));
     commit(store, change);
-    let error = engine(folder.path(), "arm6").err().unwrap().to_string();
-    assert!(error.contains("context record") && error.contains("robot"), "{error}");
+    let error = engine(folder.path(), "arm6").err().unwrap();
+    assert_eq!(error.details().unwrap().reason, ErrorReason::BadInput, "{error}");
     let stored = Store::open(folder.path()).unwrap().views().unwrap().context().unwrap().unwrap().2;
     assert_eq!(stored, "{\"robot\":7}");
 }

@@ -282,14 +282,14 @@ mod tests {
     const HUMAN: &str = include_str!("../../profiles/human.toml");
     const POLICY: &str = include_str!("../../profiles/human.cedar");
 
-    fn parse(profile: &str, policy: &str) -> Result<SiteProfile, String> {
+    fn parse(profile: &str, policy: &str) -> Result<SiteProfile, SiteProfileError> {
         let texts = ProfileTexts {
             file: "line-4.toml".to_owned(),
             profile: profile.to_owned(),
             policy_file: "line-4.cedar".to_owned(),
             policy: policy.to_owned(),
         };
-        SiteProfile::parse(texts).map_err(|error| error.to_string())
+        SiteProfile::parse(texts)
     }
 
     fn line_4(from: &str, to: &str) -> String {
@@ -381,40 +381,58 @@ mod tests {
         };
         assert!(matches!(ChosenProfile::of(texts(POLICY)), Ok(ChosenProfile::BuiltIn(ProfileName::Human))));
         // Other policies make another profile, which needs a name.
-        let error = ChosenProfile::of(texts(&POLICY.replace("0.15", "0.1"))).unwrap_err().to_string();
-        assert!(error.contains("site"), "{error}");
+        let error = ChosenProfile::of(texts(&POLICY.replace("0.15", "0.1"))).unwrap_err();
+        let SiteProfileError::Profile(TextError::Value { field, .. }) = &error else { panic!("{error}") };
+        assert_eq!(field, "site");
     }
 
     #[test]
     fn invalid_profile_gives_one_error_with_file_field_and_allowed_range() {
-        for (from, to, parts) in [
-            ("site = \"line-4\"\n", "", ["site", "a name of its own"]),
-            ("\"line-4\"", "\"human\"", ["line-4.toml", "human"]),
-            ("quorum_low = 1 ", "quorum_low = 0 ", ["approval.quorum_low", "1 to 16"]),
-            ("timeout_s = 600.0 ", "timeout_s = inf ", ["approval.timeout_s", "1 to 1000000"]),
-            ("tool_speed_max_m_s = 0.25 ", "tool_speed_max_m_s = -1.0 ", ["tool_speed", "0.01 to 3"]),
-            ("tool_speed_max_m_s = 0.25 ", "tool_speed_max_m_s = 0.6 ", ["at most 0.5", "motion"]),
-            ("scale = 1.0 ", "scale = 7.0 ", ["thresholds.scale", "0.5 to 1.5"]),
-            ("sandbox_pairs = 300 ", "sandbox_pairs = 0 ", ["sandbox_pairs", "60 to 100000"]),
+        for (from, to, field, value) in [
+            ("site = \"line-4\"\n", "", "site", "none"),
+            // The parser refuses these two.
+            ("\"line-4\"", "\"human\"", "", "\"human\""),
+            ("retries_max", "retries", "", "`retries`"),
+            ("quorum_low = 1 ", "quorum_low = 0 ", "approval.quorum_low", "0"),
+            ("timeout_s = 600.0 ", "timeout_s = inf ", "approval.timeout_s", "inf"),
+            ("tool_speed_max_m_s = 0.25 ", "tool_speed_max_m_s = -1.0 ", "runtime.tool_speed_max_m_s", "-1"),
+            ("tool_speed_max_m_s = 0.25 ", "tool_speed_max_m_s = 0.6 ", "runtime.tool_speed_max_m_s", "0.6"),
+            ("scale = 1.0 ", "scale = 7.0 ", "thresholds.scale", "7"),
+            ("sandbox_pairs = 300 ", "sandbox_pairs = 0 ", "evaluation.sandbox_pairs", "0"),
             (
                 "timeout_s = 600.0                     # a shift lead is back within ten minutes; then it holds",
                 "timeout_s = 500.0",
-                ["approval.timeout_s", "a reason"],
+                "approval.timeout_s",
+                "500",
             ),
-            ("retries_max", "retries", ["line-4.toml:", "retries"]),
         ] {
             let error = parse(&line_4("", "").replace(from, to), POLICY).unwrap_err();
-            assert!(parts.iter().all(|part| error.contains(part)), "{from}: {error}");
+            match &error {
+                SiteProfileError::Profile(TextError::Value { file, field: named, value: shown, .. }) => {
+                    let found = (file.as_str(), named.as_str(), shown.as_str());
+                    assert_eq!(found, ("line-4.toml", field, value), "{error}");
+                }
+                SiteProfileError::Profile(TextError::Syntax { file, message, .. }) => {
+                    assert_eq!((file.as_str(), ""), ("line-4.toml", field), "{error}");
+                    assert!(message.contains(value), "{error}");
+                }
+                _ => panic!("{from}: {error}"),
+            }
         }
     }
 
     #[test]
     fn site_policies_cannot_permit_modes_that_the_class_reserves_for_people() {
         let open = |policy: &str| parse(&line_4("", ""), &(POLICY.replace("forbid", "permit") + policy));
-        let error = open("").unwrap_err();
-        assert!(error.contains("line-4.cedar") && error.contains("class human"), "{error}");
+        let too_open = |error: SiteProfileError| match error {
+            SiteProfileError::TooOpen { file, because, class, .. } => (file, because, class),
+            error => panic!("{error}"),
+        };
+        let (file, _, class) = too_open(open("").unwrap_err());
+        assert_eq!((file.as_str(), class), ("line-4.cedar", ProfileName::Human));
         let reviewed = POLICY.replace("@review(\"changes state that other skills use\")\n", "");
-        assert!(parse(&line_4("", ""), &reviewed).unwrap_err().contains("shared-state"));
+        let (_, because, _) = too_open(parse(&line_4("", ""), &reviewed).unwrap_err());
+        assert!(because.contains("shared-state"), "{because}");
         assert!(
             parse(&line_4("", ""), "permit (principal, action, resource) when { context.size > 1 };")
                 .is_err()

@@ -343,17 +343,13 @@ mod tests {
         ] {
             assert_eq!(parse_line(line), request, "{line:?}");
         }
-        for (line, text) in [
-            ("fly", "no command \"fly\""),
-            ("serve", "no command"),
-            ("run --plain", "no command"),
-            ("stop 'now", "not closed"),
-        ] {
+        for (line, verb) in [("fly", "\"fly\""), ("serve", "\"serve\""), ("run --plain", "\"run\"")] {
             let problem = parse_line(line).unwrap_err();
-            assert!(problem.contains(text), "{line:?}: {problem}");
+            assert!(problem.contains(verb), "{line:?}: {problem}");
         }
+        assert!(parse_line("stop 'now").is_err());
         let too_long = "x".repeat(usize::try_from(LINE_BYTES_MAX).unwrap());
-        assert!(parse_line(&too_long).unwrap_err().contains("bytes"));
+        assert!(parse_line(&too_long).unwrap_err().contains(&LINE_BYTES_MAX.to_string()));
     }
 
     #[test]

@@ -207,13 +207,11 @@ mod tests {
     use super::*;
 
     #[allow(clippy::option_option, reason = "no message, no period, or a period: the function's own result")]
-    fn from(variables: &[(&str, &str)]) -> Result<Option<Option<Duration>>, String> {
+    fn from(variables: &[(&str, &str)]) -> Result<Option<Option<Duration>>, CliError> {
         let variable = |name: &str| {
             variables.iter().find(|(known, _)| *known == name).map(|(_, value)| OsString::from(value))
         };
-        ServiceManager::of(variable)
-            .map(|manager| manager.map(|manager| manager.watchdog))
-            .map_err(|error| error.to_string())
+        ServiceManager::of(variable).map(|manager| manager.map(|manager| manager.watchdog))
     }
 
     #[test]
@@ -221,25 +219,26 @@ mod tests {
         let socket = ("NOTIFY_SOCKET", "/run/manager");
         let own = std::process::id().to_string();
         for (variables, expected) in [
-            (&[][..], Ok(None)),
-            (&[("NOTIFY_SOCKET", "")], Ok(None)),
-            (&[socket], Ok(Some(None))),
-            (&[("NOTIFY_SOCKET", "@manager")], Ok(Some(None))),
-            (&[socket, ("WATCHDOG_USEC", "60000000")], Ok(Some(Some(Duration::from_mins(1))))),
-            (&[socket, ("WATCHDOG_USEC", "60000000"), ("WATCHDOG_PID", "1")], Ok(Some(None))),
+            (&[][..], None),
+            (&[("NOTIFY_SOCKET", "")], None),
+            (&[socket], Some(None)),
+            (&[("NOTIFY_SOCKET", "@manager")], Some(None)),
+            (&[socket, ("WATCHDOG_USEC", "60000000")], Some(Some(Duration::from_mins(1)))),
+            (&[socket, ("WATCHDOG_USEC", "60000000"), ("WATCHDOG_PID", "1")], Some(None)),
             (
                 &[socket, ("WATCHDOG_USEC", "60000000"), ("WATCHDOG_PID", &own)],
-                Ok(Some(Some(Duration::from_mins(1)))),
+                Some(Some(Duration::from_mins(1))),
             ),
-            (&[("NOTIFY_SOCKET", "vsock:2:1")], Err("absolute path")),
-            (&[socket, ("WATCHDOG_USEC", "soon")], Err("WATCHDOG_USEC is \"soon\"")),
-            (&[socket, ("WATCHDOG_USEC", "1000000")], Err("least 5s")),
         ] {
-            match (from(variables), expected) {
-                (Ok(got), Ok(expected)) => assert_eq!(got, expected, "{variables:?}"),
-                (Err(text), Err(part)) => assert!(text.contains(part), "{variables:?}: {text}"),
-                (got, _) => panic!("{variables:?}: {got:?}"),
-            }
+            assert_eq!(from(variables).unwrap(), expected, "{variables:?}");
+        }
+        for variables in [
+            &[("NOTIFY_SOCKET", "vsock:2:1")][..],
+            &[socket, ("WATCHDOG_USEC", "soon")],
+            &[socket, ("WATCHDOG_USEC", "1000000")],
+        ] {
+            let error = from(variables).unwrap_err();
+            assert_eq!(error.details().unwrap().reason, ErrorReason::Environment, "{variables:?}: {error}");
         }
     }
 }

@@ -137,9 +137,10 @@ fn while_the_record_is_read_only_views_and_stops_work() {
     let snapshot = read_snapshot(&mut client);
     assert_eq!((snapshot.seats.len(), snapshot.ends_alone_s), (1, Some(60 * 60)));
     drop(console);
-    let (code, message) = verb(folder.path(), &["status"]);
+    let (code, message) = verb(folder.path(), &["status", "--json"]);
     assert_eq!(code, Some(0), "{message}");
-    assert!(message.contains(&format!("{read} of {records} records")), "{message}");
+    let status: Value = serde_json::from_str(&message).unwrap();
+    assert_eq!(status["reading"], serde_json::json!({ "read": read, "of": records }));
 
     // No request runs: from the socket, from a verb that decides, from the front end itself.
     let refused = |reply: &Reply| match reply {
@@ -270,16 +271,16 @@ fn an_engine_that_a_signal_stopped_is_named_soon_and_the_store_is_shown() {
     };
     signal("-STOP");
     let begun = Instant::now();
-    let (code, message) = verb(&data, &["status"]);
+    let output = output_of(&data, &["status", "--json"]);
     let took = begun.elapsed();
     signal("-CONT");
-    assert_eq!(code, Some(3), "{message}");
-    let expected = format!("process {}, does not answer: a signal stopped it", engine.id());
-    for part in
-        [expected.as_str(), "kill -CONT", "engine   SILENT", "record   the last is number", "family   grasp"]
-    {
-        assert!(message.contains(part), "{part:?} is not in {message}");
-    }
+    let error = assert_error(&output, 3, "no-answer");
+    assert!(error["hint"].as_str().unwrap().contains("kill -CONT"), "{error}");
+    let status: Value = serde_json::from_slice(&output.stdout).unwrap();
+    let process = format!("process {}", engine.id());
+    assert!(status["silent"].as_str().unwrap().contains(&process), "{status}");
+    assert!(status["last_record"]["seq"].is_u64(), "{status}");
+    assert!(status["families"].as_array().unwrap().iter().any(|one| one["family"] == "grasp"), "{status}");
     // It waits for less than two seconds by itself; the rest is for a busy machine.
     assert!(took < Duration::from_secs(6), "{took:?}");
     signal("-TERM");

@@ -141,7 +141,6 @@ fn a_forged_record_is_named_and_ends_with_a_rejection() {
     std::fs::write(&database, forged).unwrap();
     let (exit, text) = run_line(folder.path(), "audit verify");
     assert_eq!(exit, Exit::Rejected, "{text}");
-    assert!(text.starts_with("not sound: "), "{text}");
     let (exit, text) = run_line(folder.path(), "audit verify --json");
     assert_eq!(exit, Exit::Rejected);
     assert_eq!(serde_json::from_str::<Value>(&text).unwrap()["sound"], false);

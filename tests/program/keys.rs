@@ -52,20 +52,24 @@ fn a_key_is_made_changed_and_used_by_passphrase_files() {
     fails(&["identity", "new", "mara", "--passphrase-file", short_text], 2, "passphrase/too-short");
     assert!(!data.exists(), "nothing was made");
     let output = run(&["identity", "new", "mara", "--passphrase-file", oak_text]);
-    let text = ends(&output, 0, &["created the identity mara (operator, passphrase)"]);
+    let text = ends(&output, 0, &["mara"]);
     assert!(!text.contains("oak"), "{text}");
-    ends(&run(&["identity", "new", "rig", "--unprotected"]), 0, &["(operator, unprotected)"]);
+    ends(&run(&["identity", "new", "rig", "--unprotected"]), 0, &["rig"]);
     let key = data.join("keys/identities/mara.key");
     assert_eq!(fs::metadata(&key).unwrap().permissions().mode() & 0o7777, 0o600);
     let key_text = fs::read_to_string(&key).unwrap();
     let head = "holdpoint-key 1\nkdf argon2id\nmemory-kib 65536\npasses 3\nlanes 4\nsalt ";
     assert!(key_text.starts_with(head), "{key_text}");
     let list: Vec<Value> = serde_json::from_slice(&run(&["identity", "list", "--json"]).stdout).unwrap();
-    let kinds: Vec<_> = list.iter().map(|one| (one["name"].as_str(), one["protection"].as_str())).collect();
+    let row =
+        |one: &Value| ["name", "role", "protection"].map(|field| one[field].as_str().unwrap().to_owned());
     assert_eq!(
-        kinds,
-        [("admin", "unprotected"), ("mara", "passphrase"), ("rig", "unprotected")]
-            .map(|(name, kind)| (Some(name), Some(kind)))
+        list.iter().map(row).collect::<Vec<_>>(),
+        [
+            ["admin", "admin", "unprotected"],
+            ["mara", "operator", "passphrase"],
+            ["rig", "operator", "unprotected"]
+        ]
     );
     ends(&run(&["identity", "list"]), 0, &["PROTECTION", "unprotected"]);
 
@@ -92,11 +96,11 @@ fn a_key_is_made_changed_and_used_by_passphrase_files() {
     cannot_change(&["--passphrase-file", elm_text, "--new-passphrase-file", elm_text], "passphrase/wrong");
     assert_eq!(fs::read_to_string(&key).unwrap(), key_text);
     let change_output = change(&["--passphrase-file", oak_text, "--new-passphrase-file", elm_text]);
-    ends(&change_output, 0, &["new passphrase"]);
+    ends(&change_output, 0, &[]);
     cannot_change(&["--passphrase-file", oak_text, "--remove"], "passphrase/wrong");
-    ends(&change(&["--passphrase-file", elm_text, "--remove"]), 0, &["no passphrase now"]);
+    ends(&change(&["--passphrase-file", elm_text, "--remove"]), 0, &[]);
     cannot_change(&["--passphrase-file", elm_text, "--remove"], "passphrase/not-set");
-    ends(&change(&["--new-passphrase-file", oak_text]), 0, &["now has a passphrase"]);
+    ends(&change(&["--new-passphrase-file", oak_text]), 0, &[]);
     let list: Vec<Value> = serde_json::from_slice(&run(&["identity", "list", "--json"]).stdout).unwrap();
     assert_eq!((&list[1]["name"], &list[1]["protection"]), (&"mara".into(), &"passphrase".into()));
 

@@ -12,9 +12,6 @@ use holdpoint::recordings::audit_record::{KIND, RecordingClosure};
 use holdpoint::registry::Store;
 use holdpoint::scene::{SceneConfig, SceneSink, read};
 use holdpoint::store::{AuditBody, Transaction};
-use holdpoint_wording::program::audit::recordings as verified_recordings;
-use holdpoint_wording::program::recordings as sentences;
-use holdpoint_wording::program::store::copied_recordings;
 use serde_json::Value;
 
 use crate::quick_folder::quick_folder;
@@ -109,8 +106,12 @@ fn store(root: &Path) -> PathBuf {
 fn one_changed_byte_is_found_before_it_is_opened() {
     let root = quick_folder();
     let path = store(root.path());
-    let (code, text) = holdpoint(root.path(), &["recordings", "verify"]);
-    assert!(code == Some(0) && text.contains(&sentences::checked_all(1, 0, 0)), "{text}");
+    // The last line sums up.
+    let last = |text: &str| serde_json::from_str::<Value>(text.lines().last().unwrap()).unwrap();
+    let verify = ["recordings", "verify", "--json"];
+    let (code, text) = holdpoint(root.path(), &verify);
+    let summary = last(&text);
+    assert_eq!((code, &summary["recordings"], &summary["bad"]), (Some(0), &1.into(), &0.into()), "{text}");
     let (code, text) = holdpoint(root.path(), &["recordings", "list", "--json"]);
     let listed: Value = serde_json::from_str(&text).unwrap();
     assert_eq!((code, &listed["version"]), (Some(0), &Value::from("place@1.1.0")));
@@ -119,31 +120,34 @@ fn one_changed_byte_is_found_before_it_is_opened() {
     let elsewhere = quick_folder();
     let backup = |name: &str| {
         let to = elsewhere.path().join(name);
-        holdpoint(root.path(), &["store", "backup", to.to_str().unwrap(), "--with-recordings"])
+        let (code, text) =
+            holdpoint(root.path(), &["store", "backup", to.to_str().unwrap(), "--with-recordings", "--json"]);
+        (code, last(&text)["report"].clone())
     };
-    let (code, text) = backup("good");
-    assert!(code == Some(0) && text.contains(&copied_recordings(1)), "{text}");
-    let all = ["audit", "verify", "--all"];
+    let (code, report) = backup("good");
+    assert_eq!((code, &report["recordings"]), (Some(0), &1.into()), "{report}");
+    let all = ["audit", "verify", "--all", "--json"];
     let (code, text) = holdpoint(&elsewhere.path().join("good"), &all);
-    assert!(code == Some(0) && text.contains(&verified_recordings(1)), "{text}");
+    assert_eq!((code, &last(&text)["recordings"]), (Some(0), &1.into()), "{text}");
     let mut bytes = std::fs::read(&path).unwrap();
     let middle = bytes.len() / 2;
     bytes[middle] ^= 1;
     std::fs::write(&path, bytes).unwrap();
-    let (code, text) = holdpoint(root.path(), &["recordings", "verify"]);
-    assert!(code == Some(1) && text.contains("DIFFERS"), "{text}");
-    for form in ["--plain", "--json"] {
-        let (code, text) = holdpoint(root.path(), &["replay", "place@1.1.0", form]);
-        assert!(code == Some(1) && text.contains("its digest"), "{text}");
-    }
-    let (code, text) = backup("edited");
-    assert!(code == Some(1) && text.contains("LEFT OUT") && text.contains("another SHA-256"), "{text}");
+    let (code, text) = holdpoint(root.path(), &verify);
+    assert_eq!((code, &last(&text)["bad"]), (Some(1), &1.into()), "{text}");
+    assert_eq!(holdpoint(root.path(), &["replay", "place@1.1.0", "--plain"]).0, Some(1));
+    let (code, text) = holdpoint(root.path(), &["replay", "place@1.1.0", "--json"]);
+    assert_eq!((code, &last(&text)["sound"]), (Some(1), &false.into()), "{text}");
+    let left_out = |(code, report): (Option<i32>, Value)| {
+        assert_eq!((code, &report["left_out"][0]["bad"]), (Some(1), &true.into()), "{report}");
+        report["left_out"][0]["why"].as_str().unwrap().to_owned()
+    };
+    assert_eq!(left_out(backup("edited")), "other-digest");
     // To read it to its end would take hours.
     std::fs::File::create(&path).unwrap().set_len(1 << 40).unwrap();
-    for arguments in [&["recordings", "verify"][..], &all, &["replay", "place@1.1.0", "--plain"]] {
+    for arguments in [&verify[..], &all, &["replay", "place@1.1.0", "--plain"]] {
         let (code, text) = holdpoint(root.path(), arguments);
         assert!(code == Some(1) && text.contains("1099511627776 bytes"), "{arguments:?}: {text}");
     }
-    let (code, text) = backup("stretched");
-    assert!(code == Some(1) && text.contains("another size"), "{text}");
+    assert_eq!(left_out(backup("stretched")), "other-size");
 }

@@ -9,11 +9,13 @@ use holdpoint::approvals::{Identity, KdfCost, Passphrase, SignedCall};
 use holdpoint::governance::approval::Role;
 use holdpoint::governance::profile::ProfileName;
 use holdpoint::governance::record::RecordKind;
+use holdpoint::protocol::approval_document::QuestionRefusal;
 use holdpoint::protocol::command::{Command, Operation, Refusal, Reply};
 use holdpoint::protocol::snapshot::{SigningView, Snapshot};
 use holdpoint::registry::{Store, Views};
 use holdpoint::service::control_socket::Client;
 use holdpoint::store::{AuditFilter, Change, Layout, Transaction};
+use holdpoint_wording::request::refusal;
 use serde_json::Value;
 use tempfile::TempDir;
 
@@ -178,7 +180,8 @@ fn check_single_use(profile: ProfileName) {
     let eve = Identity::create(&Layout::new(folder.path()).identities(), "eve", Role::Safety).unwrap();
     let view = client.signing();
     let by_eve = view.sign(&eve, &go("eve")).unwrap();
-    client.refuses(&go("eve"), &by_eve, Refusal::NotAllowed, "not enrolled");
+    let unknown = QuestionRefusal::NotEnrolled { name: "eve".to_owned(), administrator: "admin".to_owned() };
+    client.refuses(&go("eve"), &by_eve, Refusal::NotAllowed, &refusal(&unknown));
     let by_admin = client.sign("admin", &go("admin"));
     client.refuses(&go("admin"), &by_admin, Refusal::NotAllowed, "starts and resumes nothing");
     // Only the signed request, here and in time.
@@ -256,7 +259,8 @@ fn check_single_use(profile: ProfileName) {
     let act = persons.revocation(persons.named("omar").unwrap(), &admin, "left").unwrap();
     client.accepts(&Command::Person { signed: Box::new(act) });
     let by_omar = client.sign("omar", &go("omar"));
-    client.refuses(&go("omar"), &by_omar, Refusal::NotAllowed, "was revoked by admin");
+    let revoked = QuestionRefusal::KeyRevoked { name: "omar".to_owned(), by: "admin".to_owned() };
+    client.refuses(&go("omar"), &by_omar, Refusal::NotAllowed, &refusal(&revoked));
 
     // An act that takes authority away needs no signature; a bad one does not block it.
     client.stop();
@@ -308,21 +312,20 @@ fn the_verbs_sign_as_the_named_person() {
     std::fs::set_permissions(&oak, std::os::unix::fs::PermissionsExt::from_mode(0o600)).unwrap();
     let oak = oak.to_str().unwrap();
     let data = root.path().join("store");
-    let ends = |arguments: &[&str], code: i32, part: &str| {
+    let succeeds = |arguments: &[&str]| {
         let output = holdpoint(&root, arguments);
         let message = text(&output.stdout) + &text(&output.stderr);
-        assert_eq!(output.status.code(), Some(code), "{arguments:?}: {message}");
-        assert!(message.contains(part), "{arguments:?}: {part:?} is not in {message}");
+        assert_eq!(output.status.code(), Some(0), "{arguments:?}: {message}");
     };
     // The code of the error, and a command or an option that it advises.
     let fails = |arguments: &[&str], exit: i32, codes: &str, advice: &str| {
         let error = assert_error(&holdpoint(&root, &[arguments, &["--json"]].concat()), exit, codes);
         assert!(error.to_string().contains(advice), "{arguments:?}: {error}");
     };
-    ends(&["identity", "new", "mara", "--passphrase-file", oak], 0, "enrolled by admin");
-    ends(&["identity", "new", "eve", "--unprotected"], 0, "enrolled by admin");
+    succeeds(&["identity", "new", "mara", "--passphrase-file", oak]);
+    succeeds(&["identity", "new", "eve", "--unprotected"]);
     let running = engine(&data, ProfileName::Human);
-    ends(&["stop"], 0, "stopped");
+    succeeds(&["stop"]);
     let go = ["go", "--stops", "1", "--reason", "empty", "--as"];
     fails(&[&go[..], &["eve"]].concat(), 3, "not-allowed", "identity passphrase eve");
     let go_mara = [&go[..], &["mara", "--passphrase-file", oak]].concat();
@@ -332,33 +335,37 @@ fn the_verbs_sign_as_the_named_person() {
     let act = ["--by", "admin", "--reason", "known", "--passphrase-file", oak];
     let confirm = [&["identity", "confirm", "mara"][..], &act].concat();
     fails(&confirm[..7], 3, "not-allowed/no-passphrase", "identity passphrase admin");
-    ends(&["identity", "passphrase", "admin", "--new-passphrase-file", oak], 0, "now has a passphrase");
-    ends(&confirm, 0, "is confirmed by admin");
+    succeeds(&["identity", "passphrase", "admin", "--new-passphrase-file", oak]);
+    succeeds(&confirm);
     fails(&confirm, 3, "exists/confirmed-already", "");
-    ends(&["identity", "new", "omar", "--unprotected"], 0, "not enrolled");
-    ends(&[&["identity", "enrol", "omar"][..], &act].concat(), 0, "omar is enrolled as operator by admin");
-    ends(&["audit", "verify"], 0, "4, 3 of them confirmed");
+    succeeds(&["identity", "new", "omar", "--unprotected"]);
+    succeeds(&[&["identity", "enrol", "omar"][..], &act].concat());
+    let verified = holdpoint(&root, &["audit", "verify", "--json"]);
+    let verified: Value = serde_json::from_slice(&verified.stdout).unwrap();
+    assert_eq!((&verified["report"]["persons"], &verified["report"]["confirmed"]), (&4.into(), &3.into()));
     let output = holdpoint(&root, &["identity", "list", "--json"]);
     let people: Vec<Value> = serde_json::from_slice(&output.stdout).unwrap();
-    let by = |name: &str| people.iter().find(|one| one["name"] == name).unwrap()["confirmed_by"].clone();
+    let row = |name: &str| people.iter().find(|one| one["name"] == name).unwrap();
+    let by = |name: &str| row(name)["confirmed_by"].clone();
     assert_eq!((by("mara"), by("omar"), by("eve")), ("admin".into(), "admin".into(), Value::Null));
-    ends(&["identity", "list"], 0, "none");
-    ends(&go_mara, 0, "runs again");
+    assert_eq!((&row("omar")["role"], &row("omar")["state"]), (&"operator".into(), &"enrolled".into()));
+    succeeds(&["identity", "list"]);
+    succeeds(&go_mara);
     // Near people, your own name under a stop is not evidence that you read it.
-    ends(&["stop", "--as", "mara"], 0, "stopped");
+    succeeds(&["stop", "--as", "mara"]);
     let go_unread = ["go", "--reason", "empty", "--as", "mara", "--passphrase-file", oak];
     fails(&go_unread, 3, "not-now", "names 0 stops");
-    ends(&go_mara, 0, "runs again");
+    succeeds(&go_mara);
     fails(&["candidate", "register", CANDIDATE], 3, "not-allowed", "--as NAME");
-    ends(&["identity", "new", "zoe", "--role", "admin", "--unprotected"], 0, "not enrolled");
+    succeeds(&["identity", "new", "zoe", "--role", "admin", "--unprotected"]);
     fails(&[&["identity", "enrol", "zoe"][..], &act].concat(), 2, "usage", "`--role admin`");
-    ends(&["stop"], 0, "stopped");
+    succeeds(&["stop"]);
     Client::connect(&Layout::new(&data)).unwrap().unwrap().send(Command::Shutdown).unwrap();
     running.join().unwrap();
     // Without an engine the store's last profile applies.
     fails(&["candidate", "register", CANDIDATE], 3, "not-allowed", "--as NAME");
     let register = ["candidate", "register", CANDIDATE, "--as", "mara", "--passphrase-file", oak];
-    ends(&register, 0, "is registered");
-    ends(&[&go[..], &["mara", "--passphrase-file", oak]].concat(), 0, "runs again");
-    ends(&["audit", "verify"], 0, "sound");
+    succeeds(&register);
+    succeeds(&[&go[..], &["mara", "--passphrase-file", oak]].concat());
+    succeeds(&["audit", "verify"]);
 }

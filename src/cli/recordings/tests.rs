@@ -4,6 +4,7 @@ use super::*;
 use holdpoint_recordings::audit_record::{KIND, RecordingClosure};
 use holdpoint_registry::Store;
 use holdpoint_store::{AuditBody, Transaction};
+use holdpoint_text::ErrorReason;
 
 const FILE: &str = "grasp-1.1.0-0123abcd.rrd";
 const SECOND: &str = "grasp-1.1.0-0123abcd.2.rrd";
@@ -165,7 +166,8 @@ fn pruning_spares_open_and_unknown_upgrades_and_a_store_in_use() {
     assert_eq!((ended.unwrap(), text.as_str()), (Exit::Confirmed, "0 files, 0 B, removed\n"));
     let engine = Store::open(root.path()).unwrap();
     let error = run_verb(&context, keep_none(false), false).0.unwrap_err();
-    assert!(error.exit() == Exit::Usage && error.to_string().contains("in use"), "{error}");
+    assert_eq!(error.exit(), Exit::Usage);
+    assert_eq!(error.details().unwrap().reason, ErrorReason::StoreInUse, "{error}");
     assert_eq!(run_verb(&context, keep_none(true), false).0.unwrap(), Exit::Confirmed);
     drop(engine);
     assert_eq!(shelved(&Layout::new(root.path()).recordings()).unwrap().len(), 3);

@@ -127,7 +127,8 @@ fn a_viewer_that_ends_at_once_fails() {
     let text = "#!/bin/sh\n[ \"$1\" = --version ] && echo 'rerun-cli 0.36.3' && exit 0\nexit 1\n";
     std::fs::write(root.path().join("rerun"), text).unwrap();
     let error = run_replay(&context, &args("grasp@1.1.0", &[]), &environment).0.unwrap_err();
-    assert!(error.to_string().contains("at once"), "{error}");
+    assert_eq!(error.details().unwrap().reason, ErrorReason::Environment, "{error}");
+    assert!(Layout::new(root.path()).logs().join(viewer::LOG_NAME).is_file(), "it was started");
 }
 
 #[test]

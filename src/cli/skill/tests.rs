@@ -34,7 +34,7 @@ fn skill_new_overwrites_no_folder() {
     assert_eq!(result.unwrap(), Exit::Confirmed);
     assert!(output.contains(&format!("holdpoint skill build {folder}")), "{output}");
     let (again, _) = run_line(&line, false);
-    assert!(again.unwrap_err().to_string().contains("not empty"));
+    assert_eq!(again.unwrap_err().details().unwrap().reason, ErrorReason::Exists);
     assert_eq!(component(Path::new(&folder)).unwrap(), Path::new("my-grasp.wasm"));
 }
 

@@ -354,12 +354,17 @@ fn excessive_declared_limits_are_refused_before_the_code_runs() {
     let load = |limits| {
         Component::load(&bytes, &serde_json::Value::Null, limits, &std::collections::BTreeSet::new())
     };
-    for (limits, field) in [
-        (ComponentLimits { fuel_per_tick: 4_167_000, ..LIMITS }, "cpu_us_per_tick is 4167"),
-        (ComponentLimits { memory_bytes: u64::from(u32::MAX) << 10, ..LIMITS }, "memory_kib is 4294967295"),
+    for (limits, name, declared) in [
+        (ComponentLimits { fuel_per_tick: 4_167_000, ..LIMITS }, "cpu_us_per_tick", 4_167),
+        (
+            ComponentLimits { memory_bytes: u64::from(u32::MAX) << 10, ..LIMITS },
+            "memory_kib",
+            u64::from(u32::MAX),
+        ),
     ] {
-        let error = load(limits).unwrap_err().to_string();
-        assert!(error.contains(field) && error.contains("are allowed"), "{error}");
+        let error = load(limits).unwrap_err();
+        let ComponentError::Limit { field, value, max } = error else { panic!("{error}") };
+        assert!(field == name && value == declared && max < value, "{field}: {value}, {max}");
     }
     let began = Instant::now();
     let error = load(ComponentLimits { fuel_per_tick: 4_166_000, ..LIMITS }).unwrap_err();

@@ -2,6 +2,7 @@
 
 use super::*;
 use holdpoint_protocol::snapshot::AlarmView;
+use holdpoint_wording::console as wording;
 
 fn alarm_view(name: &str, priority: &str) -> AlarmView {
     serde_json::from_value(alarm(name, priority, "unacknowledged")).unwrap()
@@ -218,16 +219,18 @@ fn abort_stops_the_most_urgent_thing() {
     now.families[0].flags = serde_json::from_value(flags(true, false)).unwrap();
     now.candidates.push(now.candidates[0].clone());
     now.candidates[1].version = "place@2.0.0".parse().unwrap();
+    let [compared, other] = [0, 1].map(|place| now.candidates[place].version.clone());
+    let (active, family) = (now.families[0].active.clone().unwrap(), now.families[0].family.clone());
     console.tell(MsgKind::Snapshot(Arc::new(now)));
     console.keys("x");
     let Some(Overlay::Form(form)) = &console.model.input.overlay else { panic!("a form opens") };
     assert_eq!(form.intent, Intent::Abort(Abort::Active("grasp@1.2.0".parse().unwrap())));
     assert!(form.consequences.iter().any(|line| line.contains("grasp@1.1.0 takes")), "{form:?}");
     for line in [
-        "grasp@1.3.0 was compared with grasp@1.2.0: its results are void, its sandbox has to run again",
-        "place@2.0.0: its sandbox has to run again if it works beside grasp",
+        wording::operations::results_are_void(&compared, &active),
+        wording::operations::sandbox_may_run_again(&other, &family),
     ] {
-        assert!(form.consequences.iter().any(|consequence| consequence == line), "{form:?}");
+        assert!(form.consequences.contains(&line), "{line}: {form:?}");
     }
     let effects = console.confirm();
     let Some(Effect::Operate { confirmed, .. }) = effects.first() else { panic!("{effects:?}") };

@@ -4,6 +4,7 @@ use super::consistency::screen;
 use super::*;
 use crate::model::EventLogLine;
 use crate::state_filter::StateFilter;
+use crate::theme::StateMark;
 use holdpoint_governance::approval::Requester;
 use holdpoint_governance::lifecycle::{Stage, State, VersionFlags};
 use holdpoint_governance::record::VersionSummary;
@@ -151,7 +152,7 @@ fn a_resumed_stage_shows_that_it_waits_for_another_version() {
     assert_eq!((counts[1], counts[2]), (1, 1), "one runs, and one waits");
     let text = screen(&console, 200, 60);
     let waits = "stands still at 280 of 300 paired episodes: waits for grasp@1.3.0, in sandbox";
-    assert!(text.contains("waits its turn") && text.contains(waits), "{text}");
+    assert!(text.contains(StateMark::WAITS_ITS_TURN.label) && text.contains(waits), "{text}");
 }
 
 /// A version that was registered before a restart of the engine was younger than the time since then.

@@ -16,7 +16,7 @@ use holdpoint_governance::outcome::{BehaviorOutcome, InterfaceOutcome, PolicyOut
 use holdpoint_governance::policy::{self, PolicyInput, PolicyTable};
 use holdpoint_governance::profile::ProfileName;
 use holdpoint_governance::recovery::{self, FallbackMatch, StaticInput};
-use holdpoint_governance::submission::InterfaceChange;
+use holdpoint_governance::submission::{InterfaceChange, InterfaceChangeKind, InterfacePart};
 
 use crate::fixture::{
     GOOD, MANIFEST, binding, exports, manifest, manifest_with, pairs, profile, recovery as drilled,
@@ -522,8 +522,15 @@ fn declared_interface_changes_are_compared_with_manifests() {
         ..candidate
     };
     let found = declared_changes::changes(Some(&manifest()), &candidate);
-    let texts: Vec<String> = found.iter().map(ToString::to_string).collect();
-    assert_eq!(texts, ["input object_pose removed", "input pose added", "output width changed"]);
+    let parts: Vec<_> = found.iter().map(|one| (one.part, one.name.as_str(), one.change)).collect();
+    assert_eq!(
+        parts,
+        [
+            (InterfacePart::Input, "object_pose", InterfaceChangeKind::Removed),
+            (InterfacePart::Input, "pose", InterfaceChangeKind::Added),
+            (InterfacePart::Output, "width", InterfaceChangeKind::Changed),
+        ]
+    );
     let all: Vec<InterfaceChange> = found.iter().cloned().collect();
     assert!(declared_changes::undeclared_changes(&all, &found).is_empty());
     let held = declared_changes::undeclared_changes(&all[1..], &found);

@@ -11,6 +11,7 @@ use holdpoint_store::{
     ActiveCause, AuditBody, AuditFilter, Change, EvidenceKind, InterruptedWork, StoreError, Transaction,
     VersionFilter,
 };
+use holdpoint_text::Hint as _;
 
 use crate::quick_folder::quick_folder;
 use crate::support::*;
@@ -118,52 +119,75 @@ fn refused_changes_leave_the_store_unchanged() {
         let audit = vec![AuditBody { kind, subject: String::new(), body: body.into() }];
         Transaction { command_id: "t".into(), at_ms: 1, wall_ms: 0, changes: vec![], audit }
     };
-    let table: Vec<(&str, Transaction, &str)> = vec![
+    let table: Vec<(&str, Transaction, &str, &str)> = vec![
         (
             "stale row",
             transaction("t", 1, vec![set_state("grasp@1.1.0", 3, S::Shadowed, S::Demoted)]),
-            "has changed",
+            "stale",
+            "",
         ),
         (
             "stale state",
             transaction("t", 1, vec![set_state("grasp@1.1.0", 4, S::Validated, S::Demoted)]),
-            "changed",
+            "stale",
+            "",
         ),
         (
             "not allowed",
             transaction("t", 1, vec![set_state("grasp@1.1.0", 4, S::Shadowed, S::Validated)]),
-            "cannot go",
+            "invariant",
+            "validated",
         ),
-        ("two active", transaction("t", 1, vec![new_in()]), "UNIQUE"),
-        ("none active", transaction("t", 1, vec![old_out()]), "pointer"),
-        ("no pointer", transaction("t", 1, vec![old_out(), new_in()]), "pointer"),
-        ("no gate record", transaction("t", 1, both(set_active(new, pin, gate("other", 0)))), "gate record"),
+        ("two active", transaction("t", 1, vec![new_in()]), "database", "UNIQUE"),
+        ("none active", transaction("t", 1, vec![old_out()]), "invariant", "pointer"),
+        ("no pointer", transaction("t", 1, vec![old_out(), new_in()]), "invariant", "pointer"),
+        (
+            "no gate record",
+            transaction("t", 1, both(set_active(new, pin, gate("other", 0)))),
+            "invariant",
+            "gate record",
+        ),
         (
             "no approval",
             transaction("t", 1, both(set_active(new, pin, gate("gate grasp@1.1.0", 1)))),
+            "invariant",
             "approval",
         ),
-        ("no pin", transaction("t", 1, both(set_active(new, None, gate("gate grasp@1.1.0", 0)))), "pinned"),
+        (
+            "no pin",
+            transaction("t", 1, both(set_active(new, None, gate("gate grasp@1.1.0", 0)))),
+            "invariant",
+            "pinned",
+        ),
         (
             "pin itself",
             transaction("t", 1, both(set_active(new, new, gate("gate grasp@1.1.0", 0)))),
+            "invariant",
             "pinned",
         ),
-        ("second bootstrap", transaction("t", 1, both(set_active(new, pin, ActiveCause::Bootstrap))), "gate"),
+        (
+            "second bootstrap",
+            transaction("t", 1, both(set_active(new, pin, ActiveCause::Bootstrap))),
+            "invariant",
+            "gate",
+        ),
         (
             "restore of a candidate",
             transaction("t", 1, both(set_active(new, pin, ActiveCause::Restore))),
+            "invariant",
             "restored",
         ),
         (
             "reactivate while active",
             transaction("t", 1, both(set_active(new, pin, ActiveCause::Rearm))),
+            "invariant",
             "stopped",
         ),
         (
             "other family",
             transaction("t", 1, both(set_active(Some("place@1.0.0"), None, ActiveCause::Restore))),
-            "of the",
+            "invariant",
+            "family",
         ),
         (
             "voided gate record",
@@ -172,7 +196,8 @@ fn refused_changes_leave_the_store_unchanged() {
                 all.extend(activation("grasp@1.1.0", ("grasp@1.0.0", 2), 0));
                 all
             }),
-            "no current gate",
+            "invariant",
+            "gate record",
         ),
         (
             "gate record of another profile",
@@ -181,7 +206,8 @@ fn refused_changes_leave_the_store_unchanged() {
                 all.extend(activation("grasp@1.1.0", ("grasp@1.0.0", 2), 0));
                 all
             }),
-            "no current gate",
+            "invariant",
+            "gate record",
         ),
         (
             "vacated but not stopped",
@@ -193,6 +219,7 @@ fn refused_changes_leave_the_store_unchanged() {
                     set_active(None, None, ActiveCause::Vacate),
                 ],
             ),
+            "invariant",
             "safe-stopped",
         ),
         (
@@ -202,18 +229,21 @@ fn refused_changes_leave_the_store_unchanged() {
                 1,
                 vec![Change::SetFamily { family: family("grasp"), safe_stopped: true, reason: text("") }],
             ),
+            "invariant",
             "safe-stopped",
         ),
         (
             "candidate flags",
             transaction("t", 1, vec![Change::SetFlags { version: id("grasp@1.1.0"), flags }]),
+            "invariant",
             "provisional",
         ),
-        ("registered twice", transaction("t", 1, vec![new_version("grasp@1.1.0", false)]), "already"),
+        ("registered twice", transaction("t", 1, vec![new_version("grasp@1.1.0", false)]), "exists", ""),
         (
             "unknown version",
             transaction("t", 1, vec![set_state("grasp@9.0.0", 1, S::Active, S::Demoted)]),
-            "no version",
+            "not-found",
+            "",
         ),
         (
             "NaN score",
@@ -226,6 +256,7 @@ fn refused_changes_leave_the_store_unchanged() {
                     signature: None,
                 }],
             ),
+            "bad-input",
             "kappa",
         ),
         (
@@ -239,6 +270,7 @@ fn refused_changes_leave_the_store_unchanged() {
                     signature: None,
                 }],
             ),
+            "bad-input",
             "kappa",
         ),
         (
@@ -253,28 +285,32 @@ fn refused_changes_leave_the_store_unchanged() {
                     digest: digest("x"),
                 }],
             ),
-            "must be JSON",
+            "bad-input",
+            "JSON",
         ),
         (
             "long reason",
             transaction("t", 1, vec![Change::VoidFamily { family: family("grasp"), reason: text(&long) }]),
+            "bad-input",
             "4096",
         ),
-        ("forged record", note(RecordKind::StateSet, "{}"), "does not write itself"),
-        ("record that is no JSON", note(RecordKind::Decision, "{"), "must be JSON"),
-        ("clock back", transaction("t", 0, vec![]), "clock went back"),
-        ("no command id", transaction("", 1, vec![]), "command id"),
-        ("control character", transaction("a\u{1b}b", 1, vec![]), "command id"),
-        ("too many changes", transaction("t", 1, vec![context(ProfileName::Sim); 257]), "at most 256"),
+        ("forged record", note(RecordKind::StateSet, "{}"), "bad-input", "kind of record"),
+        ("record that is no JSON", note(RecordKind::Decision, "{"), "bad-input", "JSON"),
+        ("clock back", transaction("t", 0, vec![]), "clock-back", ""),
+        ("no command id", transaction("", 1, vec![]), "bad-input", "command id"),
+        ("control character", transaction("a\u{1b}b", 1, vec![]), "bad-input", "command id"),
+        ("too many changes", transaction("t", 1, vec![context(ProfileName::Sim); 257]), "bad-input", "256"),
     ];
     let folder = quick_folder();
     let store = open(folder.path());
     bootstrap(&store, "grasp");
     shadowed(&store, "grasp@1.1.0");
     let head = store.views().unwrap().head().unwrap();
-    for (name, transaction, message) in table {
-        let error = store.commit(transaction).expect_err(name).to_string();
-        assert!(error.contains(message), "{name}: {error}");
+    for (name, transaction, code, named) in table {
+        let error = store.commit(transaction).expect_err(name);
+        let details = error.details().unwrap();
+        assert_eq!(details.cause.unwrap_or(details.reason.name()), code, "{name}: {error}");
+        assert!(error.to_string().contains(named), "{name}: {error}");
         assert_eq!(store.views().unwrap().head().unwrap(), head, "{name}");
     }
     verify(&store.layout().database(), Some(store.public_key())).unwrap();

@@ -337,10 +337,7 @@ fn witnesses_are_stored_only_on_record() {
     assert!(matches!(add(&name), Err(StoreError::Exists { .. })));
     for address in ["https://example.org/w", "ssh://host/w", "ada@host:/w"] {
         let error = add(address).unwrap_err();
-        assert!(
-            matches!(&error, StoreError::Invalid { allowed, .. } if allowed.contains("no network")),
-            "{error}"
-        );
+        assert!(matches!(&error, StoreError::Invalid { value, .. } if value == address), "{error}");
     }
     for bad in ["relative", "", "/not/there", "/etc/hostname", "/a\nb"] {
         assert!(matches!(add(bad), Err(StoreError::Invalid { .. })), "{bad}");

@@ -10,13 +10,15 @@ use holdpoint_governance::lifecycle::State;
 use holdpoint_governance::monitor::MonitorAction;
 use holdpoint_governance::profile::{Profile, ProfileName};
 use holdpoint_governance::record::RecordKind;
-use holdpoint_governance::submission::Package;
+use holdpoint_governance::submission::{InterfaceChange, InterfaceChangeKind, InterfacePart, Package};
 use holdpoint_protocol::command::{Command, Operation, Reply};
+use holdpoint_protocol::detail::VersionDiff;
 use holdpoint_protocol::event::Event;
 use holdpoint_protocol::monitor_chart::ChartView;
 use holdpoint_runtime::capability;
 use holdpoint_store::AuditFilter;
 use holdpoint_wording::{event as event_text, version_diff};
+use serde_json::json;
 
 use super::*;
 use crate::decide::people::persons::enrolled;
@@ -96,30 +98,36 @@ fn all_changes_are_shown_before_a_decision() {
     pipeline.drain_events();
     let id = request_activation(pipeline, package);
     let new = ["channel gripper", "command gripper", "memory 512 KiB (was 256 KiB)"];
-    let differences = [
-        "permission added: channels gripper",
-        "permission added: commands gripper",
-        "permission removed: zones transit",
-        "permission resources.memory_kib: 256 -> 512",
-        "parameter corrections_max: 1 -> 3",
-        "declared by its author: precondition holding changed",
+    let changed = [
+        ("manifest.permissions.channels", None, Some(json!("gripper"))),
+        ("manifest.permissions.commands", None, Some(json!("gripper"))),
+        ("manifest.permissions.zones", Some(json!("transit")), None),
+        ("manifest.permissions.resources.memory_kib", Some(json!(256)), Some(json!(512))),
+        ("params.corrections_max", Some(json!(1)), Some(json!(3))),
     ];
+    let declared = InterfaceChange {
+        part: InterfacePart::Precondition,
+        name: "holding".to_owned(),
+        change: InterfaceChangeKind::Changed,
+    };
     // The question on screen.
     let question = pipeline.snapshot().prompts.remove(0);
     assert_eq!(
         (question.version.clone(), question.new_permissions.clone()),
         (id.clone(), new.map(String::from).to_vec())
     );
-    let lines = version_diff::lines(&question.changes);
-    for line in differences {
-        assert!(lines.contains(&line.to_owned()), "{line}: {lines:#?}");
-    }
+    let mut fields = question.changes.fields.clone();
+    fields.retain(|one| changed.contains(&(one.field.as_str(), one.old.clone(), one.new.clone())));
+    assert_eq!(fields.len(), changed.len(), "{:#?}", question.changes.fields);
+    assert!(question.changes.declared.contains(&declared), "{:?}", question.changes.declared);
+    let differences = version_diff::lines(&VersionDiff { fields, declared: vec![declared] });
+    let texts: Vec<&str> = new.into_iter().chain(differences.iter().map(String::as_str)).collect();
     // JSON and the plain stream.
     let events = pipeline.drain_events();
     let kind = events.into_iter().find(|kind| matches!(kind, EventKind::ApprovalRequested { .. })).unwrap();
     let event = Event { seq: 1, at_ms: 0, kind };
     let (json, line) = (serde_json::to_string(&event).unwrap(), event_text::line(&event));
-    for text in new.iter().chain(&differences) {
+    for text in &texts {
         assert!(line.contains(text), "{text}: {line}");
     }
     assert!(new.iter().all(|text| json.contains(text)), "{json}");
@@ -139,7 +147,7 @@ fn all_changes_are_shown_before_a_decision() {
     assert_ne!(without_permissions.digest().unwrap(), question.evidence, "the signature covers what is new");
     let identity = enrolled(pipeline.live().record, "ann", Role::Safety, KeyEncoding::Plain);
     let shown = crate::decide::people::signers::tests::question(pipeline, &question, "ann").unwrap();
-    for text in new.iter().chain(&differences) {
+    for text in &texts {
         // Parameters are folded into one line.
         let text = text.trim_start_matches("parameter ");
         assert!(shown.lines.iter().any(|line| line.contains(text)), "{text}: {:#?}", shown.lines);
@@ -149,7 +157,7 @@ fn all_changes_are_shown_before_a_decision() {
     let filter = AuditFilter { kind: Some(RecordKind::Shown), ..AuditFilter::default() };
     let body =
         pipeline.record().version_table().store().views().unwrap().audit(&filter).unwrap().remove(0).body;
-    for text in new.iter().chain(&differences) {
+    for text in &texts {
         let text = text.trim_start_matches("parameter ");
         assert!(body.contains(text), "{text}: {body}");
     }
