@@ -333,7 +333,10 @@ mod tests {
                     let own = cell.enter(stage.physics, stage.handles, (situation, effort), stage.owner);
                     if let Some(mut own) = own {
                         let began = own.moving();
-                        assert!(cell.tick(&mut own, stage.drives, 1.0), "nothing is near in this episode");
+                        assert!(
+                            cell.tick(&mut own, stage.physics, stage.drives, 1.0),
+                            "nothing is near in this episode"
+                        );
                         // It may come near at the begin of a tick, and come to rest at the end.
                         let moving = began || own.moving();
                         substeps = if moving { 2 } else { 1 };
