@@ -97,17 +97,17 @@ fn evaluate_against(
     profile: &Profile,
     at: (usize, u64),
 ) -> (Evaluation, Vec<WorkUnit>) {
-    evaluate_try(versions, anchor, beside, profile, at, None)
+    evaluate_try(versions, anchor, beside, profile, at, (None, false))
 }
 
-/// The same, as a counted try or without.
+/// The same, as a counted try or without. `leaves`: with the first sequences, the versions beside it lose their places.
 fn evaluate_try(
     versions: [&Capability; 2],
     anchor: Option<&Capability>,
     beside: &[Capability],
     profile: &Profile,
     (part, seed): (usize, u64),
-    counted: Option<CountedTry>,
+    (counted, leaves): (Option<CountedTry>, bool),
 ) -> (Evaluation, Vec<WorkUnit>) {
     let [candidate, active] = versions;
     let cell = Cell::of(&SimCells, None).unwrap();
@@ -121,7 +121,7 @@ fn evaluate_try(
     let folder = tempfile::tempdir().unwrap();
     let store = Store::open(folder.path()).unwrap();
     let cancel = AtomicBool::new(false);
-    let lab = TrialLab {
+    let mut lab = TrialLab {
         seeds: crate::seeds::SeedSource::OfRun(CALIBRATION_FROM_RUN + seed),
         worker_pool: &WorkerPool::new(2),
         undisturbed: &Arc::new(UndisturbedCache::new()),
@@ -141,6 +141,10 @@ fn evaluate_try(
     while evaluation.ended().is_none() {
         let step = evaluation.step(&lab, &candidate, &active, profile).unwrap();
         order.extend(step.map(|slice| slice.what));
+        if leaves && order.last() == Some(&WorkUnit::WholeSequences) {
+            lab.team = TrialTeam::default();
+        }
+        assert!(order.len() < 1_000, "it does not end");
     }
     (evaluation, order)
 }
@@ -243,7 +247,7 @@ fn an_open_try_has_its_second_look_after_the_rest() {
     for beside in [&team[..], &team[..1]] {
         let at = (usize::MAX, 1);
         let (evaluation, order) =
-            evaluate_try([&same, &same], Some(&same), beside, &profile, at, Some(counted.clone()));
+            evaluate_try([&same, &same], Some(&same), beside, &profile, at, (Some(counted.clone()), false));
         assert_eq!(evaluation.ended(), Some(EarlyStopReason::Full));
         let pairs = evaluation.paired().pairs;
         assert_eq!((pairs.len(), counted.second_look()), (90, 90), "{order:?}");
@@ -499,6 +503,25 @@ fn no_sequence_runs_for_a_rejected_candidate_or_an_empty_place() {
     let reason = &found.assessment.reasons[0];
     assert_eq!(reason.code, ReasonCode::BehaviorSequenceSuspicious);
     assert_eq!(reason.finding, Some(Finding::SequencesNotRun));
+}
+
+/// Regression: the evaluation ran slices without work, and without an end.
+#[test]
+fn a_team_that_loses_its_places_ends_the_sequences() {
+    let mut profile = small();
+    profile.evaluation.sandbox_pairs = 20;
+    profile.evaluation.drills_per_kind = 10;
+    profile.evaluation.sandbox_sequences = 20;
+    let same = version("align/1.0.0", &[]);
+    let team = [version("grasp/1.0.0", &[]), version("place/1.0.0", &[])];
+    let at = (usize::MAX, 1);
+    let (evaluation, order) = evaluate_try([&same, &same], None, &team, &profile, at, (None, true));
+    assert_eq!(order.iter().filter(|what| **what == WorkUnit::WholeSequences).count(), 2, "{order:?}");
+    assert_eq!(evaluation.ended(), Some(EarlyStopReason::Full));
+    assert!(evaluation.sequences().unwrap().pairs.is_empty(), "they were of another team");
+    let (found, _) = evaluation.assess(&profile);
+    let not_run = Some(Finding::SequencesNotRun);
+    assert!(found.assessment.reasons.iter().any(|reason| reason.finding == not_run), "{found:?}");
 }
 
 /// Seconds of processor time that this process has used, where the system tells it.
