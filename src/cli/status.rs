@@ -462,8 +462,7 @@ mod tests {
             left: 10,
         };
         let tried = VersionRow { counted: Some(counted), ..row(State::Validated, false) };
-        let shown =
-            "[try 2 of grasp by unsigned authors: level 0.0038, 300 pairs; 10 tries left before a review]";
+        let shown = "[try 2 of grasp by unsigned authors: level 0.0038, 300 or 900 pairs; 10 tries left before a review]";
         assert!(tried.line().ends_with(shown), "{}", tried.line());
         assert!(!row(State::Validated, false).line().contains("try"));
     }

@@ -348,7 +348,7 @@ impl Evaluation {
             self.sequences_tried = 0;
         }
         if lab.team.lineup_with(&lab.cell.spec.tasks, active).is_none() {
-            self.ended = Some(EarlyStopReason::Full);
+            self.plan.sequences = 0;
             return Ok(true);
         }
         let seeds = self.sequence_seeds(lab, &self.progress());

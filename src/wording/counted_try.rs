@@ -7,8 +7,10 @@ use holdpoint_governance::tries::CountedTry;
 #[must_use]
 pub fn counted_try(family: &Family, of: &CountedTry) -> String {
     let tries = if of.left == 1 { "try" } else { "tries" };
+    let second_look = of.second_look();
+    let more = if second_look > of.pairs { format!(" or {second_look}") } else { String::new() };
     format!(
-        "try {} of {family} by {}: level {}, {} pairs; {} {tries} left before a review",
+        "try {} of {family} by {}: level {}, {}{more} pairs; {} {tries} left before a review",
         of.by_author,
         author_name(&of.author.name),
         level_number(of.level),
@@ -54,12 +56,13 @@ pub(crate) mod tests {
         let family = Family::new("grasp").unwrap();
         assert_eq!(
             counted_try(&family, &counted),
-            "try 3 of grasp by mara: level 0.0017, 360 pairs; 9 tries left before a review"
+            "try 3 of grasp by mara: level 0.0017, 360 or 1000 pairs; 9 tries left before a review"
         );
-        let last = CountedTry { author: TryAuthor::default(), left: 1, ..counted };
+        let last = CountedTry { author: TryAuthor::default(), left: 1, pairs: 1_000, ..counted };
         let text = counted_try(&family, &last);
         assert!(
-            text.contains("by unsigned authors") && text.ends_with("1 try left before a review"),
+            text.contains("by unsigned authors")
+                && text.ends_with(", 1000 pairs; 1 try left before a review"),
             "{text}"
         );
     }

@@ -165,7 +165,7 @@ pub fn finding(found: &Finding) -> String {
         }
 
         F::TryOpen { number, level } => format!(
-            "at the level {} of try {number}, a loss of success beyond the margin is not excluded",
+            "at the level {} of its look, try {number} does not exclude a loss of success beyond the margin",
             level_number(*level)
         ),
         F::TriesSpent { author, family, by_author, in_family } => format!(

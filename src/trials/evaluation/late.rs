@@ -5,13 +5,14 @@ use super::Evaluation;
 use super::plan::NextSlice;
 use crate::fault::TrialFault;
 use crate::trial_lab::{PairSpot, TrialLab, TrialSubject};
-use holdpoint_governance::behavior::SequenceEvidence;
+use holdpoint_governance::behavior::{BehaviorAssessment, SequenceEvidence};
 use holdpoint_governance::composition::recovery_is_reviewable;
 use holdpoint_governance::decision::ReasonCode;
 use holdpoint_governance::early_stop::EarlyStopReason;
 use holdpoint_governance::evidence::{AnchorEpisode, AnchorEvidence};
 use holdpoint_governance::outcome::{BehaviorOutcome, RecoveryOutcome};
 use holdpoint_governance::profile::Profile;
+use holdpoint_governance::recovery::RecoveryAssessment;
 
 impl Evaluation {
     /// Begins what is for versions only that nothing so far rejects: the anchor's episodes, the settling of drills, and
@@ -47,23 +48,17 @@ impl Evaluation {
                 pairs: Vec::new(),
             });
             if lab.team.lineup_with(&lab.cell.spec.tasks, active).is_none() {
-                self.ended = Some(EarlyStopReason::Full);
+                self.plan.sequences = 0;
+                self.update_end_reason(profile);
             }
         }
     }
 
     /// Begins the second look of a try whose first one leaves the margin open, and nothing else. Returns whether it begins.
     pub(super) fn begin_second_look(&mut self, profile: &Profile) -> bool {
-        let Some(counted) = self.counted.as_ref().filter(|_| self.second_look_from.is_none()) else {
-            return false;
-        };
-        let pairs = counted.second_look();
+        let Some(pairs) = self.second_look() else { return false };
         let (behavior, recovery) = self.assess(profile);
-        let is_open =
-            behavior.assessment.reasons.iter().any(|reason| reason.code == ReasonCode::BehaviorTryOpen);
-        let begins = is_open
-            && recovery.assessment.outcome != RecoveryOutcome::Incompatible
-            && pairs > self.plan.pairs;
+        let begins = is_try_open(&behavior) && !is_rejected(&recovery, profile);
         if begins {
             self.second_look_from = Some(self.pairs_tried);
             self.plan = self.plan.with_pairs(pairs);
@@ -71,14 +66,20 @@ impl Evaluation {
         begins
     }
 
-    /// Whether the version is rejected without any further work.
+    /// The pairs of the try's second look; `None` if there is none, or it has begun.
+    fn second_look(&self) -> Option<u32> {
+        let counted = self.counted.as_ref().filter(|_| self.second_look_from.is_none())?;
+        Some(counted.second_look()).filter(|pairs| *pairs > self.plan.pairs)
+    }
+
+    /// Whether the version is rejected without any further work. A second look may still close an open try: it comes after
+    /// the rest, for versions that pass that.
     fn is_lost(&self, profile: &Profile) -> bool {
         let (behavior, recovery) = self.assess_with(self.anchor.is_some(), profile);
         let is_open =
-            matches!(behavior.assessment.outcome, BehaviorOutcome::Compatible | BehaviorOutcome::Suspicious);
-        !is_open
-            || recovery.assessment.outcome == RecoveryOutcome::Incompatible
-                && !(profile.has_approver() && recovery_is_reviewable(&recovery.assessment))
+            matches!(behavior.assessment.outcome, BehaviorOutcome::Compatible | BehaviorOutcome::Suspicious)
+                || is_try_open(&behavior) && self.second_look().is_some();
+        !is_open || is_rejected(&recovery, profile)
     }
 
     /// Episodes of the anchor on the seeds of the pairs. Returns whether the slice is whole.
@@ -107,4 +108,15 @@ impl Evaluation {
         }
         Ok(true)
     }
+}
+
+/// Whether nothing but the margin of its try holds a version.
+fn is_try_open(behavior: &BehaviorAssessment) -> bool {
+    behavior.assessment.reasons.iter().any(|reason| reason.code == ReasonCode::BehaviorTryOpen)
+}
+
+/// Whether recovery rejects a version, and no person may accept that.
+fn is_rejected(recovery: &RecoveryAssessment, profile: &Profile) -> bool {
+    recovery.assessment.outcome == RecoveryOutcome::Incompatible
+        && !(profile.has_approver() && recovery_is_reviewable(&recovery.assessment))
 }

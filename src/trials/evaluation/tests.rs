@@ -16,6 +16,7 @@ use holdpoint_governance::outcome::{BehaviorOutcome, RecoveryOutcome};
 use holdpoint_governance::policy::PolicyTable;
 use holdpoint_governance::profile::ProfileName;
 use holdpoint_governance::recovery::DrillContrast;
+use holdpoint_governance::tries::TryAuthor;
 use holdpoint_registry::Store;
 use holdpoint_runtime::capability::{self, Capability};
 use holdpoint_runtime::terms::SkillTerms;
@@ -94,7 +95,19 @@ fn evaluate_against(
     anchor: Option<&Capability>,
     beside: &[Capability],
     profile: &Profile,
+    at: (usize, u64),
+) -> (Evaluation, Vec<WorkUnit>) {
+    evaluate_try(versions, anchor, beside, profile, at, (None, false))
+}
+
+/// The same, as a counted try or without. `leaves`: with the first sequences, the versions beside it lose their places.
+fn evaluate_try(
+    versions: [&Capability; 2],
+    anchor: Option<&Capability>,
+    beside: &[Capability],
+    profile: &Profile,
     (part, seed): (usize, u64),
+    (counted, leaves): (Option<CountedTry>, bool),
 ) -> (Evaluation, Vec<WorkUnit>) {
     let [candidate, active] = versions;
     let cell = Cell::of(&SimCells, None).unwrap();
@@ -108,7 +121,7 @@ fn evaluate_against(
     let folder = tempfile::tempdir().unwrap();
     let store = Store::open(folder.path()).unwrap();
     let cancel = AtomicBool::new(false);
-    let lab = TrialLab {
+    let mut lab = TrialLab {
         seeds: crate::seeds::SeedSource::OfRun(CALIBRATION_FROM_RUN + seed),
         worker_pool: &WorkerPool::new(2),
         undisturbed: &Arc::new(UndisturbedCache::new()),
@@ -121,11 +134,17 @@ fn evaluate_against(
     };
     let (candidate, active) = (party(candidate), party(active));
     let plan = EvaluationPlan::sandbox(profile).with_anchor(anchor.is_some());
+    let plan = counted.as_ref().map_or(plan, |counted| plan.with_pairs(counted.pairs));
     let mut evaluation = Evaluation::new(plan, binding(), SceneStops::default());
+    evaluation.counted = counted;
     let mut order = Vec::new();
     while evaluation.ended().is_none() {
         let step = evaluation.step(&lab, &candidate, &active, profile).unwrap();
         order.extend(step.map(|slice| slice.what));
+        if leaves && order.last() == Some(&WorkUnit::WholeSequences) {
+            lab.team = TrialTeam::default();
+        }
+        assert!(order.len() < 1_000, "it does not end");
     }
     (evaluation, order)
 }
@@ -203,6 +222,52 @@ fn the_anchor_runs_the_seeds_of_the_pairs_after_them() {
     let (behavior, _) = evaluation.assess(&profile);
     assert_eq!(behavior.assessment.outcome, BehaviorOutcome::Incompatible);
     assert_eq!(behavior.assessment.reasons[0].code, ReasonCode::BehaviorAnchorWorse);
+}
+
+/// Regression: an open margin ended the evaluation before the rest of it, so that no try had a second look.
+#[test]
+fn an_open_try_has_its_second_look_after_the_rest() {
+    let mut profile = small();
+    profile.evaluation.drills_per_kind = 10;
+    profile.evaluation.sandbox_sequences = 2;
+    // Without a difference, 30 pairs exclude a loss of 10.4 of 100, and 90 pairs one of 4.8.
+    let counted = CountedTry {
+        subject: Digest::of_parts("test", &[]),
+        drawn: None,
+        author: TryAuthor::default(),
+        by_author: 1,
+        in_family: 1,
+        level: 0.05,
+        pairs: 30,
+        left: 11,
+    };
+    let same = version("align/1.0.0", &[]);
+    let team = [version("grasp/1.0.0", &[]), version("place/1.0.0", &[])];
+    // Without a place, no sequence can run.
+    for beside in [&team[..], &team[..1]] {
+        let at = (usize::MAX, 1);
+        let (evaluation, order) =
+            evaluate_try([&same, &same], Some(&same), beside, &profile, at, (Some(counted.clone()), false));
+        assert_eq!(evaluation.ended(), Some(EarlyStopReason::Full));
+        let pairs = evaluation.paired().pairs;
+        assert_eq!((pairs.len(), counted.second_look()), (90, 90), "{order:?}");
+        // One without a result is replaced by a live-like one.
+        let live_like = |pairs: &[Pair]| pairs.iter().filter(|pair| pair.live_like).count();
+        assert!((10..13).contains(&live_like(&pairs[..30])) && (30..34).contains(&live_like(&pairs)));
+        assert_eq!(evaluation.anchor().unwrap().episodes.len(), 90, "{order:?}");
+        let place = |of: WorkUnit| order.iter().position(|what| *what == of).unwrap();
+        let later = order.iter().rposition(|what| *what == WorkUnit::PairedEpisodes).unwrap();
+        assert!(place(WorkUnit::AnchorEpisodes) < later, "{order:?}");
+        let is_open = |evaluation: &Evaluation| {
+            let (behavior, _) = evaluation.assess(&profile);
+            behavior.assessment.reasons.iter().any(|reason| reason.code == ReasonCode::BehaviorTryOpen)
+        };
+        assert!(!is_open(&evaluation), "{:?}", evaluation.assess(&profile).0.assessment);
+        assert_eq!(evaluation.done(), evaluation.plan.budget());
+        if beside.len() == team.len() {
+            assert!(place(WorkUnit::WholeSequences) < later, "{order:?}");
+        }
+    }
 }
 
 #[test]
@@ -438,6 +503,25 @@ fn no_sequence_runs_for_a_rejected_candidate_or_an_empty_place() {
     let reason = &found.assessment.reasons[0];
     assert_eq!(reason.code, ReasonCode::BehaviorSequenceSuspicious);
     assert_eq!(reason.finding, Some(Finding::SequencesNotRun));
+}
+
+/// Regression: the evaluation ran slices without work, and without an end.
+#[test]
+fn a_team_that_loses_its_places_ends_the_sequences() {
+    let mut profile = small();
+    profile.evaluation.sandbox_pairs = 20;
+    profile.evaluation.drills_per_kind = 10;
+    profile.evaluation.sandbox_sequences = 20;
+    let same = version("align/1.0.0", &[]);
+    let team = [version("grasp/1.0.0", &[]), version("place/1.0.0", &[])];
+    let at = (usize::MAX, 1);
+    let (evaluation, order) = evaluate_try([&same, &same], None, &team, &profile, at, (None, true));
+    assert_eq!(order.iter().filter(|what| **what == WorkUnit::WholeSequences).count(), 2, "{order:?}");
+    assert_eq!(evaluation.ended(), Some(EarlyStopReason::Full));
+    assert!(evaluation.sequences().unwrap().pairs.is_empty(), "they were of another team");
+    let (found, _) = evaluation.assess(&profile);
+    let not_run = Some(Finding::SequencesNotRun);
+    assert!(found.assessment.reasons.iter().any(|reason| reason.finding == not_run), "{found:?}");
 }
 
 /// Seconds of processor time that this process has used, where the system tells it.

@@ -202,7 +202,7 @@ fn rejected_version_names_why_its_tasks_failed_and_what_it_asked_for() {
     let lines = summary_lines(&ExplanationSummary { remarks, ..summary(position) }, None);
     let all = lines.details.join("\n");
     for wanted in [
-        "try 3 of align by mara: level 0.0017, 360 pairs; 9 tries left before a review",
+        "try 3 of align by mara: level 0.0017, 360 or 1000 pairs; 9 tries left before a review",
         "it asks for a force of 18.0 N and declares 12; it counts: the command is clamped",
         "failed tasks in 300 pairs: 82 (dropped the object: 40, missed the object: 35, took too long: 4, other causes: 3)",
         ": 60 (missed the object: 60)",

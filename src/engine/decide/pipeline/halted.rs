@@ -31,6 +31,8 @@ impl Pipeline {
 
     /// A person stops the cell, at any time. A stop that cannot be written still stops; the engine then halts.
     pub(crate) fn halt(&mut self, request: StopRequest) -> Reply {
+        // The arm stops first: what that sequence leads to may move it.
+        self.world.switch().halt(request.clone());
         self.collect_earlier_sequence();
         let reply = halt::stop(&mut self.record, &mut self.world, request);
         if let Reply::Stopped { text, kept: StopPersistence::InMark | StopPersistence::InMemory } = &reply

@@ -233,7 +233,7 @@ impl StoreUnderRerun<'_> {
         lab: &TrialLab<'_>,
         evaluation: &mut Evaluation,
     ) -> Result<ComparedRecords, TrialFault> {
-        let (id, budget) = (cast.candidate.version.id(), evaluation.plan().budget());
+        let id = cast.candidate.version.id();
         let mut found = ComparedRecords::default();
         while !evaluation.is_over() {
             let step = evaluation.step(lab, &cast.candidate, &cast.active, &cast.context.profile)?;
@@ -243,7 +243,7 @@ impl StoreUnderRerun<'_> {
                 found.candidate.push(pair.candidate);
                 found.active.push(pair.active);
             }
-            (self.tell)(&id, slice.done, budget);
+            (self.tell)(&id, slice.done, evaluation.plan().budget());
         }
         Ok(found)
     }
