@@ -297,10 +297,7 @@ fn attached() {
         console.keys("q");
         console.end();
     }
-    // `q` asks a question that depends on the other attached consoles; the engine ends a while after the last one
-    // leaves.
-    first.keys(":detach\r");
-    first.end();
+    end(&mut first);
 }
 
 /// The cost of programs that read the engine's stream, for their engine.
@@ -316,8 +313,7 @@ fn listened_to() {
     share_row("  engine's process, no such program", alone, None);
     share_row(&format!("  engine's process, {LISTENERS} of them"), together, None);
     drop(listeners);
-    console.keys(":detach\r");
-    console.end();
+    end(&mut console);
 }
 
 /// A program that reads the stream, from its first line on.
