@@ -43,6 +43,7 @@ const RUST_KIT: &[(&str, &str)] = files![
     "body/chain.rs",
     "body/clearance.rs",
     "body/command_check.rs",
+    "body/further_object.rs",
     "body/geometry.rs",
     "body/ik.rs",
     "body/lib.rs",

@@ -260,7 +260,15 @@ fn reading_verbs_answer_as_before() {
             }
         }
         then.stdout = then.stdout.replace("no: voided since", "no: it was voided later");
-        // The column of times has times of day where the record has them.
+        // The columns of times have times of day where the record has them.
+        if call == "registry list" {
+            for answer in [&mut then.stdout, &mut now.stdout] {
+                let last = answer.find("CHANGED").map_or(0, |at| answer[..at].chars().count());
+                let lines: Vec<String> =
+                    answer.lines().map(|line| line.chars().take(last).collect()).collect();
+                *answer = lines.join("\n");
+            }
+        }
         if call.starts_with("audit list") && !call.contains("--json") {
             for answer in [&mut then.stdout, &mut now.stdout] {
                 let lines: Vec<String> = answer.lines().map(without_time).collect();

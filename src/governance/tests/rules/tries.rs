@@ -75,7 +75,7 @@ fn looks(counted: &CountedTry) -> [u32; 2] {
     [counted.pairs, counted.second_look()]
 }
 
-/// What is drawn for so many pairs, each a number below 1: lost to the active version or won.
+/// Pairs that are drawn as numbers below 1: those lost to the active version and those won.
 fn drawn(draws: &[f64], pairs: u32, lost: f64, won: f64) -> PairedCounts {
     let mut counts = PairedCounts { pairs: u64::from(pairs), candidate_only: 0, active_only: 0 };
     for draw in &draws[..pairs as usize] {

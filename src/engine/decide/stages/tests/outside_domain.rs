@@ -112,7 +112,7 @@ fn the_newest_earlier_version_that_covers_the_start_runs_the_task() {
     assert_eq!(report.outside[0].run_by, None);
 }
 
-/// Every task is near enough to a person's zone to be a danger. Once nothing was told of a version in place of the active one.
+/// Every task is near enough to a person's zone to be a danger. An alarm names the version that works in place of the active one.
 #[test]
 fn harm_by_a_version_in_place_of_the_active_one_raises_an_alarm() {
     let mut profile = responding(OutsideResponse::LastCovering);
