@@ -394,7 +394,7 @@ mod tests {
             ("\"line-4\"", "\"human\"", "", "\"human\""),
             ("retries_max", "retries", "", "`retries`"),
             ("quorum_low = 1 ", "quorum_low = 0 ", "approval.quorum_low", "0"),
-            ("timeout_s = 600.0 ", "timeout_s = inf ", "approval.timeout_s", "inf"),
+            ("timeout_s = 600.0 ", "timeout_s = inf ", "approval.timeout_s", "no finite number"),
             ("tool_speed_max_m_s = 0.25 ", "tool_speed_max_m_s = -1.0 ", "runtime.tool_speed_max_m_s", "-1"),
             ("tool_speed_max_m_s = 0.25 ", "tool_speed_max_m_s = 0.6 ", "runtime.tool_speed_max_m_s", "0.6"),
             ("scale = 1.0 ", "scale = 7.0 ", "thresholds.scale", "7"),

@@ -294,7 +294,9 @@ pub(super) fn problem(profile: &Profile) -> Option<(String, String, String)> {
     for ProfileField { path, lowest, highest, .. } in FIELDS {
         let value = values.iter().find(|(name, _)| name == path).map_or(f64::NAN, |(_, value)| *value);
         if !(*lowest..=*highest).contains(&value) {
-            return Some(((*path).to_owned(), number_text(value), format!("{lowest} to {highest}")));
+            // What is not finite has become the null of JSON on the way here.
+            let shown = if value.is_finite() { number_text(value) } else { "no finite number".to_owned() };
+            return Some(((*path).to_owned(), shown, format!("{lowest} to {highest}")));
         }
     }
     let weights = &profile.composite;
