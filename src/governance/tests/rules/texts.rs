@@ -156,7 +156,7 @@ fn bad_profiles_are_refused_by_name() {
     assert!(!is_frozen("2026-12-24T04:59:59.999Z") && is_frozen("2026-12-24T05:00:00Z"));
     assert!(is_frozen("2026-12-27T05:59:59.999Z") && !is_frozen("2026-12-27T06:00:00Z"));
     for (text, field, value) in [
-        (replace("rho_floor = 0.7", "rho_floor = nan #"), "recovery.rho_floor", "NaN"),
+        (replace("rho_floor = 0.7", "rho_floor = nan #"), "recovery.rho_floor", "no finite number"),
         (replace("sandbox_pairs = 300", "sandbox_pairs = 3"), "evaluation.sandbox_pairs", "3"),
         (replace("drills_per_kind = 40", "drills_per_kind = 39"), "evaluation.drills_per_kind", "39"),
         (replace("policy = 0.25", "policy = 0.5"), "composite", ""),
