@@ -317,7 +317,8 @@ impl Evaluation {
             lab.expect(candidate, active, &[])?;
         }
         let part = turn.map(|slice| self.progress().part(&self.plan, slice));
-        Ok(Some(Slice { what, worked: self.tried() - before, done: self.done(), part, pairs }))
+        // Sequences beside another team are dropped, so fewer may be done than before.
+        Ok(Some(Slice { what, worked: self.tried().saturating_sub(before), done: self.done(), part, pairs }))
     }
 
     /// The phases that the active version's work shows, of which every kind of drill gets its quota.
