@@ -155,7 +155,8 @@ mod tests {
             above_table_m: 0.0,
         };
         assert_eq!(good.problem(), None);
-        let cases: [(fn(&mut FurtherObject), &str); 9] = [
+        type Change = fn(&mut FurtherObject);
+        let cases: [(Change, &str); 9] = [
             (|object| object.shape = FurtherShape::Box { half_m: [0.03, 0.002, 0.01] }, "shape"),
             (|object| object.shape = FurtherShape::Cylinder { half_height_m: 0.3, radius_m: 0.02 }, "shape"),
             (|object| object.mass_kg = f64::NAN, "mass_kg"),
