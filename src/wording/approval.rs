@@ -391,7 +391,7 @@ fn deadline_line(facts: &ApprovalFacts) -> String {
         RequestKind::Release => format!("If no one decides by {by}, the version stays restricted"),
         RequestKind::Review => {
             format!(
-                "If no one decides by {by}, the version is demoted; nothing of its family is promoted before"
+                "If no one decides by {by}, the version is demoted; no version of its family is promoted before"
             )
         }
         RequestKind::Emergency => format!("If no one decides by {by}, the version stays on hold"),

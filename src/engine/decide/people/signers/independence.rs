@@ -214,18 +214,24 @@ fn version_without_a_known_requester_is_not_reactivated_where_people_decide() {
     assert!(!rearm("align@1.0.0").contains(unknown));
 }
 
-/// Where people approve, the tries of a family are reviewed by a person who wrote and registered none of them.
-#[test]
-fn authors_and_registrars_do_not_review_their_own_tries() {
-    let folder = quick_folder();
-    let mut pipeline = resting_pipeline(folder.path(), ProfileName::Human);
+/// A version by skill-lab that rita registers; ben is the other person with her role.
+fn registered_by_rita(pipeline: &mut Pipeline) -> CapabilityId {
     for name in ["rita", "ben"] {
-        person(&mut pipeline, name, Role::Safety);
+        person(pipeline, name, Role::Safety);
     }
     let package = submitted("skill-lab");
     let id = holdpoint_runtime::capability::Capability::load("test", package.clone()).unwrap().id();
     let by = Some("rita".to_owned());
     pipeline.command(Command::Register { package, name: "test".to_owned(), by });
+    id
+}
+
+/// Where people approve, the tries of a family are reviewed by a person who wrote and registered none of them.
+#[test]
+fn authors_and_registrars_do_not_review_their_own_tries() {
+    let folder = quick_folder();
+    let mut pipeline = resting_pipeline(folder.path(), ProfileName::Human);
+    let id = registered_by_rita(&mut pipeline);
     let author = pipeline.record().version_table().try_author(&id).unwrap();
     assert_eq!(author.name, "rita", "no author signed it");
     let counted = CountedTry {
@@ -259,13 +265,7 @@ fn authors_and_registrars_do_not_review_their_own_tries() {
 fn authors_and_registrars_do_not_make_their_own_version_the_anchor() {
     let folder = quick_folder();
     let mut pipeline = resting_pipeline(folder.path(), ProfileName::Human);
-    for name in ["rita", "ben"] {
-        person(&mut pipeline, name, Role::Safety);
-    }
-    let package = submitted("skill-lab");
-    let id = holdpoint_runtime::capability::Capability::load("test", package.clone()).unwrap().id();
-    let by = Some("rita".to_owned());
-    pipeline.command(Command::Register { package, name: "test".to_owned(), by });
+    let id = registered_by_rita(&mut pipeline);
     let now_ms = pipeline.record().now_ms();
     pipeline.live().record.set_clock(Clock::real(now_ms));
     let mut choose = |by: &str| {

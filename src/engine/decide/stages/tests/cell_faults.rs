@@ -18,7 +18,7 @@ use crate::decide::stages::rollback::tests::RollbackBench;
 use crate::decide::stages::validation;
 use holdpoint_record::check::RegisteredVersions;
 
-/// The most slices until a candidate without a usable fallback is demoted: nothing of it is run.
+/// The most slices until a candidate without a usable fallback is demoted, before any episode.
 const SLICES_MAX: usize = 60;
 
 /// A package with one text of its manifest replaced.

@@ -61,7 +61,7 @@ fn simulated() -> Cell {
     Cell::of(&SimCells, None).unwrap()
 }
 
-/// The rules reject it, so nothing of it is run.
+/// The rules reject it before any episode.
 fn rejected_by_rules(profile: ProfileInForce) -> (TempDir, CapabilityId) {
     worked_in(StubFactory::exporting().into_cell(), profile, "grasp-tool-frame", false)
 }
