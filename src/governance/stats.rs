@@ -11,6 +11,7 @@ mod paired;
 pub mod population;
 mod proportion;
 mod rise;
+mod sign;
 pub mod smirnov;
 mod special;
 pub mod spot_check;
@@ -32,6 +33,7 @@ pub use proportion::{
     wilson_upper,
 };
 pub use rise::RateRise;
+pub use sign::sign_test;
 pub use special::{normal_cdf, normal_quantile, student_cdf, student_quantile};
 pub use wilcoxon::{EXACT_PAIRS_MAX, SignedRank, signed_rank};
 
