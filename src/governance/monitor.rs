@@ -6,6 +6,7 @@
 //! nothing here reads a clock. Source: paper section 5.2 stage 6, equation 11; design rule 3.8.
 
 mod normal;
+mod rate_comparison;
 mod trip;
 
 use std::borrow::Cow;
@@ -15,6 +16,9 @@ use holdpoint_text::Hint;
 use serde::{Deserialize, Serialize};
 
 pub use normal::normal_rates;
+pub use rate_comparison::{
+    ComparedRate, ComparedTask, ForkedPair, RateComparison, RateTally, deciding_rates,
+};
 pub use trip::{roll_back, safety_trip};
 
 use super::closed_set::convert_equal_terms;
