@@ -257,6 +257,21 @@ pub struct MonitorSettings {
     /// Share of episodes past a limit of harm that is normal.
     #[serde(default = "later::harm_share", skip_serializing_if = "later::is_harm_share")]
     pub harm_share: f64,
+    /// Newest live tasks in which the rollback target is compared when a rate rolls a version back.
+    #[serde(default = "later::paired_tasks", skip_serializing_if = "later::is_paired_tasks")]
+    pub paired_tasks: f64,
+    /// One-sided error of that comparison; only below it a rate rolls back for good.
+    #[serde(default = "later::paired_alpha", skip_serializing_if = "later::is_paired_alpha")]
+    pub paired_alpha: f64,
+}
+
+impl MonitorSettings {
+    /// [`MonitorSettings::paired_tasks`] as a number of tasks.
+    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "the range of the field")]
+    #[must_use]
+    pub const fn paired_tasks_max(&self) -> usize {
+        self.paired_tasks as usize
+    }
 }
 
 /// How every active version is watched, whether or not it is new.

@@ -207,6 +207,8 @@ pub const FIELDS: &[ProfileField] = &[
     field("monitor.normal_alpha", 0.000_1, 0.49, Higher),
     field("monitor.slow_share", 0.000_1, 0.9, Lower),
     field("monitor.harm_share", 0.000_1, 0.9, Lower),
+    field("monitor.paired_tasks", 5.0, 200.0, Higher),
+    field("monitor.paired_alpha", 0.000_1, 0.2, Higher),
     field("health.commissioning_tasks", 10.0, 10_000.0, Neither),
     field("health.failure_max", 0.01, 0.5, Lower),
     field("health.rate_min", 0.000_1, 0.01, Neither),

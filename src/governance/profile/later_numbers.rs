@@ -67,6 +67,8 @@ later_numbers! {
     "monitor.normal_alpha" = 0.1, monitor_normal_alpha, is_monitor_normal_alpha;
     "monitor.slow_share" = 0.12, slow_share, is_slow_share;
     "monitor.harm_share" = 0.05, harm_share, is_harm_share;
+    "monitor.paired_tasks" = 40.0, paired_tasks, is_paired_tasks;
+    "monitor.paired_alpha" = 0.05, paired_alpha, is_paired_alpha;
     "health.normal_alpha" = 0.05, health_normal_alpha, is_health_normal_alpha;
     "health.sense_floor_share" = 0.1, sense_floor_share, is_sense_floor_share;
 }
