@@ -10,7 +10,7 @@ use super::cached_result::CacheLocation;
 use super::decision::{Reason, ReasonCode};
 use super::health::HealthRate;
 use super::ids::{CapabilityId, Family};
-use super::monitor::SafetyEvent;
+use super::monitor::{RateTally, SafetyEvent};
 use super::past_limit::MeasuredInTask;
 use super::policy_hit::PolicyHit;
 use super::profile::{ProfileName, SiteName};
@@ -305,6 +305,9 @@ pub enum Notice {
     },
     /// A version has the same event as the one compared with it, in the same scene.
     SharedEvent { version: CapabilityId, with: CapabilityId, shared: SharedEvent },
+    /// A version shows no difference from the one compared with it in the rates that rolled that one back, in the same
+    /// tasks.
+    SharedRates { version: CapabilityId, with: CapabilityId, rates: Vec<RateTally> },
     /// The evidence of the active version does not cover the start of its task. `run_by`: the version that ran the task;
     /// absent if it was refused.
     OutsideDomain { version: CapabilityId, missed: Vec<DomainMiss>, run_by: Option<CapabilityId> },

@@ -11,7 +11,7 @@ use super::decision::{Reason, ReasonCode};
 use super::finding::Finding;
 use super::ids::CapabilityId;
 use super::lifecycle::DeactivationKind;
-use super::monitor::{Rate, SafetyEvent};
+use super::monitor::{Rate, RateComparison, SafetyEvent};
 use super::notice::NoticeOrText;
 use super::past_limit::MeasuredInTask;
 use super::shared_event::{SharedEvent, UncomparedReason};
@@ -95,15 +95,29 @@ impl TriggerKind {
     }
 }
 
-/// How a version leaves after a rollback by its monitor for these reasons. People who step in show no difference in its
-/// conduct, and anyone may stop the cell: their interventions alone never end a version for good.
+/// The reasons of a rollback by a monitor. Where no one answered a question about rates, the rates are among them.
 #[must_use]
-pub fn deactivation_for(reasons: &[Reason]) -> DeactivationKind {
-    let rate = |reason: &Reason| match reason.finding {
+pub fn rollback_reasons(decided: &[Reason], question: &[Reason]) -> Vec<Reason> {
+    let is_unanswered =
+        decided.first().is_some_and(|first| first.code == ReasonCode::MonitorEscalationUnanswered);
+    let asked = question.iter().filter(|reason| is_unanswered && rate_of(reason).is_some());
+    decided.iter().chain(asked).cloned().collect()
+}
+
+/// The rate that a reason is about.
+const fn rate_of(reason: &Reason) -> Option<Rate> {
+    match reason.finding {
         Some(Finding::RateWorse { rate } | Finding::RateDrifts { rate }) => Some(rate),
         _ => None,
-    };
-    let mut rates = reasons.iter().filter_map(rate).peekable();
+    }
+}
+
+/// How a version leaves after a rollback by its monitor for these reasons, unless it shows no difference from the rollback
+/// target. People who step in show no difference in its conduct, and anyone may stop the cell: their interventions alone
+/// never end a version for good.
+#[must_use]
+pub fn deactivation_for(reasons: &[Reason]) -> DeactivationKind {
+    let mut rates = reasons.iter().filter_map(rate_of).peekable();
     if rates.peek().is_some() && rates.all(|rate| rate == Rate::Intervention) {
         DeactivationKind::Demoted
     } else {
@@ -213,6 +227,9 @@ pub struct Trigger {
     pub kind: TriggerKind,
     /// The safety event, if the kind is one.
     pub event: Option<SafetyEvent>,
+    /// The rates that decided, if any did: the rollback target is compared in each. Absent in older records.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub rates: Vec<Rate>,
     /// What happened.
     pub text: NoticeOrText,
     /// When it was triggered, in virtual ticks of the live world; times of the rollback count from here.
@@ -270,8 +287,12 @@ pub struct RollbackRecord {
     /// The safety event, where the rollback target has the same in a fork of the same task: the version is demoted then.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub shared: Option<SharedEvent>,
-    /// Why the rollback target was not compared on the task of the safety event: the version is demoted then, too.
-    /// In older records it was rolled back for good.
+    /// The rates that decided, in forks of the version's live tasks that the rollback target worked: without a difference
+    /// the version is demoted. Absent in older records.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub rates: Option<RateComparison>,
+    /// Why the rollback target was not compared on the task of the safety event, or in the rates that decided: the version
+    /// is demoted then, too. In older records it was rolled back for good.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub uncompared: Option<UncomparedReason>,
 }
@@ -295,8 +316,16 @@ impl RollbackRecord {
             recovered: None,
             resumed_tasks: 0,
             shared: None,
+            rates: None,
             uncompared: None,
         }
+    }
+
+    /// Whether the comparison with the rollback target shows no difference, or there is none: then the version is demoted.
+    #[must_use]
+    pub fn is_unproven(&self) -> bool {
+        let is_same = self.rates.as_ref().is_some_and(|rates| !rates.differs());
+        is_same || self.shared.is_some() || self.uncompared.is_some()
     }
 
     /// The failure the family was stopped for.
@@ -360,10 +389,24 @@ mod tests {
             (vec![worse(Rate::Failure), drifts(Rate::Intervention)], rolled_back),
             (vec![coupled(), drifts(Rate::Failure)], rolled_back),
             (vec![of(Finding::EscalationUnanswered)], rolled_back),
+            (vec![of(Finding::EscalationUnanswered), drifts(Rate::Intervention)], demoted),
             (Vec::new(), rolled_back),
         ] {
             assert_eq!(deactivation_for(&reasons), expected, "{reasons:?}");
         }
+    }
+
+    #[test]
+    fn an_unanswered_question_about_rates_names_them() {
+        let of = |finding| Reason::new(Dimension::Monitor, finding);
+        let unanswered = of(Finding::EscalationUnanswered);
+        let drifts = of(Finding::RateDrifts { rate: Rate::Failure });
+        let question = [drifts.clone(), of(Finding::TelemetrySilent)];
+        let decided = [unanswered.clone()];
+        assert_eq!(rollback_reasons(&decided, &question), [unanswered, drifts.clone()]);
+        assert_eq!(rollback_reasons(&decided, &[of(Finding::TelemetrySilent)]), decided);
+        let worse = [of(Finding::RateWorse { rate: Rate::Retry })];
+        assert_eq!(rollback_reasons(&worse, &question), worse, "it does not rest on the question");
     }
 
     #[test]

@@ -21,7 +21,8 @@ impl RulesVersion {
     ///    pairs; content with a measured verdict gets it again; spent tries wait for a person's review.
     /// 4. A third of the pairs is live-like, and decides by itself, too; the shift test of shadow compares with the others.
     /// 5. A try whose pairs leave the margin open has a second look at more pairs; both share its level.
-    pub const CURRENT: Self = Self(5);
+    /// 6. A rate rolls a version back for good only where the rollback target does better in forks of the same live tasks.
+    pub const CURRENT: Self = Self(6);
 }
 
 impl Default for RulesVersion {

@@ -31,11 +31,12 @@ crate::closed_set! {
 }
 
 crate::closed_set! {
-    /// Why the rollback target did not work the scene of a live event. No difference is shown, and the version is demoted.
+    /// Why the rollback target did not work the scene of a live event, or the tasks of a rate that decided. No difference is
+    /// shown, and the version is demoted.
     UncomparedReason, "reason without a comparison", {
         /// The live cell exports no state, so a live task has no fork.
         NoExport = "no-export",
-        /// The state at the start of the task was not kept.
+        /// No state at the start of a task was kept.
         NoStart = "no-start",
         /// The record of the task names no event to look for.
         NoEvent = "no-event",

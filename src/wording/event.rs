@@ -7,7 +7,7 @@ use std::fmt::Write as _;
 use crate::condition::conditions_of_use;
 use crate::harm::harm_past;
 use crate::past_limit::{after_event, past_limit};
-use crate::twin::uncompared;
+use crate::twin::{rate_tallies, uncompared};
 use crate::{counted, failure_cause, notice, notice_sentence, version_diff};
 use holdpoint_governance::outcome::StageOutcome;
 use holdpoint_governance::profile::titled;
@@ -222,9 +222,12 @@ fn text(kind: &EventKind) -> String {
             let after =
                 |ms: &Option<u64>| ms.map_or_else(|| "never".to_owned(), |ms| format!("after {ms} ms"));
             let restored = restored.as_ref().map_or_else(|| "no version".to_owned(), ToString::to_string);
+            let compared = record.rates.as_ref().map_or_else(String::new, |rates| {
+                format!("; in the same tasks {}", rate_tallies(&rates.tallies(), "the rollback target"))
+            });
             let unproven = record.uncompared.map_or_else(String::new, |why| format!("; {}", uncompared(why)));
             format!(
-                "rollback {version} -> {restored}: {}{}; safe {}, restored {}, {}{unproven}",
+                "rollback {version} -> {restored}: {}{}; safe {}, restored {}, {}{compared}{unproven}",
                 notice(trigger),
                 after_event(record.trigger.measured.as_ref()),
                 after(time_to_safe_ms),
@@ -440,6 +443,12 @@ mod tests {
             sentence(&Event { seq: 1, at_ms: 0, kind }, LINE_WIDTH_MAX).as_str().to_owned()
         };
         assert!(told("").ends_with("restored after 200 ms, recovered"), "{}", told(""));
+        let rates = r#","rates":{"alpha":0.05,"rates":[{"rate":"failure","tasks":[
+            {"seed":1,"version":true,"target":true},{"seed":2,"version":true,"target":false}],
+            "version_alone":1,"target_alone":0,"p":0.5}]}"#;
+        let line = told(rates);
+        let tally = "; in the same tasks failure in 2 of 2 tasks, the rollback target in 1";
+        assert!(line.ends_with(tally), "{line}");
         for why in UncomparedReason::ALL {
             let line = told(&format!(r#","uncompared":"{why}""#));
             assert!(line.ends_with(&format!("recovered; {}", uncompared(why))), "{line}");

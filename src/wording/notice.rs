@@ -19,6 +19,7 @@ use crate::clock::clock_mismatch;
 use crate::count::{counted, is_or_are};
 use crate::past_limit::{after_event, measured, past_limit, sequence_of_engine};
 use crate::policy_hit::policy_hit;
+use crate::twin::rate_tallies;
 
 /// What is stated, as one sentence without a full stop. A record of an older build has its sentence, which stays as it is.
 #[must_use]
@@ -220,6 +221,10 @@ pub fn notice_sentence(of: &Notice) -> String {
                 shared.event.name()
             )
         }
+        N::SharedRates { version, with, rates } => format!(
+            "no difference of {with} from {version} is shown in the same tasks: {}",
+            rate_tallies(rates, &version.to_string())
+        ),
         N::OutsideDomain { version, missed, run_by } => {
             let missed: Vec<String> = missed.iter().map(ToString::to_string).collect();
             let effect = match run_by {

@@ -1,6 +1,7 @@
 //! Sentences about a twin or a fork that does not continue from the state of the live cell, or that is missing.
 
 use holdpoint_governance::cell_ability::CellAbility;
+use holdpoint_governance::monitor::RateTally;
 use holdpoint_governance::shared_event::UncomparedReason;
 
 /// How far the twins began from the observed state: joints in rad, the finger pads and the object in m.
@@ -28,7 +29,7 @@ pub(crate) const fn uncompared(reason: UncomparedReason) -> &'static str {
             "no difference from the rollback target is shown, because the live cell cannot export its state"
         }
         UncomparedReason::NoStart => {
-            "no difference from the rollback target is shown, because no state at the start of the task was kept"
+            "no difference from the rollback target is shown, because no state at the start of a task was kept"
         }
         UncomparedReason::NoEvent => {
             "no difference from the rollback target is shown, because the task's record names no safety event"
@@ -43,6 +44,14 @@ pub(crate) const fn uncompared(reason: UncomparedReason) -> &'static str {
             "no difference from the rollback target is shown, because the engine ended before the comparison"
         }
     }
+}
+
+/// In how many of the same tasks a version and its rollback target were bad, rate by rate.
+pub(crate) fn rate_tallies(rates: &[RateTally], target: &str) -> String {
+    let tally = |of: &RateTally| {
+        format!("{} in {} of {} tasks, {target} in {}", of.rate, of.version, of.tasks, of.target)
+    };
+    rates.iter().map(tally).collect::<Vec<_>>().join("; ")
 }
 
 const fn ability(of: CellAbility) -> &'static str {

@@ -105,10 +105,18 @@ fn sequence(index: u64, at_ms: u64) -> (u64, EventKind) {
 
 fn rolled_back(at_ms: u64) -> (u64, EventKind) {
     let text = NoticeOrText::Text("force above the envelope for 40 ms".to_owned());
+    let trigger = Trigger {
+        kind: TriggerKind::SafetyEvent,
+        event: None,
+        rates: Vec::new(),
+        text,
+        tick: 204_240,
+        measured: None,
+    };
     let record = RollbackRecord {
         candidate: id(NEW),
         predecessor: Some(id(OLD)),
-        trigger: Trigger { kind: TriggerKind::SafetyEvent, event: None, text, tick: 204_240, measured: None },
+        trigger,
         in_flight: true,
         time_to_safe_ticks: Some(29),
         time_to_safe_ms: Some(120),
@@ -120,6 +128,7 @@ fn rolled_back(at_ms: u64) -> (u64, EventKind) {
         recovered: Some(true),
         resumed_tasks: 2,
         shared: None,
+        rates: None,
         uncompared: None,
     };
     at(

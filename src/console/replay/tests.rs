@@ -495,7 +495,8 @@ fn rolled_back(by: TriggerKind, violation: bool) -> ReplayModel {
         failure: None,
     };
     let text: NoticeOrText = Notice::StageBegins.into();
-    let trigger = Trigger { kind: by, event: None, text: text.clone(), tick: 12_000, measured: None };
+    let (rates, told) = (Vec::new(), text.clone());
+    let trigger = Trigger { kind: by, event: None, rates, text: told, tick: 12_000, measured: None };
     let record = RollbackRecord {
         post_status: PostStatus::RolledBack,
         ..RollbackRecord::triggered(version.clone(), trigger)

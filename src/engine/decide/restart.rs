@@ -15,10 +15,10 @@ use holdpoint_governance::decision::{Decision, Reason};
 use holdpoint_governance::gate::GateOutcome;
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::lifecycle::{DeactivationKind, LifecycleEvent, Stage, State};
-use holdpoint_governance::monitor::MonitorOutcome;
+use holdpoint_governance::monitor::{MonitorOutcome, deciding_rates};
 use holdpoint_governance::notice::{AdmissionRefusal, Notice};
 use holdpoint_governance::record::{AuditRecord, RecordKind};
-use holdpoint_governance::rollback::{TriggerKind, deactivation_for};
+use holdpoint_governance::rollback::{Trigger, TriggerKind, deactivation_for};
 use holdpoint_protocol::event::EventKind;
 use holdpoint_record::context::Context;
 use holdpoint_record::evidence_binding::not_admitted;
@@ -108,7 +108,7 @@ fn decided_rollback(
 }
 
 /// Finishes a rollback that an earlier engine decided or began. Only a decision on record ends a version for good: what else
-/// began the rollback is unknown.
+/// began the rollback is unknown. The tasks in which a rate is compared ended with that engine.
 fn continue_rollback(
     live: &mut LiveMonitoring<'_>,
     version: &CapabilityId,
@@ -121,7 +121,10 @@ fn continue_rollback(
         Some(reasons) => {
             trigger(live.record, TriggerKind::of(reasons, false), Notice::decided(reasons.first()))
         }
-        None => trigger(live.record, TriggerKind::Restart, Notice::RollbackInterrupted),
+        None => Trigger {
+            rates: decided.map(deciding_rates).unwrap_or_default(),
+            ..trigger(live.record, TriggerKind::Restart, Notice::RollbackInterrupted)
+        },
     };
     live.deactivate(version, trigger, None, leave)
 }

@@ -90,7 +90,8 @@ mod tests {
     }
 
     fn rolled_back(version: &CapabilityId, kind: TriggerKind, recovered: Option<bool>) -> EventKind {
-        let trigger = Trigger { kind, event: None, text: NoticeOrText::default(), tick: 0, measured: None };
+        let text = NoticeOrText::default();
+        let trigger = Trigger { kind, event: None, rates: Vec::new(), text, tick: 0, measured: None };
         let record = RollbackRecord {
             post_status: PostStatus::RolledBack,
             recovered,

@@ -13,6 +13,7 @@ mod counted_try;
 mod early_hold;
 pub(crate) mod ladder;
 pub(crate) mod live_harm;
+mod live_task_output;
 pub mod monitoring;
 pub(crate) mod omitted_stage;
 pub(crate) mod re_evaluation;

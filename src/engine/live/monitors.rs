@@ -1,6 +1,10 @@
-//! The monitors of active versions: one per activation.
+//! The monitors of active versions: one per activation, and the newest live tasks that each was fed.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, VecDeque};
+use std::sync::Arc;
+
+use holdpoint_body::TaskKind;
+use holdpoint_cell::CellCopy;
 
 use holdpoint_governance::ablation::AblationPart;
 use holdpoint_governance::decision::{Reason, ReasonCode};
@@ -105,47 +109,88 @@ impl ActivationMonitor {
     }
 }
 
+/// A live task that a monitor was fed, to the end and without a person's intervention.
+pub(crate) struct MonitoredTask {
+    /// The world where it began; absent where it was not kept.
+    pub(crate) start: Option<Arc<CellCopy>>,
+    pub(crate) task: TaskKind,
+    pub(crate) seed: u64,
+    pub(crate) values: EpisodeValues,
+    /// The version ran under a tighter envelope.
+    pub(crate) tightened: bool,
+}
+
+/// A monitor that was removed, and the tasks it was fed.
+pub(crate) struct EndedMonitor {
+    pub(crate) watched: ActivationMonitor,
+    /// The oldest first.
+    pub(crate) tasks: VecDeque<MonitoredTask>,
+}
+
 /// The monitors by family, at most one per family.
-#[derive(Clone, Default)]
-pub struct Monitors(BTreeMap<Family, ActivationMonitor>);
+#[derive(Default)]
+pub struct Monitors {
+    by_family: BTreeMap<Family, ActivationMonitor>,
+    /// The newest tasks of each. They end with the monitor, and no sequence gets a copy.
+    tasks: BTreeMap<Family, VecDeque<MonitoredTask>>,
+}
 
 impl Monitors {
     /// The monitor of a version.
     #[must_use]
     pub fn of(&self, id: &CapabilityId) -> Option<&ActivationMonitor> {
-        self.0.get(&id.family).filter(|watched| watched.id == *id)
+        self.by_family.get(&id.family).filter(|watched| watched.id == *id)
     }
 
     /// The monitor of a version, to change.
     pub fn of_mut(&mut self, id: &CapabilityId) -> Option<&mut ActivationMonitor> {
-        self.0.get_mut(&id.family).filter(|watched| watched.id == *id)
+        self.by_family.get_mut(&id.family).filter(|watched| watched.id == *id)
     }
 
     /// Monitors a version, in place of an earlier one of its family.
     pub fn insert(&mut self, watched: ActivationMonitor) {
-        self.0.insert(watched.id.family.clone(), watched);
+        self.tasks.remove(&watched.id.family);
+        self.by_family.insert(watched.id.family.clone(), watched);
     }
 
     /// Removes the monitor of a family.
-    pub fn remove(&mut self, family: &Family) {
-        self.0.remove(family);
+    pub(crate) fn remove(&mut self, family: &Family) -> Option<EndedMonitor> {
+        let tasks = self.tasks.remove(family).unwrap_or_default();
+        self.by_family.remove(family).map(|watched| EndedMonitor { watched, tasks })
+    }
+
+    /// Keeps a task that the monitor of a version was fed, and the newest `most` tasks in all.
+    pub(crate) fn keep_task(&mut self, id: &CapabilityId, task: MonitoredTask, most: usize) {
+        if self.of(id).is_none() {
+            return;
+        }
+        let kept = self.tasks.entry(id.family.clone()).or_default();
+        kept.push_back(task);
+        while kept.len() > most {
+            kept.pop_front();
+        }
+    }
+
+    /// The monitors for one sequence, without their tasks.
+    pub(crate) fn for_sequence(&self) -> Self {
+        Self { by_family: self.by_family.clone(), tasks: BTreeMap::new() }
     }
 
     /// Every monitor, in order of family.
     pub fn iter(&self) -> impl Iterator<Item = &ActivationMonitor> {
-        self.0.values()
+        self.by_family.values()
     }
 
     /// Every monitor, to change.
     pub fn iter_mut(&mut self) -> impl Iterator<Item = &mut ActivationMonitor> {
-        self.0.values_mut()
+        self.by_family.values_mut()
     }
 
     /// Restores monitors after a sequence. A version that was rolled back or replaced meanwhile keeps none; an escalation raised
     /// meanwhile stays the same escalation.
     pub(crate) fn take_back(&mut self, others: Self) {
-        for (family, watched) in others.0 {
-            if let Some(own) = self.0.get_mut(&family).filter(|own| own.id == watched.id) {
+        for (family, watched) in others.by_family {
+            if let Some(own) = self.by_family.get_mut(&family).filter(|own| own.id == watched.id) {
                 let (reason, question) = (own.escalation_reason, std::mem::take(&mut own.question));
                 *own = watched;
                 own.escalation_reason = own.escalation_reason.or(reason);
@@ -159,7 +204,7 @@ impl Monitors {
     /// Live tasks of a family's version in its window; absent if none is open.
     #[must_use]
     pub fn window(&self, family: &Family) -> Option<u32> {
-        self.0.get(family).filter(|watched| !watched.confirmed).map(|watched| watched.episodes)
+        self.by_family.get(family).filter(|watched| !watched.confirmed).map(|watched| watched.episodes)
     }
 
     /// Whether a version has an open escalation.

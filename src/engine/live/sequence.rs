@@ -223,7 +223,7 @@ pub(crate) fn begin(
     let spare = context.terms();
     let link_up = cell.link_is_up();
     // The engine's own copy is read meanwhile and never changed.
-    let supervisor = SequenceSupervisor::new(monitors.clone(), clock.clone(), link_up);
+    let supervisor = SequenceSupervisor::new(monitors.for_sequence(), clock.clone(), link_up);
     let running = cell
         .start_sequence()
         .ok_or_else(|| EngineFault::Impossible("the live world is at work already".to_owned()))?;

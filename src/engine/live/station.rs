@@ -136,7 +136,7 @@ pub(crate) struct RunningSequence {
 pub(crate) struct TaskStart {
     pub(crate) id: CapabilityId,
     pub(crate) task: TaskKind,
-    pub(crate) world: CellCopy,
+    pub(crate) world: Arc<CellCopy>,
 }
 
 impl LiveStation {
@@ -329,7 +329,7 @@ impl RunningSequence {
                 && let Some(id) = &at_work
                 && let Ok(world) = world.copy()
             {
-                self.starts.push(TaskStart { id: id.clone(), task, world });
+                self.starts.push(TaskStart { id: id.clone(), task, world: Arc::new(world) });
             }
             // The version in place of the active one, where the evidence of that one does not cover the start.
             let mut in_place: Option<&Capability> = None;

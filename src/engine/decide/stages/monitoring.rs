@@ -1,5 +1,7 @@
 //! Stage 6: the live world under watch. Every activation has a monitor before its first tick.
 
+use std::sync::Arc;
+
 use holdpoint_governance::alarms::AlarmKey;
 use holdpoint_governance::condition::Condition;
 use holdpoint_governance::decision::{Reason, ReasonCode};
@@ -7,17 +9,16 @@ use holdpoint_governance::distribution_shift::{is_live_look_due, live_shifts, li
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::lifecycle::{DeactivationKind, LifecycleEvent, State};
 use holdpoint_governance::live_harm::TaskHarm;
-use holdpoint_governance::monitor::{MonitorAction, MonitorDecision, roll_back, safety_trip};
+use holdpoint_governance::monitor::{MonitorAction, MonitorDecision, deciding_rates, roll_back, safety_trip};
 use holdpoint_governance::notice::Notice;
 use holdpoint_governance::record::{RecordKind, UpgradeEnd};
-use holdpoint_governance::rollback::{Trigger, TriggerKind, deactivation_for};
+use holdpoint_governance::rollback::{Trigger, TriggerKind, deactivation_for, rollback_reasons};
 use holdpoint_protocol::event::{EventKind, TaskSummary};
-use holdpoint_runtime::agent::dispatcher::DispatchedTask;
 use holdpoint_runtime::task::TaskRecord;
-use holdpoint_store::Batch;
 
 use super::ladder::raise_rolled_back;
 use super::live_harm::LiveHarmWatch;
+use super::live_task_output::{keep_telemetry, summary};
 use super::resume::{self, Resumption};
 use super::rollback::{LiveScene, Rollback};
 use crate::decide::health::CellHealth;
@@ -25,7 +26,7 @@ use crate::decide::recorder::EngineRecorder;
 use crate::fault::EngineFault;
 use crate::live::LiveWorld;
 use crate::live::listener::NoListener;
-use crate::live::monitors::{self, Monitors};
+use crate::live::monitors::{self, MonitoredTask, Monitors};
 use crate::live::painter::{Painter, SequencePainter};
 use crate::live::sequence::{self, FinishedSequence, StartedSequence, StoppedTask};
 use crate::live::shadow::Shadow;
@@ -33,7 +34,7 @@ use crate::live::station::{SequenceReport, TaskStart};
 use crate::live::supervisor::Trip;
 use holdpoint_record::context::Context;
 use holdpoint_record::evidence_file::EvidenceFiles;
-use holdpoint_record::live_task_record::{LIVE, LiveTaskMarks, LiveTaskRecord, UNWATCHED};
+use holdpoint_record::live_task_record::{LiveTaskMarks, LiveTaskRecord};
 use holdpoint_record::version_concern::VersionConcern;
 use holdpoint_record::version_table::TransitionNote;
 use holdpoint_runtime::safety_event::safety_events;
@@ -222,8 +223,8 @@ impl LiveMonitoring<'_> {
         Ok(self.monitors.of(id).is_some() || lifecycle.predecessor.is_some())
     }
 
-    /// Feeds one live task to the monitor of its version. A confirmed version that an engine found at its start has none:
-    /// its safety events count all the same.
+    /// Feeds one live task to the monitor of its version, and keeps it beside the monitor. A confirmed version that an
+    /// engine found at its start has none: its safety events count all the same.
     fn watch(
         &mut self,
         id: &CapabilityId,
@@ -232,6 +233,11 @@ impl LiveMonitoring<'_> {
         scene: Option<LiveScene<'_>>,
     ) -> Result<(), EngineFault> {
         let now_tick = self.record.now_tick();
+        if let Some(values) = record.values().filter(|values| !values.intervention) {
+            let start = scene.map(|scene| Arc::clone(scene.start));
+            let task = MonitoredTask { start, task: record.task, seed: record.seed, values, tightened };
+            self.monitors.keep_task(id, task, self.context.profile.monitor.paired_tasks_max());
+        }
         let Some(watched) = self.monitors.of_mut(id) else {
             return match safety_events(record).first() {
                 Some(event) if self.is_active(id)? && self.is_replaceable(id)? => {
@@ -328,6 +334,7 @@ impl LiveMonitoring<'_> {
     ) -> Result<(), EngineFault> {
         let mut silent = false;
         let mut is_new_question = false;
+        let mut question = Vec::new();
         if let Some(watched) = self.monitors.of_mut(id) {
             if watched.escalation_reason.is_none() && decision.action != MonitorAction::Continue {
                 watched.escalation_reason = decision.reasons.first().map(|reason| reason.code);
@@ -339,6 +346,7 @@ impl LiveMonitoring<'_> {
                 is_new_question = watched.restricted;
             }
             silent = watched.escalation_reason == Some(ReasonCode::MonitorTelemetryMissing);
+            question.clone_from(&watched.question);
         }
         match decision.action {
             MonitorAction::Continue => maybe_confirm(self.record, self.evidence_files, self.monitors, id),
@@ -348,19 +356,21 @@ impl LiveMonitoring<'_> {
             }
             MonitorAction::Escalate => escalated(self.context, self.record, id, decision),
             MonitorAction::Rollback => {
-                tell_monitor(self.record, id, decision.action, &decision.reasons)?;
-                self.evidence_files.edit(id).reasons.clone_from(&decision.reasons);
-                let kind = TriggerKind::of(&decision.reasons, silent);
+                let reasons = rollback_reasons(&decision.reasons, &question);
+                tell_monitor(self.record, id, decision.action, &reasons)?;
+                self.evidence_files.edit(id).reasons.clone_from(&reasons);
+                let kind = TriggerKind::of(&reasons, silent);
                 let event = trip.and_then(|trip| trip.event);
                 let scene_of_event = scene.filter(|_| kind.needs_difference());
                 let trigger = Trigger {
                     kind,
                     event,
-                    text: Notice::decided(decision.reasons.first()).into(),
+                    rates: if kind.needs_difference() { Vec::new() } else { deciding_rates(&reasons) },
+                    text: Notice::decided(reasons.first()).into(),
                     tick: decision.tick,
                     measured: scene_of_event.map(|scene| scene.task.safety_event(event)),
                 };
-                self.deactivate_after(id, trigger, trip, deactivation_for(&decision.reasons), scene)
+                self.deactivate_after(id, trigger, trip, deactivation_for(&reasons), scene)
             }
         }
     }
@@ -380,8 +390,8 @@ impl LiveMonitoring<'_> {
         self.deactivate_after(id, trigger, trip, leave, None)
     }
 
-    /// The same after a safety event in a live task. Once the arm is safe, the rollback target works a fork of the task.
-    /// Where it has the same event, or cannot work the fork, the version is demoted and not rolled back for good.
+    /// The same after a safety event in a live task, or for rates. Once the arm is safe, the rollback target works a fork
+    /// of the task, or of the kept tasks. Without a difference the version is demoted and not rolled back for good.
     fn deactivate_after(
         &mut self,
         id: &CapabilityId,
@@ -415,38 +425,6 @@ impl LiveMonitoring<'_> {
             }
         }
     }
-}
-
-/// Stores the task of a version in the telemetry file, with its path if the version is monitored. The digest enters the
-/// chain with a later record. Returns the number of its batch.
-fn keep_telemetry(
-    record: &mut EngineRecorder,
-    monitors: &Monitors,
-    id: &CapabilityId,
-    task_record: &LiveTaskRecord<'_>,
-    duration_ms: u64,
-) -> Result<u64, EngineFault> {
-    let (stream, rows, body) = if monitors.of(id).is_some() {
-        (LIVE, task_record.record.path.len().max(1), serde_json::to_vec(task_record)?)
-    } else {
-        let record = TaskRecord { path: Vec::new(), ..task_record.record.clone() };
-        (UNWATCHED, 1, serde_json::to_vec(&LiveTaskRecord { record: &record, marks: task_record.marks })?)
-    };
-    let to_ms = record.now_ms();
-    let batch = Batch {
-        version: id.clone(),
-        stream: stream.to_owned(),
-        from_ms: to_ms.saturating_sub(duration_ms),
-        to_ms,
-        rows: rows as u64,
-        body,
-    };
-    let store = record.version_table().store();
-    let number = store.append_telemetry(&batch)?.batch;
-    if store.telemetry_is_due(to_ms)? {
-        record.write(Vec::new(), Vec::new())?;
-    }
-    Ok(number)
 }
 
 fn escalated(
@@ -579,21 +557,4 @@ pub fn maybe_confirm(
     record.transition(&id.family, LifecycleEvent::Confirm { version }, note)?;
     record.tell(EventKind::Confirmed { version: id.clone(), episodes });
     record.close_audit(id, UpgradeEnd::Confirmed)
-}
-
-/// A task that was cut short has no cause of its own.
-fn summary(dispatched: &DispatchedTask, cut_short: bool) -> TaskSummary {
-    let record = &dispatched.record;
-    TaskSummary {
-        version: dispatched.id.clone(),
-        success: record.success,
-        violation: record.violation,
-        past: None,
-        anomaly: record.anomaly,
-        recovery: record.recovery,
-        retries: record.retries,
-        time_secs: record.time_secs,
-        uncovered: record.starts_outside(),
-        failure: record.failure_cause().filter(|_| !cut_short),
-    }
 }

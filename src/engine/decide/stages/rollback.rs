@@ -4,11 +4,15 @@
 //! Owns the order of the rungs and their record. `live/ladder_motion.rs` moves the arm; the lifecycle decides which
 //! version may take over. Source: paper section 5.2 stage 7; design rule 3.11.
 
-use holdpoint_cell::{CellCopy, CellError};
+use std::sync::Arc;
+
+use holdpoint_body::TaskKind;
+use holdpoint_cell::{CellCopy, CellError, TrialCell};
 use holdpoint_governance::alarms::AlarmKey;
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::lifecycle::{DeactivationKind, LifecycleEvent, State, VersionRef};
-use holdpoint_governance::notice::Notice;
+use holdpoint_governance::monitor::{ForkedPair, Rate, RateComparison, RateTally};
+use holdpoint_governance::notice::{Notice, NoticeOrText};
 use holdpoint_governance::rollback::{
     PostStatus, RollbackRecord, Rung, RungFailure, RungRecord, Trigger, TriggerKind, ticks_to_ms,
 };
@@ -27,28 +31,53 @@ use crate::fault::EngineFault;
 use crate::live::LiveWorld;
 use crate::live::forked_task::ForkedTask;
 use crate::live::ladder_motion::LadderMotion;
-use crate::live::monitors::{ActivationMonitor, Monitors, terms_of};
+use crate::live::monitors::{ActivationMonitor, EndedMonitor, Monitors, terms_of};
 use crate::live::painter::LadderPainter;
 use crate::live::station::Rig;
 use crate::live::supervisor::Trip;
 use holdpoint_record::context::Context;
-use holdpoint_record::evidence_binding::not_admitted;
+use holdpoint_record::evidence_binding::{measured_terms_of, not_admitted};
 use holdpoint_record::evidence_file::EvidenceFiles;
 use holdpoint_record::version_table::{TransitionNote, VersionTableError};
 use holdpoint_runtime::safety_event::stopping_events;
+use holdpoint_runtime::task::TaskRecord;
 use holdpoint_trials::cell_frame;
 use holdpoint_trials::past_limit::{MeasuredTask, past_limit};
 
 /// The trigger of a rollback that begins now.
 pub(crate) fn trigger(record: &EngineRecorder, kind: TriggerKind, text: Notice) -> Trigger {
-    Trigger { kind, event: None, text: text.into(), tick: record.now_tick(), measured: None }
+    let (rates, text) = (Vec::new(), text.into());
+    Trigger { kind, event: None, rates, text, tick: record.now_tick(), measured: None }
 }
 
 /// A live task and the world where it began.
 #[derive(Clone, Copy)]
 pub(crate) struct LiveScene<'a> {
-    pub(crate) start: &'a CellCopy,
+    pub(crate) start: &'a Arc<CellCopy>,
     pub(crate) task: MeasuredTask<'a>,
+}
+
+/// What shows no difference between the version and its rollback target, and whether the target may do the same now.
+fn shown_same(record: &RollbackRecord, target: &CapabilityId) -> Option<(Notice, bool)> {
+    let (version, with) = (target.clone(), record.candidate.clone());
+    if let Some(shared) = record.shared {
+        return Some((Notice::SharedEvent { version, with, shared }, true));
+    }
+    let rates = record.rates.as_ref().filter(|rates| !rates.differs())?.tallies();
+    let is_shared = rates.iter().any(RateTally::is_shared);
+    Some((Notice::SharedRates { version, with, rates }, is_shared))
+}
+
+/// Has a version work a task in this fork, from its start. Returns the world for the next fork.
+fn work_fork(
+    mut fork: Box<dyn TrialCell>,
+    start: &CellCopy,
+    (target, terms): (&Capability, &SkillTerms),
+    (task, seed): (TaskKind, u64),
+) -> Result<(Box<dyn TrialCell>, TaskRecord), UncomparedReason> {
+    fork.go_on_from(start).map_err(|_| UncomparedReason::NoFork)?;
+    let worked = ForkedTask::new(fork, target, terms, task, seed).run(&mut |_, _| {});
+    worked.filter(|(_, worked)| !worked.invalid).ok_or(UncomparedReason::InvalidFork)
 }
 
 /// Rolls versions back: moves the arm, activates the rollback target and ends the drift monitor.
@@ -88,7 +117,7 @@ impl Rollback<'_> {
             RollbackRecord { in_flight: trip.is_some(), ..RollbackRecord::triggered(id.clone(), trigger) };
         rung(self.record, &mut record, Rung::RevokeAuthority, None, Notice::NoMoreCommands);
         let motion = self.bring_to_rest(id, trip, &mut record)?;
-        self.monitors.remove(&id.family);
+        let ended = self.monitors.remove(&id.family).filter(|ended| ended.watched.id == *id);
         if !motion.continues() {
             return self.safe_stop(id, version, record).map(|()| None);
         }
@@ -118,30 +147,32 @@ impl Rollback<'_> {
             rung(self.record, &mut record, Rung::ReadyPredecessor, failed, notice);
             return self.safe_stop(id, version, record).map(|()| None);
         };
-        if record.trigger.kind.needs_difference() {
-            // The scene ended with the engine that began the rollback.
-            let compared = if is_continued {
+        // The scene of the event, or the tasks of the rates, ended with the engine that decided.
+        let is_interrupted = is_continued || record.trigger.kind == TriggerKind::Restart;
+        let compared = if record.trigger.kind.needs_difference() {
+            if is_continued {
                 Err(UncomparedReason::Interrupted)
             } else {
-                self.shared_event(scene, &record.trigger, &predecessor)
-            };
-            match compared {
-                Ok(shared) => record.shared = shared,
-                Err(why) => record.uncompared = Some(why),
+                self.shared_event(scene, &record.trigger, &predecessor).map(|shared| record.shared = shared)
             }
-        }
-        let is_unproven = record.shared.is_some() || record.uncompared.is_some();
-        let leave = if is_unproven { DeactivationKind::Demoted } else { leave };
+        } else if record.trigger.rates.is_empty() {
+            Ok(())
+        } else if is_interrupted {
+            Err(UncomparedReason::Interrupted)
+        } else {
+            self.rate_comparison(ended.as_ref(), &record.trigger.rates, &predecessor)
+                .map(|rates| record.rates = Some(rates))
+        };
+        record.uncompared = compared.err();
+        let leave = if record.is_unproven() { DeactivationKind::Demoted } else { leave };
         record.post_status = leave.into();
         record.predecessor = Some(predecessor.id());
         record.time_to_restored_ticks = Some(restored_ticks);
         record.time_to_restored_ms = Some(ticks_to_ms(restored_ticks));
-        let because = match record.shared {
-            Some(shared) => {
-                Notice::SharedEvent { version: predecessor.id(), with: id.clone(), shared }.into()
-            }
-            None => record.trigger.text.clone(),
-        };
+        let same = shown_same(&record, &predecessor.id());
+        let because = same
+            .as_ref()
+            .map_or_else(|| record.trigger.text.clone(), |(notice, _)| NoticeOrText::from(notice.clone()));
         let note = TransitionNote {
             cause: Some(ActiveCause::Restore),
             before: vec![evidence(&record)?],
@@ -162,8 +193,8 @@ impl Rollback<'_> {
             }
             Err(fault) => return Err(fault),
         }
-        if let Some(shared) = record.shared {
-            shared_stops::alarm(self.context, self.record, &predecessor.id(), id, shared);
+        if let Some((notice, true)) = same {
+            shared_stops::alarm(self.context, self.record, &predecessor.id(), notice);
         }
         Ok(Some(Resumption::new(predecessor.id(), record, self.record.now_ms())))
     }
@@ -179,18 +210,12 @@ impl Rollback<'_> {
         trigger: &Trigger,
         target: &Capability,
     ) -> Result<Option<SharedEvent>, UncomparedReason> {
-        let Some(scene) = scene else {
-            let exports = self.context.cell.spec.abilities.export_state;
-            return Err(if exports { UncomparedReason::NoStart } else { UncomparedReason::NoExport });
-        };
+        let scene = scene.ok_or_else(|| self.no_start())?;
         let events = stopping_events(scene.task.record, &self.context.profile);
         let event = trigger.event.or_else(|| events.first().copied()).ok_or(UncomparedReason::NoEvent)?;
-        let mut fork = self.context.cell.trial().map_err(|_| UncomparedReason::NoFork)?;
-        fork.go_on_from(scene.start).map_err(|_| UncomparedReason::NoFork)?;
         let (task, seed) = (scene.task.record.task, scene.task.record.seed);
-        let forked = ForkedTask::new(fork, target, &self.terms(target), task, seed);
-        let worked = forked.run(&mut |_, _| {}).map(|(_, worked)| worked).filter(|worked| !worked.invalid);
-        let worked = worked.ok_or(UncomparedReason::InvalidFork)?;
+        let by = (target, &self.terms(target));
+        let (_, worked) = work_fork(self.new_fork()?, scene.start, by, (task, seed))?;
         let of_target = stopping_events(&worked, &self.context.profile);
         if !events.iter().chain([&event]).all(|event| of_target.contains(event)) {
             return Ok(None);
@@ -198,6 +223,55 @@ impl Rollback<'_> {
         let event = StoppingEvent::Safety(event);
         let past = past_limit(event, &worked, &self.context.profile);
         Ok(Some(SharedEvent { scene: SceneKind::Live, seed, event, past }))
+    }
+
+    /// Has the rollback target work forks of the tasks that the version's monitor was fed, each under an envelope as
+    /// tight as the version's, and compares both in the rates that decided.
+    ///
+    /// # Errors
+    /// If no task has a start, or the target could not work one of them: then no difference is shown.
+    fn rate_comparison(
+        &self,
+        ended: Option<&EndedMonitor>,
+        rates: &[Rate],
+        target: &Capability,
+    ) -> Result<RateComparison, UncomparedReason> {
+        let ended = ended.ok_or_else(|| self.no_start())?;
+        let settings = &self.context.profile.monitor;
+        let measured = measured_terms_of(self.context, self.evidence_files, target);
+        let tight = measured.clone().tightened(settings.restrict_factor);
+        let mut fork = self.new_fork()?;
+        let mut pairs = Vec::new();
+        for kept in &ended.tasks {
+            let Some(start) = &kept.start else { continue };
+            let by = (target, if kept.tightened { &tight } else { &measured });
+            let (world, worked) = work_fork(fork, start, by, (kept.task, kept.seed))?;
+            fork = world;
+            let of_target = worked.values().ok_or(UncomparedReason::InvalidFork)?;
+            pairs.push(ForkedPair {
+                seed: kept.seed,
+                version: kept.values,
+                target: of_target,
+                tightened: kept.tightened,
+            });
+        }
+        if pairs.is_empty() {
+            return Err(self.no_start());
+        }
+        Ok(ended.watched.monitor.rate_comparison(rates, &pairs, settings.paired_alpha))
+    }
+
+    /// Why no state at the start of a live task was kept.
+    fn no_start(&self) -> UncomparedReason {
+        if self.context.cell.spec.abilities.export_state {
+            UncomparedReason::NoStart
+        } else {
+            UncomparedReason::NoExport
+        }
+    }
+
+    fn new_fork(&self) -> Result<Box<dyn TrialCell>, UncomparedReason> {
+        self.context.cell.trial().map_err(|_| UncomparedReason::NoFork)
     }
 
     /// Runs the rungs that move the arm. A failed body is not at standstill.

@@ -3,7 +3,6 @@
 use holdpoint_governance::alarms::AlarmKey;
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::notice::Notice;
-use holdpoint_governance::shared_event::SharedEvent;
 use holdpoint_trials::scene_stops::SceneStops;
 
 use crate::decide::recorder::EngineRecorder;
@@ -32,18 +31,12 @@ pub(crate) fn alarm_since(
     known: usize,
 ) {
     for shared in stops.shared.iter().skip(known) {
-        alarm(context, record, active, candidate, *shared);
+        let (version, with) = (active.clone(), candidate.clone());
+        alarm(context, record, active, Notice::SharedEvent { version, with, shared: *shared });
     }
 }
 
-/// Raises the alarm that an active version has the same event as another.
-pub(crate) fn alarm(
-    context: &Context,
-    record: &mut EngineRecorder,
-    version: &CapabilityId,
-    with: &CapabilityId,
-    shared: SharedEvent,
-) {
-    let notice = Notice::SharedEvent { version: version.clone(), with: with.clone(), shared };
+/// Raises the alarm that an active version may do what another one was stopped or rolled back for.
+pub(crate) fn alarm(context: &Context, record: &mut EngineRecorder, version: &CapabilityId, notice: Notice) {
     record.raise(AlarmKey::SharedEvent(version.clone()), context.profile.alarms.violation, true, notice);
 }

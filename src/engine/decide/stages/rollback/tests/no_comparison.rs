@@ -10,7 +10,7 @@ const FORCE: Option<SafetyEvent> = Some(SafetyEvent::ForceLimit);
 /// What the rollback finds for an event of a grasp in these cells, with the state at the task's start, if one was kept.
 fn compared(
     factory: StubFactory,
-    start: Option<&CellCopy>,
+    start: Option<&Arc<CellCopy>>,
     event: Option<SafetyEvent>,
 ) -> Result<Option<SharedEvent>, UncomparedReason> {
     let profile = Profile::builtin(ProfileName::Sim).unwrap();
@@ -43,12 +43,12 @@ fn a_cell_without_export_gives_no_comparison() {
 #[test]
 fn a_fork_compares_only_from_a_state_that_its_cell_takes() {
     let cell = StubFactory::exporting().into_cell();
-    let copy = cell.live_cell().unwrap().copy().unwrap();
+    let copy = Arc::new(cell.live_cell().unwrap().copy().unwrap());
     // The arm of the fork never moves, so the target has no force.
     assert_eq!(compared(StubFactory::exporting(), Some(&copy), FORCE), Ok(None));
     // Neither the trigger nor the record of the task names an event to look for.
     assert_eq!(compared(StubFactory::exporting(), Some(&copy), None), Err(UncomparedReason::NoEvent));
-    let of_another = CellCopy::in_memory(0, ());
+    let of_another = Arc::new(CellCopy::in_memory(0, ()));
     assert_eq!(compared(StubFactory::exporting(), Some(&of_another), FORCE), Err(UncomparedReason::NoFork));
 }
 
