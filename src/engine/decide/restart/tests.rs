@@ -125,11 +125,13 @@ fn decided(
 #[test]
 fn decided_rollback_that_had_not_begun_is_carried_out_before_any_task() {
     let event = safety_trip(SafetyEvent::Danger, 0);
-    let worse = |rate| roll_back(vec![Reason::new(Dimension::Monitor, Finding::RateWorse { rate })], 0);
+    let found = |finding| roll_back(vec![Reason::new(Dimension::Monitor, finding)], 0);
+    let worse = |rate| found(Finding::RateWorse { rate });
     for (decision, by_harm, state) in [
         (&event, false, State::Demoted),
         (&event, true, State::Demoted),
-        (&worse(Rate::Failure), false, State::RolledBack),
+        (&worse(Rate::Failure), false, State::Demoted),
+        (&found(Finding::EscalationUnanswered), false, State::RolledBack),
         (&worse(Rate::Intervention), false, State::Demoted),
     ] {
         let (bench, id) = RollbackBench::with_active("align-improved");

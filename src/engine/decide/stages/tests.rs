@@ -5,6 +5,7 @@ mod behavior_shift;
 mod cache_edits;
 mod cell_faults;
 mod checkpoints;
+mod compared_rates;
 mod health_series;
 mod live_harm;
 mod named_sensors;

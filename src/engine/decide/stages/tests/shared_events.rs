@@ -40,7 +40,7 @@ fn confirm(bench: &mut RollbackBench, id: &CapabilityId) {
 }
 
 /// Runs until a version is rolled back.
-fn rollback_of(bench: &mut RollbackBench, id: &CapabilityId) -> RollbackRecord {
+pub(super) fn rollback_of(bench: &mut RollbackBench, id: &CapabilityId) -> RollbackRecord {
     for _ in 0..60 {
         for event in bench.pipeline.drain_events() {
             if let EventKind::RolledBack { version, record, .. } = event
@@ -55,7 +55,7 @@ fn rollback_of(bench: &mut RollbackBench, id: &CapabilityId) -> RollbackRecord {
 }
 
 /// Whether a person can have a version evaluated again.
-fn may_retry(bench: &mut RollbackBench, id: &CapabilityId) -> bool {
+pub(super) fn may_retry(bench: &mut RollbackBench, id: &CapabilityId) -> bool {
     let operation = Operation { version: id.clone(), by: "ann".to_owned(), reason: "again".to_owned() };
     let repeat = Command::Repeat { operation, stage: Stage::Sandbox };
     matches!(bench.pipeline.command(repeat), Reply::Accepted { .. })
@@ -121,11 +121,13 @@ fn interrupted(mut bench: RollbackBench, id: &CapabilityId, by: Option<&MonitorD
 #[test]
 fn interrupted_rollback_is_final_only_for_a_recorded_decision_on_the_conduct() {
     let event = safety_trip(SafetyEvent::ForceLimit, 0);
-    let rate =
-        roll_back(vec![Reason::new(Dimension::Monitor, Finding::RateWorse { rate: Rate::Failure })], 0);
+    let found = |finding| roll_back(vec![Reason::new(Dimension::Monitor, finding)], 0);
+    let rate = found(Finding::RateWorse { rate: Rate::Failure });
+    let silence = found(Finding::EscalationUnanswered);
     for (by, kind, status, uncompared) in [
         (Some(&event), TriggerKind::SafetyEvent, PostStatus::Demoted, Some(UncomparedReason::Interrupted)),
-        (Some(&rate), TriggerKind::Restart, PostStatus::RolledBack, None),
+        (Some(&rate), TriggerKind::Restart, PostStatus::Demoted, Some(UncomparedReason::Interrupted)),
+        (Some(&silence), TriggerKind::Restart, PostStatus::RolledBack, None),
         (None, TriggerKind::Restart, PostStatus::Demoted, None),
     ] {
         let (bench, id) = RollbackBench::resting_with_active("align-improved");
