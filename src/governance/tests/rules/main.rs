@@ -9,6 +9,7 @@
 mod anchored;
 mod approvals;
 mod cell_fault;
+mod compared_rates;
 mod compatibility;
 mod early;
 mod fixture;
