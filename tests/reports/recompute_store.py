@@ -4,8 +4,8 @@
 
 Behavior: the six components, every measure of harm, the live-like pairs by themselves, the comparison with the anchor,
 whole sequences, the level of the try, stress, and the search for the worst place. Recovery: rates, intervals and phases of
-the drills, and how those of rollback and abort are settled. Early ends: whether the rule that is named holds. The rules are
-those of src/guide/design/statistics.md.
+the drills, and how those of rollback and abort are settled. Early ends: whether the rule that is named holds. Rollbacks: the
+rates that decided, compared with the rollback target. The rules are those of src/guide/design/statistics.md.
 
 Prints a line for each piece of evidence, says what differs by more than LIMIT or in a verdict, and ends with 1 if
 anything does. A store without sandbox evidence is an error.
@@ -27,7 +27,7 @@ from scipy import optimize, stats
 
 PROFILES = Path(__file__).resolve().parents[2] / "profiles"
 # The version of the rules that this file knows. Decisions of others cannot be computed again here.
-RULES = 5
+RULES = 6
 # Relative difference beyond which two numbers differ; of numbers below SMALL, that share of SMALL.
 LIMIT, SMALL = 1e-9, 1e-3
 
@@ -835,8 +835,50 @@ def by_kind(rows, kinds):
     return sorted(rows, key=lambda row: kinds.index(row["kind"]) if row["kind"] in kinds else len(kinds))
 
 
+def apply_holm(p_values):
+    """Each p-value corrected for all of them, in their order."""
+    corrected, largest = [0.0] * len(p_values), 0.0
+    for rank, place in enumerate(sorted(range(len(p_values)), key=lambda place: p_values[place])):
+        largest = max(largest, min(1.0, (len(p_values) - rank) * p_values[place]))
+        corrected[place] = largest
+    return corrected
+
+
+def check_rollback(record):
+    """The comparison of the rates that rolled a version back with its rollback target, again from each task."""
+    check, rates = Check(), record["rates"]["rates"]
+    again = []
+    for rate in rates:
+        alone = [sum(task[one] and not task[other] for task in rate["tasks"])
+                 for one, other in (("version", "target"), ("target", "version"))]
+        p = stats.binomtest(alone[0], sum(alone), 0.5, alternative="greater").pvalue if sum(alone) else 1.0
+        again.append({"name": rate["rate"], "version_alone": alone[0], "target_alone": alone[1], "p": float(p)})
+    for rate, p in zip(again, apply_holm([rate["p"] for rate in again])):
+        rate["p"] = p
+    check.same("rates", [{key: rate[key] for key in rate if key != "name"} for rate in again], rates)
+    check.same("rates", [rate["name"] for rate in again], record["trigger"]["rates"])
+    differs = any(rate["p"] <= record["rates"]["alpha"] for rate in again)
+    if record["post_status"] != "safe-stopped":
+        check.same("post_status", "rolled-back" if differs else "demoted", record["post_status"])
+    return check
+
+
+def check_rollbacks(folder, database):
+    """Every rollback for rates of a store. Returns the number of them and what differs."""
+    found = database.execute("SELECT version, json FROM evidence WHERE kind = 'rollback' ORDER BY seq").fetchall()
+    records = [(version, json.loads(text)) for version, text in found]
+    compared = [(version, record) for version, record in records if record.get("rates")]
+    wrong = []
+    for version, record in compared:
+        check = check_rollback(record)
+        what = f"{folder}: {version}, rollback"
+        print(f"{what}: {check.numbers} numbers, largest difference {check.largest:.1e}; {record['post_status']}")
+        wrong.extend(f"{what}: {line}" for line in check.wrong)
+    return len(compared), wrong
+
+
 def check_store(folder, stand_in):
-    """Every piece of sandbox evidence of a store. Returns the number of pieces and what differs."""
+    """Every piece of sandbox evidence of a store, and its rollbacks for rates. Returns their number and what differs."""
     file = folder / "holdpoint.db"
     if not file.exists():
         return 0, [f"{folder}: there is no holdpoint.db"]
@@ -846,8 +888,9 @@ def check_store(folder, stand_in):
     bodies = database.execute("SELECT body FROM audit WHERE kind = 'decision'")
     made_under = [json.loads(body).get("made_under", {}) for (body,) in bodies]
     rules = {under.get("evidence"): under.get("rules", 1) for under in made_under}
+    rollbacks, differing = check_rollbacks(folder, database)
     database.close()
-    numbers, wrong = 0, [] if pieces else [f"{folder}: there is no sandbox evidence"]
+    numbers, wrong = 0, differing if pieces else [*differing, f"{folder}: there is no sandbox evidence"]
     for version, name, digest, text in pieces:
         what, evidence = f"{folder}: {version}", json.loads(text)
         if rules.get(digest, RULES) != RULES:
@@ -885,7 +928,7 @@ def check_store(folder, stand_in):
     # A hard stop before the first pair leaves nothing but a verdict.
     if pieces and not wrong and numbers == 0:
         wrong.append(f"{folder}: there is no number to compute again")
-    return len(pieces), wrong
+    return len(pieces) + rollbacks, wrong
 
 
 def check_prices(page):
