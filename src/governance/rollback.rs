@@ -287,7 +287,7 @@ pub struct RollbackRecord {
     /// The safety event, where the rollback target has the same in a fork of the same task: the version is demoted then.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub shared: Option<SharedEvent>,
-    /// The rates that decided, in forks of the version's live tasks that the rollback target worked: without a difference
+    /// The rates that decided, in forks of the version's live tasks that the rollback target ran: without a difference
     /// the version is demoted. Absent in older records.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub rates: Option<RateComparison>,

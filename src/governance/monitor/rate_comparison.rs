@@ -1,7 +1,7 @@
 //! The rates that roll a version back, compared with the rollback target in forks of the same live tasks.
 //!
 //! A version that fails in live tasks in which the rollback target fails as well shows no difference from it: the cell has
-//! changed, or the tasks were hard. So the target works a fork of each kept task, and for each rate that decided only the
+//! changed, or the tasks were hard. So the target runs a fork of each kept task, and for each rate that decided only the
 //! tasks count in which one of the two is bad. If both are equal, either is the bad one with the same probability: an exact
 //! one-sided sign test, corrected after Holm for several rates. Source: McNemar (1947); the paired comparison of the
 //! paper's section 6.6, after activation.
@@ -92,7 +92,7 @@ impl ComparedRate {
     }
 }
 
-/// The rates that rolled a version back, in tasks that the rollback target worked as well.
+/// The rates that rolled a version back, in tasks that the rollback target ran as well.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, schemars::JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct RateComparison {

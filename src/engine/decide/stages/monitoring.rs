@@ -390,7 +390,7 @@ impl LiveMonitoring<'_> {
         self.deactivate_after(id, trigger, trip, leave, None)
     }
 
-    /// The same after a safety event in a live task, or for rates. Once the arm is safe, the rollback target works a fork
+    /// The same after a safety event in a live task, or for rates. Once the arm is safe, the rollback target runs a fork
     /// of the task, or of the kept tasks. Without a difference the version is demoted and not rolled back for good.
     fn deactivate_after(
         &mut self,

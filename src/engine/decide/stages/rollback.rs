@@ -68,8 +68,8 @@ fn shown_same(record: &RollbackRecord, target: &CapabilityId) -> Option<(Notice,
     Some((Notice::SharedRates { version, with, rates }, is_shared))
 }
 
-/// Has a version work a task in this fork, from its start. Returns the world for the next fork.
-fn work_fork(
+/// Has a version run a task in this fork, from its start. Returns the world for the next fork.
+fn run_fork(
     mut fork: Box<dyn TrialCell>,
     start: &CellCopy,
     (target, terms): (&Capability, &SkillTerms),
@@ -215,7 +215,7 @@ impl Rollback<'_> {
         let event = trigger.event.or_else(|| events.first().copied()).ok_or(UncomparedReason::NoEvent)?;
         let (task, seed) = (scene.task.record.task, scene.task.record.seed);
         let by = (target, &self.terms(target));
-        let (_, worked) = work_fork(self.new_fork()?, scene.start, by, (task, seed))?;
+        let (_, worked) = run_fork(self.new_fork()?, scene.start, by, (task, seed))?;
         let of_target = stopping_events(&worked, &self.context.profile);
         if !events.iter().chain([&event]).all(|event| of_target.contains(event)) {
             return Ok(None);
@@ -225,11 +225,11 @@ impl Rollback<'_> {
         Ok(Some(SharedEvent { scene: SceneKind::Live, seed, event, past }))
     }
 
-    /// Has the rollback target work forks of the tasks that the version's monitor was fed, each under an envelope as
+    /// Has the rollback target run forks of the tasks that the version's monitor was fed, each under an envelope as
     /// tight as the version's, and compares both in the rates that decided.
     ///
     /// # Errors
-    /// If no task has a start, or the target could not work one of them: then no difference is shown.
+    /// If no task has a start, or the target could not run one of them: then no difference is shown.
     fn rate_comparison(
         &self,
         ended: Option<&EndedMonitor>,
@@ -245,7 +245,7 @@ impl Rollback<'_> {
         for kept in &ended.tasks {
             let Some(start) = &kept.start else { continue };
             let by = (target, if kept.tightened { &tight } else { &measured });
-            let (world, worked) = work_fork(fork, start, by, (kept.task, kept.seed))?;
+            let (world, worked) = run_fork(fork, start, by, (kept.task, kept.seed))?;
             fork = world;
             let of_target = worked.values().ok_or(UncomparedReason::InvalidFork)?;
             pairs.push(ForkedPair {
