@@ -480,10 +480,15 @@ impl Evaluation {
     /// has less than its budget and reports so.
     #[must_use]
     pub fn assess(&self, profile: &Profile) -> (BehaviorAssessment, RecoveryAssessment) {
-        self.assess_with(self.plan.has_anchor, profile)
+        self.assess_with(self.anchor(), self.plan.has_anchor, profile)
     }
 
-    fn assess_with(&self, has_anchor: bool, profile: &Profile) -> (BehaviorAssessment, RecoveryAssessment) {
+    fn assess_with(
+        &self,
+        anchor: Option<&AnchorEvidence>,
+        has_anchor: bool,
+        profile: &Profile,
+    ) -> (BehaviorAssessment, RecoveryAssessment) {
         let ended = self.ended.unwrap_or(EarlyStopReason::Full);
         let (pairs, drills) = (self.paired(), self.rehearsed());
         let evidence = ComparisonEvidence {
@@ -492,7 +497,7 @@ impl Evaluation {
             is_settling: self.plan.is_settling,
             has_live_like: self.plan.live_like > 0,
             has_anchor,
-            anchor: self.anchor(),
+            anchor,
             sequences: self.sequences(),
             counted: self.counted.as_ref(),
         };
