@@ -365,8 +365,10 @@ impl Evaluation {
         for (seed, (new, old)) in seeds.into_iter().zip(std::mem::take(&mut self.part.sequences)) {
             let of_task = |records: &[TaskRecord]| records.iter().find(|record| record.task == own).cloned();
             if let Some(candidate) = of_task(&new) {
-                // A sequence that does not come to the task has no event in it.
-                let active = of_task(&old).unwrap_or_else(|| TaskRecord::invalid(own, seed));
+                // A sequence that does not come to the task has no event in it, unless the cell failed before.
+                let invalid = old.iter().any(|record| record.invalid);
+                let without = || TaskRecord { invalid, ..TaskRecord::invalid(own, seed) };
+                let active = of_task(&old).unwrap_or_else(without);
                 self.stops.note(SceneKind::Sequence, &candidate, &active, profile);
             }
             if let (Some(evidence), Some(candidate), Some(active)) =
