@@ -170,7 +170,7 @@ fn candidate_whose_refusal_finds_a_full_disk_is_on_hold_and_the_engine_works_on(
     assert_eq!(seen(&bench), before, "nothing of it is worked while it is on hold");
     resume(&mut bench, &id);
     work(&mut bench, 20);
-    assert!(seen(&bench).1 > before.1, "a person lets it go on");
+    assert!(seen(&bench).1 > before.1, "a person resumed it");
     // An active version may not run on.
     let active: CapabilityId = "grasp@1.0.0".parse().unwrap();
     assert_eq!(refuse(&mut bench, &active), Refusal::Holding);

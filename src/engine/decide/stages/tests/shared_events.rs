@@ -106,7 +106,8 @@ fn version_is_on_hold_where_its_rollback_target_is_not_compared() {
     assert!(may_retry(&mut bench, &id), "an event without a difference is not final");
 }
 
-/// Begins a rollback by the monitor, or as an older build did for a person, ends the engine in the ladder, and starts the next one.
+/// Begins a rollback by the monitor, or as an older build did for a person. Ends the engine in the ladder, and starts the next
+/// one.
 fn interrupted(mut bench: RollbackBench, id: &CapabilityId, by: Option<&MonitorDecision>) -> RollbackBench {
     let version = bench.pipeline.record().version_table().version(id).unwrap().0;
     let live = bench.pipeline.live();
