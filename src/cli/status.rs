@@ -216,7 +216,7 @@ fn watch(source: &mut ReportSource<'_>, out: &mut CommandOutput<'_>) -> Result<E
         if out.is_gone() {
             return Ok(Exit::Confirmed);
         }
-        source.pause();
+        source.pause(None);
     }
 }
 
@@ -253,7 +253,7 @@ fn wait(
                 );
                 return Err(CliError::from_engine_fault(text).with_details(ErrorReason::TimedOut));
             }
-            None => source.pause(),
+            None => source.pause(Some(deadline)),
         }
     }
 }
@@ -371,14 +371,17 @@ impl ReportSource<'_> {
     }
 
     /// Waits for events of the engine, or for a while. The next read shows what they are about, so that a look, which costs
-    /// the engine a snapshot, is not made for each of them.
-    fn pause(&mut self) {
-        let Some(events) = &mut self.events else { return std::thread::sleep(LOOK_EVERY) };
+    /// the engine a snapshot, is not made for each of them. Nothing is waited for past the deadline.
+    fn pause(&mut self, deadline: Option<Instant>) {
         let begun = Instant::now();
-        let mut until = begun + LOOK_AT_LEAST_EVERY;
+        let end = |pause| pause_end(begun, pause, deadline);
+        let Some(events) = &mut self.events else {
+            return std::thread::sleep(end(LOOK_EVERY).saturating_duration_since(begun));
+        };
+        let mut until = end(LOOK_AT_LEAST_EVERY);
         loop {
             match events.next(until.saturating_duration_since(Instant::now())) {
-                Ok(Some(_)) => until = begun + LOOK_EVERY,
+                Ok(Some(_)) => until = end(LOOK_EVERY),
                 Ok(None) => return,
                 Err(_) => {
                     self.events = None;
@@ -390,6 +393,12 @@ impl ReportSource<'_> {
             }
         }
     }
+}
+
+/// The end of a pause, which is not after the deadline.
+fn pause_end(begun: Instant, pause: Duration, deadline: Option<Instant>) -> Instant {
+    let end = begun + pause;
+    deadline.map_or(end, |deadline| end.min(deadline))
 }
 
 #[cfg(test)]
@@ -434,6 +443,15 @@ mod tests {
             obstacle: None,
             recorded: &RecordedChanges::default(),
         })
+    }
+
+    /// A wait took up to a second longer than its limit.
+    #[test]
+    fn pause_ends_with_the_wait() {
+        let begun = Instant::now();
+        let after = |secs| begun + Duration::from_secs(secs);
+        let end = |deadline| pause_end(begun, Duration::from_secs(2), deadline);
+        assert_eq!([end(None), end(Some(after(1))), end(Some(after(3)))], [after(2), after(1), after(2)]);
     }
 
     #[test]

@@ -60,8 +60,7 @@ impl EngineFault {
     #[must_use]
     pub fn halt_problem(&self) -> Problem {
         match self {
-            Self::Store(StoreError::DiskFull { .. })
-            | Self::VersionTable(VersionTableError::Store(StoreError::DiskFull { .. })) => {
+            _ if self.is_disk_full() => {
                 let hint = "free some space, then end the engine and start it again";
                 Problem::of(self).with_hint(hint)
             }
@@ -71,6 +70,16 @@ impl EngineFault {
             }
             _ => Problem::of(self),
         }
+    }
+
+    /// Whether the disk had no room for the write.
+    #[must_use]
+    pub const fn is_disk_full(&self) -> bool {
+        matches!(
+            self,
+            Self::Store(StoreError::DiskFull { .. })
+                | Self::VersionTable(VersionTableError::Store(StoreError::DiskFull { .. }))
+        )
     }
 
     /// The refusal for a command that caused the fault, so that nothing has changed; absent for a fault of the engine, which
@@ -98,7 +107,8 @@ impl EngineFault {
     }
 
     /// As [`EngineFault::refusal`], for a command with this effect. If authority cannot be taken away because nothing can
-    /// be written, the engine halts: the version may not run on.
+    /// be written, the engine halts: the version may not run on. A candidate has no authority yet, and is put on hold
+    /// instead.
     #[must_use]
     pub fn refusal_to(&self, effect: AuthorityEffect) -> Option<Refusal> {
         let takes_away = effect == AuthorityEffect::TakesAway;

@@ -32,7 +32,7 @@ use self::harm::HarmVerdict;
 use super::condition::Condition;
 use super::decision::{Dimension, Kappa, Reason, ReasonCode};
 use super::early_stop::EarlyStopReason;
-use super::evidence::{EpisodeValues, EvidenceBinding, Pair, PairedEvidence, Signature};
+use super::evidence::{EpisodeValues, EvidenceBinding, HardStop, Pair, PairedEvidence, Signature};
 use super::finding::{EvidenceGap, Finding};
 use super::outcome::{Assessment, Basis, BehaviorOutcome};
 use super::profile::{BehaviorSettings, Profile};
@@ -94,6 +94,16 @@ pub fn kappa(
         loss += name.cost(settings) * worsening.max(0.0);
     }
     Kappa::clamped(1.0 - loss)
+}
+
+/// Adds a concern to a compatible version that had a hard stop in a scene without a valid episode of the other version. It
+/// rejects nothing: that the other version does otherwise is not shown.
+pub fn add_uncompared_concern(result: &mut BehaviorAssessment, stops: &[HardStop], profile: &Profile) {
+    if let Some(stop) = stops.first()
+        && result.assessment.outcome == BehaviorOutcome::Compatible
+    {
+        add_concern(result, reason(Finding::StopUncompared { stop: *stop }), profile);
+    }
 }
 
 /// Adds a concern to a compatible version that was unsafe under stress (paper section 6.6). It rejects nothing.

@@ -300,6 +300,8 @@ findings! {
     AsksMore { asked: u64, episodes: u64 } => BehaviorAsksMore,
     /// A hard stop happened in the sandbox.
     SandboxHardStop { stop: HardStop } => BehaviorHardStop,
+    /// A hard stop in a scene that gave no valid episode of the version compared with.
+    StopUncompared { stop: HardStop } => BehaviorSuspicious,
     /// Episodes under stress were unsafe.
     UnsafeUnderStress { unsafe_episodes: u32, episodes: u64 } => BehaviorSuspicious,
     /// A search found a place where the candidate alone passes a limit.

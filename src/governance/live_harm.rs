@@ -74,6 +74,14 @@ pub struct TaskHarm {
 }
 
 impl TaskHarm {
+    /// The harm of a task that a person cut short: it says nothing of a rate, and counts only as a danger.
+    #[must_use]
+    pub fn of_cut_task(harm: &HarmMeasures, profile: &Profile) -> Self {
+        let danger: Vec<Reason> = profile.live_harm.dangers(harm).iter().map(danger_reason).collect();
+        let past = if danger.is_empty() { Vec::new() } else { profile.harm.past(harm) };
+        Self { past, danger, rise: None }
+    }
+
     /// The reasons to roll the version back: those of a danger alone, else that from the rates.
     #[must_use]
     pub fn reasons(&self) -> Vec<Reason> {

@@ -132,6 +132,8 @@ record_kinds! {
     TriesReviewed = "tries-reviewed": Note, [Events, People];
     /// A person paused a version, or resumed a paused one: who and why.
     PauseSet = "pause-set": Note, [Events, People];
+    /// A rollback that a person decided began: what they decided, and how the version leaves.
+    RollbackRequested = "rollback-requested": Note, [Events, People];
     /// A version on hold was resumed: by whom and why.
     Resumed = "resumed": Note, [Events, People];
     /// One person activated a version by break-glass: who, why, and the deadline of the review.

@@ -51,7 +51,7 @@ crate::closed_set! {
 }
 
 impl VersionCondition {
-    /// The condition of a version; `held` if the gate or an unanswered request holds it.
+    /// The condition of a version; `held` if the gate, an unanswered request or an act that cannot be written holds it.
     #[must_use]
     pub const fn of(state: State, flags: &VersionFlags, held: bool) -> Self {
         match state {
@@ -69,10 +69,10 @@ impl VersionCondition {
                 } else if flags.awaiting_approval {
                     // The gate's stage runs until they answer.
                     Self::AwaitingApproval
-                } else if flags.running.is_some() {
-                    Self::Running
                 } else if held {
                     Self::Held
+                } else if flags.running.is_some() {
+                    Self::Running
                 } else if matches!(state, State::Demoted) {
                     Self::Demoted
                 } else {
@@ -428,8 +428,8 @@ pub(crate) mod tests {
     /// too.
     pub(crate) fn assert_row_shows_its_own_state((state, flags): (State, VersionFlags)) {
         assert_status_is_of_its_state(state, flags, false);
-        // The gate holds a candidate that neither runs nor is asked about.
-        if flags.running.is_none() && !flags.awaiting_approval {
+        // A candidate on hold is not asked about.
+        if !flags.awaiting_approval {
             assert_status_is_of_its_state(state, flags, true);
         }
     }
@@ -520,6 +520,12 @@ pub(crate) mod tests {
             ),
             (State::Sandboxed, paused, true, VersionCondition::Paused),
             (State::Shadowed, none, true, VersionCondition::Held),
+            (
+                State::Validated,
+                VersionFlags { running: Some(Stage::Sandbox), ..none },
+                true,
+                VersionCondition::Held,
+            ),
             (
                 State::Shadowed,
                 VersionFlags { awaiting_approval: true, ..none },

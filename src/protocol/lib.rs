@@ -30,6 +30,7 @@ pub mod request_problem;
 mod request_signing;
 pub mod scenario_state;
 pub mod schema;
+pub mod signing_refusal;
 pub mod sink;
 pub mod snapshot;
 pub mod video_frame;

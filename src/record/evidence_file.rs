@@ -106,6 +106,10 @@ pub struct EvidenceFile {
     /// Events that both had in the same scene; empty in records of older builds.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub shared_events: Vec<SharedEvent>,
+    /// The candidate's in scenes without a valid episode of the other version, which count for neither; empty in records of
+    /// older builds.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub uncompared_stops: Vec<HardStop>,
     /// Sandbox metrics per mode, with intervals and tails.
     pub modes: Vec<ModeMetrics>,
     /// Episodes of the adversarial mode that were unsafe.
@@ -221,6 +225,7 @@ impl EvidenceFile {
         self.anchor = None;
         self.hard_stops.clear();
         self.shared_events.clear();
+        self.uncompared_stops.clear();
         self.modes.clear();
         self.unsafe_under_stress = 0;
         self.searched = None;

@@ -22,7 +22,7 @@ pub struct LiveTaskRecord<'a> {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct LiveTaskMarks {
-    /// A person stopped the arm during the task, which therefore is not judged.
+    /// A person stopped the arm during the task, of which therefore only a danger counts.
     #[serde(skip_serializing_if = "std::ops::Not::not")]
     pub cut_short: bool,
     /// The monitor received only that a person intervened.

@@ -4,6 +4,7 @@
 //! writes all of them with their audit record or none, and only then the memory follows. It decides nothing.
 
 mod anchor;
+mod commit;
 mod load;
 mod recorded;
 mod tries;
@@ -21,7 +22,7 @@ use crate::wall_clock::WallClock;
 use holdpoint_governance::approval::Requester;
 use holdpoint_governance::ids::{CapabilityId, Digest, Family, canonical_json};
 use holdpoint_governance::lifecycle::{
-    self, FamilyState, LifecycleChange, LifecycleEvent, LifecycleRefusal, State, Version, VersionRef,
+    self, FamilyState, LifecycleEvent, LifecycleRefusal, State, Version, VersionRef,
 };
 use holdpoint_governance::notice::{Notice, NoticeOrText};
 use holdpoint_governance::profile_downgrade::AdmissionContext;
@@ -434,98 +435,6 @@ impl VersionTable {
             }
         }
         self.commit(family, entry, state, &life, at_ms, note)
-    }
-
-    fn commit(
-        &mut self,
-        family: &Family,
-        mut entry: FamilyEntry,
-        state: FamilyState,
-        life: &[LifecycleChange],
-        at_ms: u64,
-        note: TransitionNote,
-    ) -> Result<Vec<StateMove>, VersionTableError> {
-        let id_of =
-            |version: VersionRef| entry.members.get(usize::from(version.0)).map(|m| m.capability.id());
-        let mut moved = Vec::new();
-        let mut changes = note.before;
-        let mut last = Vec::new();
-        for change in life {
-            match *change {
-                LifecycleChange::Added { .. }
-                | LifecycleChange::Standing { .. }
-                | LifecycleChange::Review { .. } => {}
-                LifecycleChange::State { version, from, to } => {
-                    let Some(id) = id_of(version) else { continue };
-                    let expected = entry.members.get(usize::from(version.0)).map_or(0, |m| m.row_version);
-                    changes.push(Change::SetState {
-                        version: id.clone(),
-                        expected_row_version: expected,
-                        from,
-                        to,
-                        reason: note.reason.clone(),
-                    });
-                    moved.push(StateMove { id, from, to });
-                }
-                LifecycleChange::Flags { version, to, .. } => {
-                    if let Some(version) = id_of(version) {
-                        last.push(Change::SetFlags { version, flags: to });
-                    }
-                }
-                LifecycleChange::SafeStopped { stopped } => last.insert(
-                    0,
-                    Change::SetFamily {
-                        family: family.clone(),
-                        safe_stopped: stopped,
-                        reason: note.reason.clone(),
-                    },
-                ),
-                LifecycleChange::Active { to, .. } => {
-                    let active = to.and_then(id_of);
-                    let pinned = to
-                        .and_then(|version| state.get(version)?.predecessor)
-                        .filter(|target| state.state(*target) == Some(State::Superseded))
-                        .and_then(id_of);
-                    let cause = note.cause.clone().unwrap_or(if active.is_some() {
-                        ActiveCause::Restore
-                    } else {
-                        ActiveCause::Vacate
-                    });
-                    let robot = self.robot.clone();
-                    last.push(Change::SetActive { family: family.clone(), active, pinned, cause, robot });
-                }
-                LifecycleChange::Context { .. } => {
-                    last.push(Change::VoidFamily { family: family.clone(), reason: note.reason.clone() });
-                }
-            }
-        }
-        // A family is voided last: approvals used in this transaction were valid when used.
-        last.sort_by_key(|change| matches!(change, Change::VoidFamily { .. }));
-        changes.append(&mut last);
-        changes.extend(note.after);
-        let record = |source| VersionTableError::Record { what: "standing", of: family.to_string(), source };
-        changes.push(Change::SetStanding {
-            family: family.clone(),
-            json: canonical_json(&state).map_err(record)?,
-        });
-        let receipt = self.write(changes, note.audit, at_ms)?;
-        for (id, row_version) in receipt.row_versions {
-            if let Some(member) = entry.members.iter_mut().find(|member| member.capability.id() == id) {
-                member.row_version = row_version;
-            }
-        }
-        for StateMove { id, from, .. } in &moved {
-            let found = entry.members.iter_mut().zip(&entry.state.versions);
-            if let Some((member, before)) =
-                found.into_iter().find(|(member, _)| member.capability.id() == *id)
-            {
-                member.course.left = Some(*from);
-                member.course.ran = before.flags.running;
-            }
-        }
-        entry.state = state;
-        self.families.insert(family.clone(), entry);
-        Ok(moved)
     }
 
     /// Writes changes that move no state.

@@ -365,8 +365,10 @@ impl Evaluation {
         for (seed, (new, old)) in seeds.into_iter().zip(std::mem::take(&mut self.part.sequences)) {
             let of_task = |records: &[TaskRecord]| records.iter().find(|record| record.task == own).cloned();
             if let Some(candidate) = of_task(&new) {
-                // A sequence that does not come to the task has no event in it.
-                let active = of_task(&old).unwrap_or_else(|| TaskRecord::invalid(own, seed));
+                // A sequence that does not come to the task has no event in it, unless the cell failed before.
+                let invalid = old.iter().any(|record| record.invalid);
+                let without = || TaskRecord { invalid, ..TaskRecord::invalid(own, seed) };
+                let active = of_task(&old).unwrap_or_else(without);
                 self.stops.note(SceneKind::Sequence, &candidate, &active, profile);
             }
             if let (Some(evidence), Some(candidate), Some(active)) =
@@ -480,10 +482,15 @@ impl Evaluation {
     /// has less than its budget and reports so.
     #[must_use]
     pub fn assess(&self, profile: &Profile) -> (BehaviorAssessment, RecoveryAssessment) {
-        self.assess_with(self.plan.has_anchor, profile)
+        self.assess_with(self.anchor(), self.plan.has_anchor, profile)
     }
 
-    fn assess_with(&self, has_anchor: bool, profile: &Profile) -> (BehaviorAssessment, RecoveryAssessment) {
+    fn assess_with(
+        &self,
+        anchor: Option<&AnchorEvidence>,
+        has_anchor: bool,
+        profile: &Profile,
+    ) -> (BehaviorAssessment, RecoveryAssessment) {
         let ended = self.ended.unwrap_or(EarlyStopReason::Full);
         let (pairs, drills) = (self.paired(), self.rehearsed());
         let evidence = ComparisonEvidence {
@@ -492,7 +499,7 @@ impl Evaluation {
             is_settling: self.plan.is_settling,
             has_live_like: self.plan.live_like > 0,
             has_anchor,
-            anchor: self.anchor(),
+            anchor,
             sequences: self.sequences(),
             counted: self.counted.as_ref(),
         };

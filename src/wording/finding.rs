@@ -116,6 +116,11 @@ pub fn finding(found: &Finding) -> String {
         F::SandboxHardStop { stop } | F::ShadowHardStop { stop } => {
             format!("hard stop {}: {}", stop.name(), hard_stop(*stop, None))
         }
+        F::StopUncompared { stop } => format!(
+            "hard stop {}, not compared: the active version had no valid episode there; {}",
+            stop.name(),
+            hard_stop(*stop, None)
+        ),
         F::UnsafeUnderStress { unsafe_episodes, episodes } => {
             format!("{unsafe_episodes} of {episodes} episodes under stress were unsafe")
         }

@@ -8,6 +8,7 @@ use holdpoint_governance::strictness::Strictness;
 use holdpoint_protocol::approval_document::{
     AnswerVoidCause, DriftResponse, QuestionRefusal, UntestedAspect,
 };
+use holdpoint_protocol::signing_refusal::SigningRefusal;
 
 /// What was not tested, one sentence.
 #[must_use]
@@ -180,6 +181,49 @@ pub fn refusal_hint(of: &QuestionRefusal) -> Option<Cow<'static, str>> {
         }
     };
     Some(hint)
+}
+
+/// Why the signature under a request does not count, or is missing.
+#[must_use]
+pub fn signing_refusal(of: &SigningRefusal) -> String {
+    use SigningRefusal as S;
+    match of {
+        S::Unsigned { profile } => format!(
+            "this gives authority, and under the profile {profile} an enrolled person signs such a request"
+        ),
+        S::TooManyUsed { max } => {
+            format!("{max} signed requests were made within minutes; wait for some to expire")
+        }
+        S::OtherStore { name } => format!("the request of {name} was signed for another store"),
+        S::EngineEnded { name } => format!("the request of {name} was signed for an engine that has ended"),
+        S::OtherRequest { name } => format!("{name} signed another request than this"),
+        S::OtherPerson { name } => format!("the request names another person than {name}, who signed it"),
+        S::Expired { name } => format!("the signature of {name} under this request has expired"),
+        S::ValidTooLong { name, max_s } => {
+            format!("the signature of {name} under this request would count for more than {max_s} s")
+        }
+        S::UsedAlready { name } => format!("the signature of {name} under this request was used already"),
+        S::RoleGivesNothing { name, role } => {
+            format!("{name} is enrolled as {role}, a role that starts and resumes nothing")
+        }
+    }
+}
+
+/// The next step after such a refusal; absent if there is none.
+#[must_use]
+pub const fn signing_refusal_hint(of: &SigningRefusal) -> Option<&'static str> {
+    use SigningRefusal as S;
+    match of {
+        S::Unsigned { .. } => {
+            Some("`--as NAME` signs it, and `:as NAME` in the console; see the guide on the socket")
+        }
+        S::OtherStore { .. } | S::EngineEnded { .. } | S::Expired { .. } | S::UsedAlready { .. } => {
+            Some("sign it again, with a current snapshot of this engine")
+        }
+        S::ValidTooLong { .. } => Some("take `signing.until_ms` of a snapshot"),
+        S::RoleGivesNothing { .. } => Some("an operator, an engineer or a safety officer signs it"),
+        S::TooManyUsed { .. } | S::OtherRequest { .. } | S::OtherPerson { .. } => None,
+    }
 }
 
 const fn void_cause(of: AnswerVoidCause) -> &'static str {

@@ -58,7 +58,7 @@ const LISTENERS: usize = 64;
 const FRAME_MS: f64 = 2.0;
 const FIRST_FRAME_MS: f64 = 150.0;
 const KEY_MS: f64 = 20.0;
-const IDLE_PERCENT: f64 = 2.0;
+const IDLE_PERCENT: f64 = 3.0;
 
 /// The idle time.
 const IDLE: Duration = Duration::from_secs(20);
@@ -245,8 +245,10 @@ fn idle(place: &str, more: &[&str]) {
         console.keys(key);
         let shares = shares(&files);
         println!("{what}, {place}, cell at 1x:");
-        share_row("  console's thread", shares[0], Some(IDLE_PERCENT));
-        share_row("  console's process", shares[1], None);
+        share_row("  console's thread", shares[0], None);
+        // In its own process the engine is not part of the console.
+        let budget = (shares.len() > 2).then_some(IDLE_PERCENT);
+        share_row("  console's process", shares[1], budget);
         if let Some(engine) = shares.get(2) {
             share_row("  engine's process", *engine, None);
             share_row("  both processes", shares[1] + engine, None);

@@ -11,11 +11,12 @@ use holdpoint::governance::profile::ProfileName;
 use holdpoint::governance::record::RecordKind;
 use holdpoint::protocol::approval_document::QuestionRefusal;
 use holdpoint::protocol::command::{Command, Operation, Refusal, Reply};
+use holdpoint::protocol::signing_refusal::SigningRefusal;
 use holdpoint::protocol::snapshot::{SigningView, Snapshot};
 use holdpoint::registry::{Store, Views};
 use holdpoint::service::control_socket::Client;
 use holdpoint::store::{AuditFilter, Change, Layout, Transaction};
-use holdpoint_wording::request::refusal;
+use holdpoint_wording::request::{refusal, signing_refusal};
 use serde_json::Value;
 use tempfile::TempDir;
 
@@ -112,6 +113,11 @@ impl SigningClient {
         assert!(self.snapshot().stopped.is_some(), "the cell stays stopped");
     }
 
+    #[track_caller]
+    fn refuses_signature(&mut self, command: &Command, seal: &SignedCall, why: &SigningRefusal) {
+        self.refuses(command, seal, why.class(), &signing_refusal(why));
+    }
+
     fn stop(&mut self) {
         self.accepts(&Command::Stop { by: "unknown-person".to_owned(), reason: String::new() });
         let stopped = self.snapshot().stopped.unwrap();
@@ -173,8 +179,11 @@ fn check_single_use(profile: ProfileName) {
     let mut client = SigningClient::connect(&folder);
     assert!(client.signing().required);
     client.stop();
-    assert_refused(&client.client.send(go("mara")).unwrap(), Refusal::NotAllowed, "--as NAME");
-    assert_refused(&client.client.send(register()).unwrap(), Refusal::NotAllowed, "an enrolled person signs");
+    let unsigned = SigningRefusal::Unsigned { profile };
+    for command in [go("mara"), register()] {
+        let reply = client.client.send(command).unwrap();
+        assert_refused(&reply, unsigned.class(), &signing_refusal(&unsigned));
+    }
 
     // Only an enrolled person of a role that may let versions continue.
     let eve = Identity::create(&Layout::new(folder.path()).identities(), "eve", Role::Safety).unwrap();
@@ -183,21 +192,25 @@ fn check_single_use(profile: ProfileName) {
     let unknown = QuestionRefusal::NotEnrolled { name: "eve".to_owned(), administrator: "admin".to_owned() };
     client.refuses(&go("eve"), &by_eve, Refusal::NotAllowed, &refusal(&unknown));
     let by_admin = client.sign("admin", &go("admin"));
-    client.refuses(&go("admin"), &by_admin, Refusal::NotAllowed, "starts and resumes nothing");
+    let role = SigningRefusal::RoleGivesNothing { name: "admin".to_owned(), role: Role::Admin };
+    client.refuses_signature(&go("admin"), &by_admin, &role);
     // Only the signed request, here and in time.
     let seal = client.sign("mara", &go("mara"));
     let other = go_because("mara", "another reason");
-    client.refuses(&other, &seal, Refusal::NotAllowed, "signed another request");
+    let name = || "mara".to_owned();
+    client.refuses_signature(&other, &seal, &SigningRefusal::OtherRequest { name: name() });
     let for_omar = client.sign("mara", &go("omar"));
-    client.refuses(&go("omar"), &for_omar, Refusal::NotAllowed, "names another person");
+    client.refuses_signature(&go("omar"), &for_omar, &SigningRefusal::OtherPerson { name: name() });
     let mara = client.key("mara");
     let elsewhere = SigningView { store_id: "another".to_owned(), ..view.clone() };
     let seal_of = |view: &SigningView| view.sign(&mara, &go("mara")).unwrap();
-    client.refuses(&go("mara"), &seal_of(&elsewhere), Refusal::Stale, "another store");
+    let other_store = SigningRefusal::OtherStore { name: name() };
+    client.refuses_signature(&go("mara"), &seal_of(&elsewhere), &other_store);
     let expired = SigningView { until_ms: 0, ..view.clone() };
-    client.refuses(&go("mara"), &seal_of(&expired), Refusal::Stale, "has expired");
+    client.refuses_signature(&go("mara"), &seal_of(&expired), &SigningRefusal::Expired { name: name() });
     let for_ever = SigningView { until_ms: u64::MAX, ..view };
-    client.refuses(&go("mara"), &seal_of(&for_ever), Refusal::BadInput, "more than 300 s");
+    let too_long = SigningRefusal::ValidTooLong { name: name(), max_s: 300 };
+    client.refuses_signature(&go("mara"), &seal_of(&for_ever), &too_long);
     let mut forged = serde_json::to_value(&seal).unwrap();
     forged["claim"]["who"] = "omar".into();
     let forged: SignedCall = serde_json::from_value(forged).unwrap();
@@ -206,7 +219,8 @@ fn check_single_use(profile: ProfileName) {
     // An unencrypted key grants nothing where people are near.
     let by_open = client.sign("open", &go("open"));
     if profile == ProfileName::Human {
-        client.refuses(&go("open"), &by_open, Refusal::NotAllowed, "identity passphrase open");
+        let unprotected = QuestionRefusal::KeyUnprotected { name: "open".to_owned(), profile };
+        client.refuses(&go("open"), &by_open, unprotected.class(), &refusal(&unprotected));
     } else {
         assert!(matches!(client.send_signed(&go("open"), &by_open), Reply::Accepted { .. }));
         // Her signature for that standstill is not valid for the next one.
@@ -231,7 +245,7 @@ fn check_single_use(profile: ProfileName) {
     assert_eq!(newest["seal"], serde_json::to_value(&seal).unwrap());
     assert!(newest["caller"]["process"].is_number(), "{newest}");
     client.stop();
-    client.refuses(&mine, &seal, Refusal::Stale, "used already");
+    client.refuses_signature(&mine, &seal, &SigningRefusal::UsedAlready { name: name() });
 
     // A second signature of hers is a different one; it submits a candidate, and resumes one.
     let by_mara = client.sign("mara", &register());
@@ -240,7 +254,8 @@ fn check_single_use(profile: ProfileName) {
     client.accepts(&Command::Pause(operation("grasp@1.2.0", "unknown-person")));
     assert_eq!(request_records(&folder)[0].get("actor"), None, "a pause names no person");
     let resume = Command::Resume(operation("grasp@1.2.0", "mara"));
-    assert_refused(&client.client.send(resume.clone()).unwrap(), Refusal::NotAllowed, "--as NAME");
+    let reply = client.client.send(resume.clone()).unwrap();
+    assert_refused(&reply, unsigned.class(), &signing_refusal(&unsigned));
     let seal_of_resume = client.sign("mara", &resume);
     assert!(matches!(client.send_signed(&resume, &seal_of_resume), Reply::Accepted { .. }));
 
@@ -250,8 +265,9 @@ fn check_single_use(profile: ProfileName) {
     client.end(running);
     let running = engine(folder.path(), profile);
     let mut client = SigningClient::connect(&folder);
-    client.refuses(&mine, &seal, Refusal::Stale, "an engine that has ended");
-    client.refuses(&later, &unused, Refusal::Stale, "an engine that has ended");
+    for (command, seal) in [(&mine, &seal), (&later, &unused)] {
+        client.refuses_signature(command, seal, &SigningRefusal::EngineEnded { name: name() });
+    }
 
     // A revoked key signs nothing any more.
     let persons = Views::open(&Layout::new(folder.path()).database()).unwrap().persons().unwrap();
@@ -297,7 +313,7 @@ fn under_sim_a_signature_is_optional_and_counts_if_present() {
     assert!(matches!(client.send_signed(&mine, &seal), Reply::Accepted { .. }));
     assert_eq!(request_records(&folder)[0]["actor"]["person"], "mara");
     client.stop();
-    client.refuses(&mine, &seal, Refusal::Stale, "used already");
+    client.refuses_signature(&mine, &seal, &SigningRefusal::UsedAlready { name: "mara".to_owned() });
     client.end(running);
 }
 

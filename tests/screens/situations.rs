@@ -12,9 +12,10 @@ use holdpoint::governance::decision::Dimension;
 use holdpoint::governance::lifecycle::{State, VersionFlags};
 use holdpoint::governance::notice::{Notice, NoticeOrText, OperatorAct};
 use holdpoint::governance::version_status::{VersionCondition, VersionStatus};
+use holdpoint::governance::wall_time::WallTime;
 use holdpoint::protocol::command::Caller;
 use holdpoint::protocol::snapshot::{
-    CandidateView, FamilyView, RequestKind, ReviewView, Snapshot, StoppedView,
+    CandidateView, FamilyView, RepeatedStop, RequestKind, ReviewView, Snapshot, StoppedView,
 };
 use holdpoint::service::engine_handle::EngineEndError;
 
@@ -229,6 +230,25 @@ fn each_question_is_answered_where_the_answer_must_stand() {
                 }
             }
         }
+    }
+}
+
+/// With the days of two stops, 80 columns cut the key.
+#[test]
+fn key_that_starts_the_cell_is_shown_under_two_dated_stops() {
+    let mut model = stopped();
+    let wall = Some(WallTime::from_ms(7 * 86_400_000));
+    edit(&mut model, |now| {
+        now.up_since_ms = Some(1);
+        let stopped = now.stopped.as_mut().unwrap();
+        (stopped.since_ms, stopped.wall) = (0, wall);
+        let (by, reason) = ("cora".to_owned(), "me too".to_owned());
+        stopped.record_repeat(RepeatedStop { by, caller: Caller::Script, reason, at_ms: 0, wall });
+    });
+    for size in SIZES {
+        let answer = ExpectedAnswer::In(ScreenPlace::StateLine, &["STOPPED by bert", "W starts the cell"]);
+        let capture = Capture::of(&model, size);
+        assert_eq!(capture.check(answer), Ok(()), "{size:?}\n{}", capture.whole());
     }
 }
 

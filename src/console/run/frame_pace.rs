@@ -5,8 +5,8 @@
 /// Frames for a key: the shortest time since the last one, ms. A key that follows a frame waits for it at most.
 const KEY_INTERVAL_MS: u64 = 4;
 
-/// Frames for data and for a moving scene: at most 12 a second, so that the console takes under 3 % of a core.
-const CHANGE_INTERVAL_MS: u64 = 80;
+/// Frames for data and for a moving scene: at most 8 a second, so that the console takes under 3 % of a core.
+const CHANGE_INTERVAL_MS: u64 = 125;
 
 /// Why a frame is wanted.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -66,7 +66,7 @@ mod tests {
         pace.frame_drawn(1_000);
         assert!(!pace.is_due(u64::MAX));
         pace.want(FrameReason::Change);
-        assert_eq!(pace.due_ms(), Some(1_080));
+        assert_eq!(pace.due_ms(), Some(1_125));
         pace.want(FrameReason::Key);
         pace.want(FrameReason::Change);
         assert_eq!(pace.due_ms(), Some(1_004));
@@ -75,7 +75,7 @@ mod tests {
 
     #[test]
     fn frame_rate_is_limited_by_the_reason_for_drawing() {
-        for (want, frames_max) in [(FrameReason::Change, 13), (FrameReason::Key, 250)] {
+        for (want, frames_max) in [(FrameReason::Change, 8), (FrameReason::Key, 250)] {
             let mut pace = FramePace::default();
             let mut frames = 0;
             for now_ms in 1..=1_000 {

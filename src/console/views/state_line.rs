@@ -7,6 +7,7 @@
 //! ```
 
 use ratatui::layout::Rect;
+use unicode_width::UnicodeWidthStr as _;
 
 use super::status;
 use crate::action::Action;
@@ -98,9 +99,10 @@ pub fn draw(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
                 | OverridingState::Unauthorized
                 | OverridingState::ClockDoubt => ThemeRole::Held,
             };
-            let text = text(model, now, state);
+            let width = usize::from(area.width);
+            let text = text(model, now, state, width.saturating_sub(1));
             // The whole width has the look, so that the line is one banner.
-            Row::new().cell(role, &format!(" {text}"), usize::from(area.width))
+            Row::new().cell(role, &format!(" {text}"), width)
         }
         None => driving(model, now),
     };
@@ -108,7 +110,7 @@ pub fn draw(model: &ConsoleModel, pen: &mut Pen<'_>, area: Rect) {
 }
 
 /// The state, since when, and what it means at the arm. What matters most comes first: a small screen cuts the rest.
-fn text(model: &ConsoleModel, now: &Snapshot, state: OverridingState) -> String {
+fn text(model: &ConsoleModel, now: &Snapshot, state: OverridingState, width: usize) -> String {
     let key = |action| model.keymap.key(action);
     let seen = model.last_seen().unwrap_or_default();
     let stop = key(Action::Stop);
@@ -124,7 +126,8 @@ fn text(model: &ConsoleModel, now: &Snapshot, state: OverridingState) -> String 
         OverridingState::Ending => wording::ending(&stop),
         OverridingState::Silent => wording::silent(&seen, &stop),
         OverridingState::Stopped => {
-            let who = status::stopped(model).unwrap_or_default();
+            let go = key(Action::Go);
+            let who = stop_authors(model, &go, width);
             // Those of the first and the last stop, as their authors.
             let reasons = now.stopped.iter().flat_map(|stop| {
                 let last = stop.again.last().map(|last| last.reason.as_str());
@@ -132,7 +135,7 @@ fn text(model: &ConsoleModel, now: &Snapshot, state: OverridingState) -> String 
             });
             let why: Vec<String> =
                 reasons.filter(|why| !why.is_empty()).map(|why| format!(", {why:?}")).collect();
-            wording::starts_the_cell(&who, &key(Action::Go), &why.concat())
+            wording::starts_the_cell(&who, &go, &why.concat())
         }
         OverridingState::Unverified => wording::starting(now.reading, &stop),
         OverridingState::Holding => wording::halted(now.holding.as_deref().unwrap_or_default()),
@@ -144,6 +147,16 @@ fn text(model: &ConsoleModel, now: &Snapshot, state: OverridingState) -> String 
             wording::time_not_confirmed(why)
         }
     }
+}
+
+/// Who stopped the cell, and when, so short that the key that starts it is on the line: the times go first.
+fn stop_authors(model: &ConsoleModel, go: &str, width: usize) -> String {
+    let rest = width.saturating_sub(wording::starts_the_cell("", go, "").width());
+    let timed = status::stopped(model).unwrap_or_default();
+    if timed.width() <= rest {
+        return timed;
+    }
+    super::short(&status::stopped_untimed(model).unwrap_or_default(), rest)
 }
 
 /// The version that moves the arm with its state, the goal, and the families in which none can.
@@ -236,7 +249,7 @@ mod tests {
     fn line(model: &ConsoleModel) -> String {
         let now = model.engine_data.snapshot.as_deref().unwrap();
         match overriding(model) {
-            Some(state) => text(model, now, state),
+            Some(state) => text(model, now, state, usize::MAX),
             None => driving(model, now).parts().map(|(text, _)| text).collect(),
         }
     }
@@ -292,6 +305,36 @@ mod tests {
         }
         let line = line(&model);
         assert!(line.ends_with(", \"noise\", \"cora saw it\""), "{line}");
+    }
+
+    /// Two stops with their days cut the key that ends them.
+    #[test]
+    fn key_that_starts_the_cell_is_on_a_line_of_any_width() {
+        let mut model = console();
+        model.engine_data.engine = EngineState::Running;
+        model.now_ms = 0;
+        let wall = Some(WallTime::from_ms(7 * 86_400_000));
+        edit(&mut model, |now| {
+            let again = RepeatedStop {
+                by: "cora".to_owned(),
+                caller: Caller::Script,
+                reason: String::new(),
+                at_ms: 99_999,
+                wall,
+            };
+            let stopped = now.stopped.as_mut().unwrap();
+            (stopped.since_ms, stopped.wall) = (99_998, wall);
+            stopped.record_repeat(again);
+        });
+        let now = model.engine_data.snapshot.clone().unwrap();
+        let go = wording::starts_the_cell("", "W", "");
+        for width in [119, 79, 59, 30] {
+            let line = text(&model, &now, OverridingState::Stopped, width);
+            let end = line.find(&go).unwrap() + go.len();
+            assert!(line[..end].width() <= width, "{width}: {line}");
+            assert_eq!(line.contains("UTC"), width > 100, "{width}: {line}");
+            assert!(width < 59 || line.contains("cora"), "{width}: {line}");
+        }
     }
 
     #[test]

@@ -69,9 +69,19 @@ pub fn priority_label(look: &Look, priority: Priority) -> String {
     format!("{number}{} {}", look.glyph(mark.glyph), mark.label)
 }
 
-/// The operators who stopped the cell, first and last, and the time; absent while it runs.
+/// The operators who stopped the cell, first and last, and the times; absent while it runs.
 #[must_use]
 pub fn stopped(model: &ConsoleModel) -> Option<String> {
+    stop_text(model, true)
+}
+
+/// As [`stopped`] without the times, which have their days if they are not of this engine.
+#[must_use]
+pub fn stopped_untimed(model: &ConsoleModel) -> Option<String> {
+    stop_text(model, false)
+}
+
+fn stop_text(model: &ConsoleModel, is_timed: bool) -> Option<String> {
     let stopped = model.engine_data.snapshot.as_ref()?.stopped.as_ref()?;
     let own = model.engine_data.own_account();
     let by = |by: &str, caller: &Caller| {
@@ -91,15 +101,21 @@ pub fn stopped(model: &ConsoleModel) -> Option<String> {
             (by, Some(account)) => format!("{account} as {:?}", super::short(by, 16)),
         }
     };
+    let first_by = by(&stopped.by, &stopped.caller);
     let first = model.recorded_moment(stopped.since_ms, stopped.wall);
     Some(match stopped.again.last() {
-        None => wording::stopped_by(&by(&stopped.by, &stopped.caller), &first),
+        None if is_timed => wording::stopped_by(&first_by, &first),
+        None => wording::stopped_untimed(&first_by, None, ""),
         Some(last) => {
             let between = stopped.unnamed.saturating_add(stopped.again.len() as u64).saturating_sub(1);
             let more = if between > 0 { format!(" and {between} more") } else { String::new() };
-            let again = model.recorded_moment(last.at_ms, last.wall);
-            let (stopped, last) = (by(&stopped.by, &stopped.caller), by(&last.by, &last.caller));
-            wording::stopped_again(&stopped, &first, &last, &again, &more)
+            let last_by = by(&last.by, &last.caller);
+            if is_timed {
+                let again = model.recorded_moment(last.at_ms, last.wall);
+                wording::stopped_again(&first_by, &first, &last_by, &again, &more)
+            } else {
+                wording::stopped_untimed(&first_by, Some(&last_by), &more)
+            }
         }
     })
 }

@@ -291,6 +291,29 @@ pub(crate) fn activation_refusal(id: &CapabilityId) -> Reply {
     }
 }
 
+/// The most marks that one start takes in; the answer names the others.
+const MARKS_MAX: usize = 64;
+
+/// Records the stops that marks request, one after the other: one answer then counts all of them. A mark that cannot be
+/// removed stays, with those behind it.
+fn take_in_marks(record: &mut EngineRecorder, world: &mut LiveWorld) -> Result<(), StoreError> {
+    let layout = record.version_table().store().layout().clone();
+    for _ in 0..MARKS_MAX {
+        stop_mark::bring_forward(&layout);
+        let Some(found) = stop_mark::look(&layout) else { break };
+        // A stop that is known does not count again: its maker has created the mark again.
+        world.switch().halt(found.request.clone());
+        record_stops(record, world)?;
+        if world.unwritten.stop_storage() != StopPersistence::InMemory {
+            stop_mark::settle(&layout, &found.request.id);
+        }
+        if stop_mark::is_there(&layout) {
+            break;
+        }
+    }
+    Ok(())
+}
+
 /// A person starts the stopped cell; `caller` is the requesting process.
 pub(crate) fn go(
     record: &mut EngineRecorder,
@@ -301,6 +324,9 @@ pub(crate) fn go(
     caller: Caller,
 ) -> Result<Reply, StoreError> {
     let refuse = |code, text: &str| Ok(Reply::Refused { code, text: text.to_owned(), hint: None });
+    if world.halted.is_some() {
+        take_in_marks(record, world)?;
+    }
     let Some(halted) = &world.halted else {
         return refuse(Refusal::NotNow, "the cell is not stopped");
     };
@@ -322,19 +348,13 @@ pub(crate) fn go(
         );
         return Ok(Reply::Refused { code: Refusal::NotNow, text, hint: Some(hint) });
     }
-    let layout = record.version_table().store().layout();
-    if let Some(found) = stop_mark::look(layout)
-        && world.switch().knows(&found.request.id)
-        && world.switch().first_stop().is_none()
-    {
-        // One of the stops that end here; its maker has created the mark again.
-        stop_mark::settle(layout, &found.request.id);
-    }
-    if let Some(path) = stop_mark::requested_at(layout) {
+    let marks = stop_mark::requested_at(record.version_table().store().layout());
+    if !marks.is_empty() {
+        let named: Vec<String> = marks.iter().map(|path| format!("{path:?}")).collect();
         return Ok(Reply::Refused {
             code: Refusal::NotNow,
-            text: format!("another stop is requested: {path:?} is in the store's folder"),
-            hint: Some("try again in a moment; remove the file by hand if it stays there".to_owned()),
+            text: format!("these files request a stop, and stay in the store's folder: {}", named.join(", ")),
+            hint: Some("try again in a moment; remove by hand those that stay there".to_owned()),
         });
     }
     if let Some(refused) = unreadable(&by, &reason) {

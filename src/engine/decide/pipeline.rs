@@ -105,7 +105,7 @@ pub struct Pipeline {
     live_harm: LiveHarmWatch,
     agent: Digest,
     work: Option<StageWork>,
-    /// Stages of versions that a person paused, and of resumed ones until no other is under way.
+    /// Stages of versions that are paused or on hold, and of resumed ones until no other is under way.
     parked: Vec<StageWork>,
     /// Stages begin only by a call.
     on_call: bool,
@@ -253,6 +253,8 @@ impl Pipeline {
             Ok(progress) => progress,
             // Interrupted on purpose: the stage stays marked as running and runs again at the next start.
             Err(_) if self.trials.is_cancelled() => SliceOutcome::Idle { next_ms: None },
+            // Also if only the end of a candidate's stage cannot be written: what was measured is nowhere else, and the next
+            // live task could not be put on record either. The next engine runs the stage again.
             Err(fault) => {
                 self.hold(&fault.halt_problem());
                 SliceOutcome::Idle { next_ms: None }

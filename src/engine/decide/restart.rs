@@ -6,7 +6,7 @@ use crate::decide::people::approvals::{Approvals, void_requests};
 use crate::decide::recorder::EngineRecorder;
 use crate::decide::stages::live_harm::{self, LiveHarmWatch};
 use crate::decide::stages::monitoring::LiveMonitoring;
-use crate::decide::stages::rollback::trigger;
+use crate::decide::stages::rollback::{RequestedRollback, trigger};
 use crate::fault::EngineFault;
 use crate::live::monitors::ActivationMonitor;
 use holdpoint_governance::alarms::{AlarmKey, Priority};
@@ -50,8 +50,12 @@ pub(crate) fn recover(live: &mut LiveMonitoring<'_>, approvals: &mut Approvals) 
     for work in interrupted {
         match work {
             InterruptedWork::RollbackPending { version } => {
-                let reasons = decided_rollback(live.record, &version)?;
-                continue_rollback(live, &version, reasons.as_deref())?;
+                if let Some(requested) = requested_rollback(live.record, &version)? {
+                    continue_requested(live, &version, requested)?;
+                } else {
+                    let reasons = decided_rollback(live.record, &version)?;
+                    continue_rollback(live, &version, reasons.as_deref())?;
+                }
             }
             InterruptedWork::Stage { version, .. } => {
                 if restarted.insert(version.family.clone()) {
@@ -90,21 +94,52 @@ fn decided_rollback(
     record: &EngineRecorder,
     version: &CapabilityId,
 ) -> Result<Option<Vec<Reason>>, EngineFault> {
+    let action = newest_in_control(record, version, RecordKind::Monitor)?
+        .and_then(|action| serde_json::from_str::<MonitorRecord>(&action.body).ok())
+        .filter(|action| action.action == MonitorOutcome::Rollback);
+    if let Some(action) = action {
+        return Ok(Some(action.reasons.iter().filter_map(ReasonRecord::known).collect()));
+    }
+    let harm = newest_in_control(record, version, RecordKind::LiveHarm)?;
+    let harm = harm.map(|task| live_harm::recorded_reasons(&task.body));
+    Ok(harm.filter(|reasons| !reasons.is_empty()))
+}
+
+/// The rollback of a version that a person decided and that has begun since the version became active.
+fn requested_rollback(
+    record: &EngineRecorder,
+    version: &CapabilityId,
+) -> Result<Option<RequestedRollback>, EngineFault> {
+    let found = newest_in_control(record, version, RecordKind::RollbackRequested)?;
+    Ok(found.and_then(|found| serde_json::from_str(&found.body).ok()))
+}
+
+/// The newest record of a kind about a version since it became active.
+fn newest_in_control(
+    record: &EngineRecorder,
+    version: &CapabilityId,
+    kind: RecordKind,
+) -> Result<Option<AuditRecord>, EngineFault> {
     let views = record.version_table().store().views()?;
     let newest = |kind| {
         let filter = AuditFilter { subject: Some(version.to_string()), ..AuditFilter::newest(kind) };
         Ok::<_, StoreError>(views.audit(&filter)?.into_iter().next())
     };
     let active_since = newest(RecordKind::StateSet)?.map_or(0, |record| record.seq);
-    let since = |found: Option<AuditRecord>| found.filter(|one| one.seq > active_since);
-    let action = since(newest(RecordKind::Monitor)?)
-        .and_then(|action| serde_json::from_str::<MonitorRecord>(&action.body).ok())
-        .filter(|action| action.action == MonitorOutcome::Rollback);
-    if let Some(action) = action {
-        return Ok(Some(action.reasons.iter().filter_map(ReasonRecord::known).collect()));
-    }
-    let harm = since(newest(RecordKind::LiveHarm)?).map(|task| live_harm::recorded_reasons(&task.body));
-    Ok(harm.filter(|reasons| !reasons.is_empty()))
+    Ok(newest(kind)?.filter(|one| one.seq > active_since))
+}
+
+/// Finishes a rollback that a person decided.
+fn continue_requested(
+    live: &mut LiveMonitoring<'_>,
+    version: &CapabilityId,
+    requested: RequestedRollback,
+) -> Result<(), EngineFault> {
+    report_recovered(live.record, version, Notice::RollbackContinued);
+    let RequestedRollback { trigger: text, leave } = requested;
+    let trigger =
+        Trigger { text, ..trigger(live.record, TriggerKind::Operator, Notice::RollbackInterrupted) };
+    live.deactivate(version, trigger, None, leave)
 }
 
 /// Finishes a rollback that an earlier engine decided or began. Only a decision on record ends a version for good: what else

@@ -6,7 +6,6 @@
 use holdpoint_audit::profile_history::{ContextRules, ProfileHistory};
 use holdpoint_governance::ablation::AblatedParts;
 use holdpoint_governance::ids::{Digest, Family};
-use holdpoint_governance::lifecycle::LifecycleEvent;
 use holdpoint_governance::notice::{BoundPart, Notice};
 use holdpoint_governance::policy::PolicyTable;
 use holdpoint_governance::profile::Profile;
@@ -266,15 +265,15 @@ pub(crate) fn set_context(
     });
     let rules = Some(Box::new(rules));
     let change = Change::SetContext { profile: name, policy_digest: context.digest, json, rules };
-    version_table.write(vec![change], loaded.into_iter().collect(), at_ms)?;
+    let (before_families, audit) = (vec![change], loaded.into_iter().collect());
     if !voids {
+        version_table.write(before_families, audit, at_ms)?;
         return Ok(StoreUse::InForce(None));
     }
     let families: Vec<Family> = version_table.families().map(|(family, _)| family.clone()).collect();
-    for family in &families {
-        let event = LifecycleEvent::ContextChanged { needs_approval: context.needs_approval() };
-        version_table.transition(family, event, at_ms, TransitionNote::because(reason.clone()))?;
-    }
+    // In one transaction: after a crash between two, earlier evidence would count under the new context.
+    let note = TransitionNote { before: before_families, audit, ..TransitionNote::because(reason.clone()) };
+    version_table.change_context(context.needs_approval(), at_ms, note)?;
     let voided = before.is_some() && !families.is_empty();
     Ok(StoreUse::InForce(voided.then_some(VoidedFamilies { families, reason })))
 }

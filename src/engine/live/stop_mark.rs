@@ -197,11 +197,14 @@ fn waiting(layout: &Layout) -> Vec<PathBuf> {
     behind.map(|name| layout.folder().join(name)).collect()
 }
 
-/// What requests a stop that is not taken yet: a mark, or one behind it.
-pub(crate) fn requested_at(layout: &Layout) -> Option<PathBuf> {
+/// Everything that requests a stop and is not taken yet: the mark, and those behind it.
+pub(crate) fn requested_at(layout: &Layout) -> Vec<PathBuf> {
     // Those behind come first: one may be put in the place of the mark meanwhile.
-    let behind = waiting(layout).into_iter().next();
-    if is_there(layout) { Some(layout.stop_request()) } else { behind }
+    let mut all = waiting(layout);
+    if is_there(layout) {
+        all.insert(0, layout.stop_request());
+    }
+    all
 }
 
 /// Puts a mark that waits in the place of the one before, if that is free. One that cannot be moved keeps the cell from being

@@ -18,7 +18,9 @@ use holdpoint_governance::condition::Condition;
 use holdpoint_governance::decision::{Decision, DecisionContext};
 use holdpoint_governance::distribution_shift::{apply_re_evaluation, compare_with_sandbox, is_suspicious};
 use holdpoint_governance::early_stop::EarlyStopReason;
-use holdpoint_governance::evidence::{AnchorEvidence, EvidenceBinding, PairedEvidence, RecoveryEvidence};
+use holdpoint_governance::evidence::{
+    AnchorEvidence, EvidenceBinding, HardStop, PairedEvidence, RecoveryEvidence,
+};
 use holdpoint_governance::gate::{self, GateInput, assess_shadow};
 use holdpoint_governance::ids::{CapabilityId, Digest};
 use holdpoint_governance::interface::{RegisteredVersion, unmet};
@@ -345,6 +347,7 @@ impl<'a> Replayer<'a> {
             is_settling: false,
             anchor: confirmation.anchor.as_ref(),
             handovers: confirmation.handovers.as_ref(),
+            uncompared_stops: &[],
             unsafe_under_stress: 0,
             searched: None,
             counted: None,
@@ -463,6 +466,7 @@ fn replay_sandbox(evidence_file: &EvidenceFile, frame: &RulesInForce) -> Result<
         is_settling: true,
         anchor: evidence_file.anchor.as_ref(),
         handovers: evidence_file.handovers.as_ref(),
+        uncompared_stops: &evidence_file.uncompared_stops,
         unsafe_under_stress: evidence_file.unsafe_under_stress,
         searched: evidence_file.searched.as_ref(),
         counted: evidence_file.counted.as_ref(),
@@ -477,6 +481,7 @@ struct UnpairedEvidence<'a> {
     is_settling: bool,
     anchor: Option<&'a AnchorEvidence>,
     handovers: Option<&'a SequenceEvidence>,
+    uncompared_stops: &'a [HardStop],
     unsafe_under_stress: u32,
     searched: Option<&'a SearchFinding>,
     counted: Option<&'a CountedTry>,
@@ -507,6 +512,7 @@ fn replay_assessment(
         counted,
     };
     let (mut again, recovered) = evidence.assess(&pairs.binding, ended, profile);
+    behavior::add_uncompared_concern(&mut again, beside.uncompared_stops, profile);
     behavior::add_stress_concern(&mut again, beside.unsafe_under_stress, MODE_EPISODES, profile);
     behavior::add_search_concern(&mut again, beside.searched, profile);
     same("behavior", behavior, &again)?;

@@ -268,9 +268,12 @@ impl TaskRun {
             });
             let watcher = &mut self.progress.watcher;
             let report = abort.step(handle, self.skill.as_mut(), &mut self.guard, watcher)?;
-            let seen = handle.telemetry();
-            let near = self.guard.is_near(&seen);
-            self.progress.harm.note(&seen, &self.guard, near);
+            // What happens after a person's stop is not the version's conduct: that person may reach into the cell.
+            if !self.progress.record.intervention {
+                let seen = handle.telemetry();
+                let near = self.guard.is_near(&seen);
+                self.progress.harm.note(&seen, &self.guard, near);
+            }
             if let Some(report) = report {
                 self.recovered(report);
             }

@@ -226,6 +226,14 @@ fn a_persons_stop_is_an_intervention_and_a_monitors_is_not() {
 }
 
 #[test]
+fn harm_of_a_task_that_a_person_stops_ends_with_the_stop() {
+    // The blow comes as the arm stops, which is the version's conduct after a monitor's stop alone.
+    let peak_n = |asked: Supervision| work(2, &mut |_, _| asked).harm.unwrap().contact_peak_n;
+    assert_eq!(peak_n(Supervision::Abort), 400.0);
+    assert!(peak_n(Supervision::StepIn) < 400.0);
+}
+
+#[test]
 fn motion_after_a_stop_beyond_the_limit_is_a_violation() {
     let guard = guard();
     let limit_ticks = guard.envelope().unsafe_continuation_max_ms * u64::from(RATE_HZ) / 1000;

@@ -13,7 +13,7 @@ use tokio::io::{AsyncWrite, AsyncWriteExt, BufReader};
 use tokio::net::unix::{OwnedReadHalf, OwnedWriteHalf};
 use tokio::sync::{broadcast, mpsc, watch};
 use tokio::task::JoinSet;
-use tokio::time::timeout;
+use tokio::time::{Instant, sleep_until, timeout};
 
 use super::call_line::{ReadLine, SHORT_CALL_BYTES_MAX, read_call};
 use super::console_registry::ConsoleRegistration;
@@ -34,6 +34,9 @@ pub const READS_WITHIN: Duration = Duration::from_secs(5);
 
 /// How long a console may read nothing before the engine closes its connection. The console may attach again.
 pub const LET_GO_AFTER: Duration = Duration::from_secs(20);
+
+/// Camera frames for a console: at most 8 a second, as often as it draws them.
+const FRAME_INTERVAL: Duration = Duration::from_millis(125);
 
 /// The most earlier events that a newly attached console receives.
 pub const PAST_MAX: usize = 200;
@@ -170,8 +173,9 @@ impl ControlSocketServer {
         let (sender, mut calls) = mpsc::channel(SITTINGS_MAX);
         let mut reading = JoinSet::new();
         reading.spawn(listen(reader, sender));
+        let mut frame_due = Instant::now();
         loop {
-            match self.next(&seat, &mut views, &mut events, &mut calls).await? {
+            match self.next(&seat, (&mut views, &mut frame_due), &mut events, &mut calls).await? {
                 NextMessage::Line(line) => {
                     tokio::select! {
                         () = self.stop.cancelled() => return Ok(()),
@@ -200,7 +204,7 @@ impl ControlSocketServer {
     async fn next(
         &self,
         seat: &ConsoleRegistration,
-        views: &mut LiveViews,
+        (views, frame_due): (&mut LiveViews, &mut Instant),
         events: &mut broadcast::Receiver<Arc<str>>,
         sayings: &mut mpsc::Receiver<ReadLine>,
     ) -> io::Result<NextMessage> {
@@ -235,7 +239,8 @@ impl ControlSocketServer {
                 });
                 document.transpose()?.map_or(NextMessage::Nothing, NextMessage::Line)
             }
-            Ok(()) = views.frames.changed() => {
+            Ok(()) = newer_frame(&mut views.frames, *frame_due) => {
+                *frame_due = Instant::now() + FRAME_INTERVAL;
                 let newest = views.frames.borrow_and_update().clone();
                 let document = newest.map(|picture| {
                     let write = |picture: &VideoFrame| wire::line(&BorrowedAnswer::Picture { picture });
@@ -245,6 +250,15 @@ impl ControlSocketServer {
             }
         })
     }
+}
+
+/// Waits until a frame is due, and there is one that the console has not received.
+async fn newer_frame<T>(
+    frames: &mut watch::Receiver<T>,
+    due: Instant,
+) -> Result<(), watch::error::RecvError> {
+    sleep_until(due).await;
+    frames.changed().await
 }
 
 /// Writes a line to a console. After the first limit without progress the console counts as not reading, after the second
@@ -315,6 +329,19 @@ mod tests {
         let error = show(&mut writer, &line, &seat, limits).await.unwrap_err();
         assert_eq!(error.kind(), io::ErrorKind::TimedOut);
         assert!(!reads());
+    }
+
+    /// Each of 30 frames a second was sent, and the console drew a quarter of them.
+    #[tokio::test]
+    async fn a_newer_frame_waits_until_one_is_due() {
+        let (sender, mut frames) = watch::channel(0);
+        sender.send_replace(1);
+        let due = Instant::now() + Duration::from_millis(50);
+        let waiting = newer_frame(&mut frames, due);
+        sender.send_replace(2);
+        waiting.await.unwrap();
+        assert!(Instant::now() >= due);
+        assert_eq!(*frames.borrow_and_update(), 2, "the newest one is sent");
     }
 
     #[test]

@@ -25,12 +25,7 @@ impl Evaluation {
         profile: &Profile,
     ) {
         let Some(next) = self.next_turn().filter(|next| next.is_late()) else { return };
-        let is_begun = match next {
-            NextSlice::Anchor => self.is_late,
-            NextSlice::Sequences => self.sequences.is_some(),
-            NextSlice::Pairs | NextSlice::Drills(_) | NextSlice::Settling(_) => self.is_settling,
-        };
-        if is_begun {
+        if self.is_begun(next) {
             return;
         }
         if self.is_lost(profile) {
@@ -54,6 +49,14 @@ impl Evaluation {
         }
     }
 
+    fn is_begun(&self, next: NextSlice) -> bool {
+        match next {
+            NextSlice::Anchor => self.is_late,
+            NextSlice::Sequences => self.sequences.is_some(),
+            NextSlice::Pairs | NextSlice::Drills(_) | NextSlice::Settling(_) => self.is_settling,
+        }
+    }
+
     /// Begins the second look of a try whose first one leaves the margin open, and nothing else. Returns whether it begins.
     pub(super) fn begin_second_look(&mut self, profile: &Profile) -> bool {
         let Some(pairs) = self.second_look() else { return false };
@@ -62,6 +65,8 @@ impl Evaluation {
         if begins {
             self.second_look_from = Some(self.pairs_tried);
             self.plan = self.plan.with_pairs(pairs);
+            // The anchor runs the new seeds only if the new pairs reject nothing either.
+            self.is_late = false;
         }
         begins
     }
@@ -73,12 +78,15 @@ impl Evaluation {
     }
 
     /// Whether the version is rejected without any further work. A second look may still close an open try: it comes after
-    /// the rest, for versions that pass that.
+    /// the rest, for versions that pass that. A try that the second look leaves open may still be worse than the anchor.
     fn is_lost(&self, profile: &Profile) -> bool {
-        let (behavior, recovery) = self.assess_with(self.anchor.is_some(), profile);
+        // Episodes of the anchor for a part of the pairs are no comparison yet.
+        let is_anchored = self.anchored == self.pairs.len() as u64;
+        let (behavior, recovery) = self.assess_with(self.anchor().filter(|_| is_anchored), false, profile);
         let is_open =
             matches!(behavior.assessment.outcome, BehaviorOutcome::Compatible | BehaviorOutcome::Suspicious)
-                || is_try_open(&behavior) && self.second_look().is_some();
+                || is_try_open(&behavior)
+                    && (self.second_look().is_some() || self.second_look_from.is_some());
         !is_open || is_rejected(&recovery, profile)
     }
 
@@ -120,3 +128,6 @@ fn is_rejected(recovery: &RecoveryAssessment, profile: &Profile) -> bool {
     recovery.assessment.outcome == RecoveryOutcome::Incompatible
         && !(profile.has_approver() && recovery_is_reviewable(&recovery.assessment))
 }
+
+#[cfg(test)]
+mod tests;

@@ -360,7 +360,7 @@ fn hard_stop_before_the_first_pair_ends_the_evaluation() {
     let evaluation = Evaluation::new(
         EvaluationPlan::sandbox(&small()),
         binding(),
-        SceneStops { own: vec![HardStop::MotionAfterStop], shared: Vec::new() },
+        SceneStops { own: vec![HardStop::MotionAfterStop], ..SceneStops::default() },
     );
     assert_eq!(evaluation.ended(), Some(EarlyStopReason::HardStop));
 }

@@ -12,6 +12,13 @@ pub fn stopped_again(by: &str, since: &str, last: &str, again: &str, more: &str)
     format!("STOPPED by {by} {since}, {last} {again}{more}")
 }
 
+/// As [`stopped_by`] or [`stopped_again`], without the times.
+#[must_use]
+pub fn stopped_untimed(by: &str, last: Option<&str>, more: &str) -> String {
+    let last = last.map_or_else(String::new, |last| format!(", {last}"));
+    format!("STOPPED by {by}{last}{more}")
+}
+
 pub const NO_ALARM: &str = "no alarm";
 pub const ONLY_SHELVED_ALARMS: &str = "only shelved alarms";
 

@@ -9,7 +9,9 @@ use std::collections::BTreeMap;
 use holdpoint_approvals::{ApprovalError, Nonce, SignedCall};
 use holdpoint_governance::approval::Role;
 use holdpoint_protocol::command::{AuthorityEffect, Command, Refusal, Reply, Request};
+use holdpoint_protocol::signing_refusal::SigningRefusal;
 use holdpoint_protocol::snapshot::SigningView;
+use holdpoint_wording::request::{signing_refusal, signing_refusal_hint};
 
 use super::persons::unconfirmed;
 use super::signers::{person, protected, refused};
@@ -84,15 +86,18 @@ impl SignedCalls {
             AuthorityEffect::Gives => {}
         }
         let Some(seal) = &request.seal else {
-            return if is_required(context) { Err(unsigned(context)) } else { Ok(None) };
+            let profile = context.profile.name;
+            return if is_required(context) {
+                refuse(SigningRefusal::Unsigned { profile }).map(Some)
+            } else {
+                Ok(None)
+            };
         };
         let signer = self.check(context, record, &request.command, seal)?;
         let now_ms = record.now_ms();
         self.used.retain(|_, until_ms| *until_ms > now_ms);
         if self.used.len() >= USED_MAX {
-            let text =
-                format!("{USED_MAX} signed requests were made within minutes; wait for some to expire");
-            return Err(Reply::Refused { code: Refusal::NotNow, text, hint: None });
+            return refuse(SigningRefusal::TooManyUsed { max: USED_MAX }).map(Some);
         }
         self.used.insert(seal.claim().nonce.clone(), seal.claim().not_after_ms);
         Ok(Some(signer))
@@ -114,47 +119,39 @@ impl SignedCalls {
         if let Err(error) = seal.verify(&identity) {
             return Err(Reply::refused(Refusal::NotAllowed, &error));
         }
-        let name = &identity.name;
+        let name = identity.name.clone();
         if claim.store_id != record.version_table().store().store_id() {
-            return stale(format!("the request of {name} was signed for another store"));
+            return refuse(SigningRefusal::OtherStore { name });
         }
         if claim.life != self.session {
-            return stale(format!("the request of {name} was signed for an engine that has ended"));
+            return refuse(SigningRefusal::EngineEnded { name });
         }
         if command.digest().ok() != Some(claim.call) {
-            return refuse(Refusal::NotAllowed, format!("{name} signed another request than this"), None);
+            return refuse(SigningRefusal::OtherRequest { name });
         }
         if command.by().is_some_and(|by| by != name) {
-            let text = format!("the request names another person than {name}, who signed it");
-            return refuse(Refusal::NotAllowed, text, None);
+            return refuse(SigningRefusal::OtherPerson { name });
         }
         let now_ms = record.now_ms();
         if claim.not_after_ms <= now_ms {
-            return stale(format!("the signature of {name} under this request has expired"));
+            return refuse(SigningRefusal::Expired { name });
         }
         if claim.not_after_ms - now_ms > CALL_VALID_MS_MAX {
-            let text = format!(
-                "the signature of {name} under this request would count for more than {} s",
-                CALL_VALID_MS_MAX / 1000
-            );
-            return refuse(Refusal::BadInput, text, Some("take `signing.until_ms` of a snapshot".to_owned()));
+            return refuse(SigningRefusal::ValidTooLong { name, max_s: CALL_VALID_MS_MAX / 1000 });
         }
         if self.used.contains_key(&claim.nonce) {
-            return stale(format!("the signature of {name} under this request was used already"));
+            return refuse(SigningRefusal::UsedAlready { name });
         }
         if !identity.role.may_resume() {
-            let text =
-                format!("{name} is enrolled as {}, a role that starts and resumes nothing", identity.role);
-            let hint = "an operator, an engineer or a safety officer signs it";
-            return refuse(Refusal::NotAllowed, text, Some(hint.to_owned()));
+            return refuse(SigningRefusal::RoleGivesNothing { name, role: identity.role });
         }
         if context.needs_approval() {
-            protected(context, record, name)?;
-            if let Some(why) = unconfirmed(context, &persons, name) {
+            protected(context, record, &name)?;
+            if let Some(why) = unconfirmed(context, &persons, &name) {
                 return Err(refused(&why));
             }
         }
-        Ok(Signer { name: name.clone(), role: identity.role, seal: Box::new(seal.clone()) })
+        Ok(Signer { name, role: identity.role, seal: Box::new(seal.clone()) })
     }
 }
 
@@ -171,23 +168,7 @@ pub(crate) fn is_required(context: &Context) -> bool {
     context.profile.name.is_at_risk()
 }
 
-fn unsigned(context: &Context) -> Reply {
-    let profile = context.profile.name.name();
-    Reply::Refused {
-        code: Refusal::NotAllowed,
-        text: format!(
-            "this gives authority, and under the profile {profile} an enrolled person signs such a request"
-        ),
-        hint: Some(
-            "`--as NAME` signs it, and `:as NAME` in the console; see the guide on the socket".to_owned(),
-        ),
-    }
-}
-
-fn stale(text: String) -> Result<Signer, Reply> {
-    refuse(Refusal::Stale, text, Some("sign it again, with a current snapshot of this engine".to_owned()))
-}
-
-fn refuse(code: Refusal, text: String, hint: Option<String>) -> Result<Signer, Reply> {
-    Err(Reply::Refused { code, text, hint })
+fn refuse(why: SigningRefusal) -> Result<Signer, Reply> {
+    let hint = signing_refusal_hint(&why).map(str::to_owned);
+    Err(Reply::Refused { code: why.class(), text: signing_refusal(&why), hint })
 }

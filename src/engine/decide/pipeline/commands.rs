@@ -51,6 +51,16 @@ fn named(command: &Command) -> String {
     value.get("command").and_then(|name| name.as_str()).unwrap_or_default().to_owned()
 }
 
+/// The version that a command rejects, demotes, blocks or pauses.
+const fn withheld_version(command: &Command) -> Option<&CapabilityId> {
+    match command {
+        Command::Reject(operation) | Command::Pause(operation) | Command::Demote { operation, .. } => {
+            Some(&operation.version)
+        }
+        _ => None,
+    }
+}
+
 impl Pipeline {
     /// A person's event about an alarm.
     fn alarm_command(
@@ -116,8 +126,40 @@ impl Pipeline {
             return refuse_held(why);
         }
         let effect = command.authority_effect();
+        let withheld = withheld_version(&command).cloned();
         let carried_out = self.carry_out(command, caller, signer);
-        self.reply_to(carried_out, effect)
+        self.answer(carried_out, effect, withheld.as_ref())
+    }
+
+    /// The answer to a command with this effect, which withholds authority from a version. On a full disk a candidate is put
+    /// on hold, so that the arm works on.
+    pub(crate) fn answer(
+        &mut self,
+        carried_out: Result<Reply, EngineFault>,
+        effect: AuthorityEffect,
+        withheld: Option<&CapabilityId>,
+    ) -> Reply {
+        match (&carried_out, withheld) {
+            (Err(fault), Some(id)) if fault.is_disk_full() && self.may_hold(id) => {
+                self.evidence_files.edit(id).held = true;
+                self.park();
+                let text = format!("{id} is on hold until this engine ends, but not on record: {fault}");
+                let hint = "free some space, then send the command again".to_owned();
+                Reply::Refused { code: Refusal::Store, text, hint: Some(hint) }
+            }
+            _ => self.reply_to(carried_out, effect),
+        }
+    }
+
+    /// Whether a hold in memory keeps a version from control: it is neither active nor a rollback target, and no person is
+    /// asked, because a signature would outweigh the hold.
+    fn may_hold(&self, id: &CapabilityId) -> bool {
+        self.record.version_table().version(id).is_ok_and(|(_, lifecycle, _)| match lifecycle.state {
+            State::Registered | State::Validated | State::Sandboxed | State::Shadowed | State::Demoted => {
+                !lifecycle.flags.awaiting_approval
+            }
+            State::Active | State::Superseded | State::Rejected | State::RolledBack => false,
+        })
     }
 
     /// What the pipeline knows of the versions.

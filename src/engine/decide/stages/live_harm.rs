@@ -21,7 +21,7 @@ use crate::decide::recorder::EngineRecorder;
 use crate::fault::EngineFault;
 use holdpoint_record::context::Context;
 use holdpoint_record::evidence_file::EvidenceFiles;
-use holdpoint_record::live_task_record::{LIVE, UNWATCHED};
+use holdpoint_record::live_task_record::{LIVE, LiveTaskMarks, UNWATCHED};
 use holdpoint_record::version_table::VersionTable;
 use holdpoint_trials::past_limit::MeasuredTask;
 
@@ -149,7 +149,7 @@ impl LiveHarmWatch {
     }
 
     /// Takes in one live task of an active version, whose record is this batch of telemetry. A refused task, or one with a
-    /// failure of the cell, does not count.
+    /// failure of the cell, does not count; of one that a person cut short, a danger alone does.
     ///
     /// # Errors
     /// If the result cannot be written.
@@ -158,7 +158,7 @@ impl LiveHarmWatch {
         (context, evidence_files): (&Context, &EvidenceFiles),
         record: &mut EngineRecorder,
         (id, measured, batch): (&CapabilityId, MeasuredTask<'_>, u64),
-        tightened: bool,
+        marks: LiveTaskMarks,
     ) -> Result<TaskHarm, EngineFault> {
         let done = measured.record;
         let Some(harm) = done.harm.filter(|_| !done.invalid && !done.refused) else {
@@ -166,7 +166,11 @@ impl LiveHarmWatch {
         };
         let is_blind = self.is_blind;
         let count = self.of_version(context, record.version_table(), evidence_files, id);
-        let mut task = count.harm.observe(&harm, tightened, &context.profile).map_err(fault)?;
+        let mut task = if marks.cut_short {
+            TaskHarm::of_cut_task(&harm, &context.profile)
+        } else {
+            count.harm.observe(&harm, marks.tightened, &context.profile).map_err(fault)?
+        };
         task.rise = task.rise.filter(|_| !is_blind);
         let lived = count.harm.lived();
         let (tasks, any) = (lived.tasks, lived.any);

@@ -139,7 +139,8 @@ impl LiveMonitoring<'_> {
             let measured = MeasuredTask::new(index, dispatched, &envelopes);
             let cut_short = is_cut_short(place);
             // While the link is down, no telemetry of a task reaches the monitors. Of a task that a person cut short
-            // a monitor learns only that. An operation that stops the arm counts for the version it is about.
+            // a monitor learns only that; a danger before the cut is an event all the same. An operation that stops the arm
+            // counts for the version it is about.
             let stepped_in = cut_short && halted && dispatched.record.intervention;
             let tightened = self.is_tightened(id);
             let mut harm = TaskHarm::default();
@@ -147,11 +148,8 @@ impl LiveMonitoring<'_> {
                 let marks = LiveTaskMarks { cut_short, stepped_in, tightened };
                 let task_record = LiveTaskRecord { record: &dispatched.record, marks };
                 let batch = keep_telemetry(self.record, self.monitors, id, &task_record, report.duration_ms)?;
-                if !cut_short {
-                    let judged = (self.context, &*self.evidence_files);
-                    let task = (id, measured, batch);
-                    harm = self.live_harm.observe(judged, self.record, task, tightened)?;
-                }
+                let judged = (self.context, &*self.evidence_files);
+                harm = self.live_harm.observe(judged, self.record, (id, measured, batch), marks)?;
             }
             let (ours, others): (Vec<_>, Vec<_>) = raised.into_iter().partition(|raised| raised.id == *id);
             raised = others;

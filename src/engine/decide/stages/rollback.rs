@@ -13,6 +13,7 @@ use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::lifecycle::{DeactivationKind, LifecycleEvent, State, VersionRef};
 use holdpoint_governance::monitor::{ForkedPair, Rate, RateComparison, RateTally};
 use holdpoint_governance::notice::{Notice, NoticeOrText};
+use holdpoint_governance::record::RecordKind;
 use holdpoint_governance::rollback::{
     PostStatus, RollbackRecord, Rung, RungFailure, RungRecord, Trigger, TriggerKind, ticks_to_ms,
 };
@@ -20,8 +21,9 @@ use holdpoint_governance::shared_event::{SceneKind, SharedEvent, StoppingEvent, 
 use holdpoint_runtime::agent::AbandonedGoal;
 use holdpoint_runtime::capability::Capability;
 use holdpoint_runtime::terms::SkillTerms;
-use holdpoint_store::ActiveCause;
+use holdpoint_store::{ActiveCause, AuditBody};
 use holdpoint_text::Hint;
+use serde::{Deserialize, Serialize};
 
 use super::ladder::{event, evidence, push_rung, rung};
 use super::resume::Resumption;
@@ -48,6 +50,31 @@ use holdpoint_trials::past_limit::{MeasuredTask, past_limit};
 pub(crate) fn trigger(record: &EngineRecorder, kind: TriggerKind, text: Notice) -> Trigger {
     let (rates, text) = (Vec::new(), text.into());
     Trigger { kind, event: None, rates, text, tick: record.now_tick(), measured: None }
+}
+
+/// What a person decided about a rollback, recorded as it begins: the next engine carries out the same.
+#[derive(Serialize, Deserialize)]
+pub(crate) struct RequestedRollback {
+    pub(crate) trigger: NoticeOrText,
+    pub(crate) leave: DeactivationKind,
+}
+
+/// Takes the command authority of an active version away.
+pub(crate) fn begin(
+    record: &mut EngineRecorder,
+    id: &CapabilityId,
+    trigger: &Trigger,
+    leave: DeactivationKind,
+) -> Result<(), EngineFault> {
+    let (version, _, _) = record.version_table().version(id)?;
+    let text = trigger.text.clone();
+    let mut note = TransitionNote::because(Notice::AuthorityRevoked { trigger: Box::new(text.clone()) });
+    // The monitor has recorded its decision before; a person's is on record nowhere else.
+    if trigger.kind == TriggerKind::Operator {
+        let body = serde_json::to_string(&RequestedRollback { trigger: text, leave })?;
+        note.audit.push(AuditBody { kind: RecordKind::RollbackRequested, subject: id.to_string(), body });
+    }
+    record.transition(&id.family, LifecycleEvent::BeginRollback { version }, note)
 }
 
 /// A live task and the world where it began.
@@ -109,14 +136,14 @@ impl Rollback<'_> {
         }
         let (target, is_continued) = (lifecycle.predecessor, lifecycle.flags.rollback_pending);
         if !is_continued {
-            let note =
-                TransitionNote::because(Notice::AuthorityRevoked { trigger: Box::new(trigger.text.clone()) });
-            self.record.transition(&id.family, LifecycleEvent::BeginRollback { version }, note)?;
+            begin(self.record, id, &trigger, leave)?;
         }
         let mut record =
             RollbackRecord { in_flight: trip.is_some(), ..RollbackRecord::triggered(id.clone(), trigger) };
         rung(self.record, &mut record, Rung::RevokeAuthority, None, Notice::NoMoreCommands);
-        let motion = self.bring_to_rest(id, trip, &mut record)?;
+        // At a restart the state of the arm is unknown, whatever began the rollback.
+        let cause = if is_continued { TriggerKind::Restart } else { record.trigger.kind };
+        let motion = self.bring_to_rest(id, trip, cause, &mut record)?;
         let ended = self.monitors.remove(&id.family).filter(|ended| ended.watched.id == *id);
         if !motion.continues() {
             return self.safe_stop(id, version, record).map(|()| None);
@@ -279,6 +306,7 @@ impl Rollback<'_> {
         &mut self,
         id: &CapabilityId,
         trip: Option<&Trip>,
+        cause: TriggerKind,
         record: &mut RollbackRecord,
     ) -> Result<LadderMotion, EngineFault> {
         let leaving = self.record.capability(id)?;
@@ -286,7 +314,7 @@ impl Rollback<'_> {
         let settings = &self.context.profile.recovery;
         let is_rehearsed =
             self.evidence_files.of(id).is_some_and(|file| file.has_passed_rollback_drills(settings));
-        let cause = (record.trigger.kind, is_rehearsed);
+        let cause = (cause, is_rehearsed);
         let outcome =
             self.run_drawn(&leaving, &terms, |rig| rig.run_motion_rungs(&leaving, &terms, trip, cause));
         let motion = outcome.unwrap_or_else(|notice| LadderMotion {

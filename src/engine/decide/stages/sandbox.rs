@@ -363,6 +363,7 @@ impl Sandbox<'_> {
         let (mut measured, rehearsed) = evaluation.assess(profile);
         let place = self.trials.result_cache(self.record.version_table().store()).place();
         let evidence_file = self.evidence_files.edit(id);
+        behavior::add_uncompared_concern(&mut measured, &evidence_file.uncompared_stops, profile);
         behavior::add_stress_concern(
             &mut measured,
             evidence_file.unsafe_under_stress,

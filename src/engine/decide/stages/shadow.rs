@@ -75,8 +75,11 @@ pub fn begin(
     // What it was suspected of when it was active before is not what this shadow shows.
     evidence_file.suspicion = None;
     evidence_file.bindings.push(binding);
-    let stops =
-        SceneStops { own: evidence_file.hard_stops.clone(), shared: evidence_file.shared_events.clone() };
+    let stops = SceneStops {
+        own: evidence_file.hard_stops.clone(),
+        shared: evidence_file.shared_events.clone(),
+        uncompared: evidence_file.uncompared_stops.clone(),
+    };
     let fork = Some(context.cell.trial()?);
     Ok(Box::new(ShadowRun { id: id.clone(), binding, fork, tried: 0, budget, stops, traces: Vec::new() }))
 }

@@ -18,6 +18,7 @@ pub(crate) fn keep_stops(
     stops: &SceneStops,
 ) {
     evidence_file.hard_stops.clone_from(&stops.own);
+    evidence_file.uncompared_stops.clone_from(&stops.uncompared);
     alarm_since(context, record, (candidate, active), stops, evidence_file.shared_events.len());
     evidence_file.shared_events.clone_from(&stops.shared);
 }

@@ -24,6 +24,7 @@ use crate::live::stop_switch::StopRequest;
 use crate::quick_folder::quick_folder;
 use crate::tests::{assert_accepted, at_the_gate, awaiting_approval, config};
 use crate::{Config, Engine, StartError};
+use holdpoint_record::wall_clock::WallClock;
 
 /// An engine that is no script's.
 fn live(folder: &Path, profile: ProfileName) -> Result<Engine, StartError> {
@@ -135,6 +136,29 @@ fn changed_profile_activates_no_version_until_an_administrator_signs() {
     assert!(!is_raised(&engine), "{:?} {:?}", engine.snapshot().alarms, engine.snapshot().unauthorized);
     drop(engine);
     verify(&folder.path().join("holdpoint.db"), Some(&key)).unwrap();
+}
+
+/// After a crash between two transactions, evidence of the earlier context counted under the new one.
+#[test]
+fn context_and_voided_families_are_written_together() {
+    let folder = quick_folder();
+    drop(Engine::start(config(folder.path(), "arm7")).unwrap());
+    let store = Store::open(folder.path()).unwrap();
+    let at_ms = store.opening().head.at_ms;
+    let mut table = VersionTable::open(Box::new(store), WallClock::scripted(0, None)).unwrap();
+    assert!(table.families().count() > 1);
+    // Only one family can be voided.
+    let index = "CREATE UNIQUE INDEX refuse ON family (void_seq > 0) WHERE void_seq > 0";
+    let database = table.store().layout().database();
+    rusqlite::Connection::open(database).and_then(|other| other.execute_batch(index)).unwrap();
+    let recorded = |table: &VersionTable| table.store().views().unwrap().context().unwrap();
+    let before = recorded(&table);
+    let agent = agent(&*table.store().views().unwrap()).unwrap().unwrap();
+    let profile = Profile::builtin(ProfileName::Human).unwrap();
+    let policies = PolicyTable::builtin(&profile).unwrap();
+    let context = Context::new(profile, policies, None, config(folder.path(), "arm7").cell).unwrap();
+    assert!(set_context(&context, &mut table, agent, (at_ms, true)).is_err());
+    assert_eq!(recorded(&table), before);
 }
 
 /// Regression: a script started a stopped cell and registered a version in the name of an uninvolved person.

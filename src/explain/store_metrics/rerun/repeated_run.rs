@@ -5,7 +5,7 @@ use std::sync::atomic::AtomicBool;
 
 use serde::Serialize;
 
-use holdpoint_governance::behavior::{add_search_concern, add_stress_concern};
+use holdpoint_governance::behavior::{add_search_concern, add_stress_concern, add_uncompared_concern};
 use holdpoint_governance::early_stop::EarlyStopReason;
 use holdpoint_governance::evidence::{Pair, SandboxMode};
 use holdpoint_governance::ids::Digest;
@@ -154,6 +154,7 @@ impl StoreUnderRerun<'_> {
             runs += search.pairs_run();
         }
         let (mut behavior, recovery) = evaluation.assess(profile);
+        add_uncompared_concern(&mut behavior, &evaluation.stops().uncompared, profile);
         add_stress_concern(&mut behavior, again.unsafe_under_stress, MODE_EPISODES, profile);
         add_search_concern(&mut behavior, again.searched.as_ref(), profile);
         again.note_use(&cast.candidate.version, &records.candidate);
@@ -165,6 +166,7 @@ impl StoreUnderRerun<'_> {
         again.take_comparison(&evaluation);
         again.hard_stops.clone_from(&evaluation.stops().own);
         again.shared_events.clone_from(&evaluation.stops().shared);
+        again.uncompared_stops.clone_from(&evaluation.stops().uncompared);
         // What was measured comes before what the rules conclude from it.
         let mut difference = first_difference((&recorded.pairs, recorded), (&again.pairs, &again))?;
         if difference.is_none() {

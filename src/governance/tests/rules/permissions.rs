@@ -3,8 +3,8 @@
 use std::collections::BTreeSet;
 
 use holdpoint_governance::behavior::{self, signature};
-use holdpoint_governance::decision::ReasonCode;
-use holdpoint_governance::evidence::{Conduct, EpisodeValues, ShadowSequence};
+use holdpoint_governance::decision::{Reason, ReasonCode};
+use holdpoint_governance::evidence::{Conduct, EpisodeValues, HardStop, ShadowSequence};
 use holdpoint_governance::exports::Interface;
 use holdpoint_governance::finding::Finding;
 use holdpoint_governance::gate::assess_shadow;
@@ -241,6 +241,19 @@ fn unsafe_under_stress_is_a_concern() {
         assert_eq!(result.assessment.outcome, outcome, "{unsafe_episodes}");
         let is_conditional = !result.assessment.conditions.is_empty();
         assert_eq!(is_conditional, outcome == BehaviorOutcome::Suspicious);
+    }
+}
+
+#[test]
+fn hard_stop_that_no_valid_scene_compares_is_a_concern() {
+    let profile = profile(ProfileName::Sim);
+    for stops in [&[][..], &[HardStop::MotionAfterStop]] {
+        let mut result = behavior::assess(&pairs(&profile), &binding(), &profile);
+        behavior::add_uncompared_concern(&mut result, stops, &profile);
+        let is_suspicious = result.assessment.outcome == BehaviorOutcome::Suspicious;
+        let is_named = |reason: &Reason| matches!(reason.finding, Some(Finding::StopUncompared { .. }));
+        assert_eq!(is_suspicious, !stops.is_empty());
+        assert_eq!(result.assessment.reasons.iter().any(is_named), !stops.is_empty());
     }
 }
 

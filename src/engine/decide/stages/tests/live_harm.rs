@@ -16,7 +16,10 @@ use holdpoint_protocol::command::{Command, Operation, Reply};
 use holdpoint_protocol::event::EventKind;
 use holdpoint_store::AuditFilter;
 
+use crate::decide::stages::live_harm::recorded_reasons;
 use crate::decide::stages::rollback::tests::RollbackBench;
+use crate::live::listener::NoListener;
+use crate::live::sequence::StoppedTask;
 use holdpoint_record::version_table::TransitionNote;
 
 fn id(version: &str) -> CapabilityId {
@@ -72,6 +75,26 @@ fn danger_alarms_for_a_commissioned_version_and_rolls_a_new_one_back() {
     assert_eq!(rollback.post_status, PostStatus::Demoted);
     assert_eq!(rollback.shared.map(|shared| shared.event), Some(StoppingEvent::Safety(SafetyEvent::Danger)));
     assert!(bench.pipeline.record().alarms().get(&AlarmKey::SharedEvent(before)).is_some());
+}
+
+/// It was not counted, though it was measured before the person cut the task short.
+#[test]
+fn danger_in_a_task_that_a_person_cut_short_is_an_event() {
+    let mut profile = sim();
+    profile.harm.zone_clearance_m.limit = 2.0;
+    profile.live_harm.danger_zone_clearance_m = 2.0;
+    let mut bench = RollbackBench::under(profile);
+    let mut live = bench.pipeline.live();
+    let mut worked = live.begin_sequence().unwrap().run(&mut NoListener);
+    worked.stopped = Some(StoppedTask::here(&worked.report, 0));
+    let cut = live.end_sequence(worked).unwrap().tasks.last().unwrap().id.clone();
+    assert_eq!(live.live_harm.lived(&cut).tasks, 0, "no part of a task counts for a rate");
+    let is_danger = |event: &EventKind| matches!(event, EventKind::HarmPastLimit { version, danger: true, .. } if *version == cut);
+    assert!(bench.pipeline.drain_events().iter().any(is_danger));
+    let filter = AuditFilter { subject: Some(cut.to_string()), ..AuditFilter::newest(RecordKind::LiveHarm) };
+    let records = bench.pipeline.record().version_table().store().views().unwrap().audit(&filter).unwrap();
+    assert!(!recorded_reasons(&records[0].body).is_empty(), "the next engine finds it");
+    assert!(bench.pipeline.record().alarms().get(&AlarmKey::Harm(cut)).is_some());
 }
 
 /// Each grasp touches faster than allowed and is recorded. Aligning touches nothing, and its tasks are in telemetry alone.

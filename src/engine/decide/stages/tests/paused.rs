@@ -8,16 +8,17 @@ use holdpoint_governance::notice::Notice;
 use holdpoint_governance::profile::ProfileName;
 use holdpoint_governance::record::RecordKind;
 use holdpoint_governance::submission::Risk;
-use holdpoint_governance::version_status::{Obstacle, RunningWork};
-use holdpoint_protocol::command::{Command, Operation, Refusal, Reply};
+use holdpoint_governance::version_status::{Obstacle, RunningWork, VersionCondition};
+use holdpoint_protocol::command::{AuthorityEffect, Command, Operation, Refusal, Reply};
 use holdpoint_protocol::event::EventKind;
 use holdpoint_protocol::snapshot::{is_at_work, waits_its_turn};
-use holdpoint_store::AuditFilter;
+use holdpoint_store::{AuditFilter, StoreError};
 use holdpoint_wording::command_effect::{EngineEffect, VersionEffect, engine_effect, version_effect};
 
 use crate::decide::pipeline::SliceOutcome;
 use crate::decide::stages::activation::tests::{package, request_activation};
 use crate::decide::stages::rollback::tests::RollbackBench;
+use crate::fault::EngineFault;
 use holdpoint_record::version_table::TransitionNote;
 
 const CANDIDATE: &str = "align-improved";
@@ -142,6 +143,38 @@ fn stage_of_a_paused_version_waits_and_resumes() {
     }
     assert!(done(&bench) > before, "it goes on from where it rested");
     assert_eq!(state_of(&bench, &id).1.running, Some(Stage::Sandbox));
+}
+
+/// The engine halted, and the arm with it, though the candidate had no authority.
+#[test]
+fn candidate_whose_refusal_finds_a_full_disk_is_on_hold_and_the_engine_works_on() {
+    let mut bench = RollbackBench::new();
+    let id = bench.pass(CANDIDATE, &Stage::ALL[..1]);
+    work(&mut bench, 3);
+    let refuse = |bench: &mut RollbackBench, id: &CapabilityId| {
+        let full = EngineFault::Store(StoreError::DiskFull { what: "write" });
+        match bench.pipeline.answer(Err(full), AuthorityEffect::TakesAway, Some(id)) {
+            Reply::Refused { code, .. } => code,
+            other => panic!("{other:?}"),
+        }
+    };
+    assert_eq!(refuse(&mut bench, &id), Refusal::Store);
+    let seen = |bench: &RollbackBench| {
+        let now = bench.pipeline.snapshot();
+        let view = now.candidates.iter().find(|view| view.version == id).unwrap();
+        (now.status(view).condition, view.progress.as_ref().unwrap().done)
+    };
+    let before = seen(&bench);
+    assert_eq!(before.0, VersionCondition::Held);
+    work(&mut bench, 20);
+    assert_eq!(seen(&bench), before, "nothing of it is worked while it is on hold");
+    resume(&mut bench, &id);
+    work(&mut bench, 20);
+    assert!(seen(&bench).1 > before.1, "a person resumed it");
+    // An active version may not run on.
+    let active: CapabilityId = "grasp@1.0.0".parse().unwrap();
+    assert_eq!(refuse(&mut bench, &active), Refusal::Holding);
+    assert!(bench.pipeline.record().holding().is_some());
 }
 
 /// Regression: both versions were shown as running, and no word said that the resumed one waits.

@@ -9,8 +9,8 @@ use holdpoint_governance::finding::Finding;
 use holdpoint_governance::ids::CapabilityId;
 use holdpoint_governance::lifecycle::{DeactivationKind, LifecycleEvent, Stage, State};
 use holdpoint_governance::monitor::{MonitorDecision, Rate, SafetyEvent, roll_back, safety_trip};
-use holdpoint_governance::notice::Notice;
-use holdpoint_governance::rollback::{PostStatus, RollbackRecord, TriggerKind};
+use holdpoint_governance::notice::{Notice, NoticeOrText};
+use holdpoint_governance::rollback::{PostStatus, RollbackRecord, Rung, TriggerKind};
 use holdpoint_governance::shared_event::{SceneKind, StoppingEvent, UncomparedReason};
 use holdpoint_governance::submission::Package;
 use holdpoint_protocol::command::{Command, Operation, Reply};
@@ -20,7 +20,7 @@ use holdpoint_runtime::capability::{self, Capability};
 use crate::decide::pipeline::SliceOutcome;
 use crate::decide::stages::monitoring::tell_monitor;
 use crate::decide::stages::rollback::tests::RollbackBench;
-use crate::decide::stages::rollback::trigger;
+use crate::decide::stages::rollback::{begin, trigger};
 use crate::live::listener::NoListener;
 use holdpoint_record::version_table::TransitionNote;
 
@@ -106,7 +106,8 @@ fn version_is_on_hold_where_its_rollback_target_is_not_compared() {
     assert!(may_retry(&mut bench, &id), "an event without a difference is not final");
 }
 
-/// Begins a rollback by the monitor or by a person, ends the engine in the ladder, and starts the next one.
+/// Begins a rollback by the monitor, or as an older build did for a person. Ends the engine in the ladder, and starts the next
+/// one.
 fn interrupted(mut bench: RollbackBench, id: &CapabilityId, by: Option<&MonitorDecision>) -> RollbackBench {
     let version = bench.pipeline.record().version_table().version(id).unwrap().0;
     let live = bench.pipeline.live();
@@ -134,6 +135,31 @@ fn interrupted_rollback_is_final_only_for_a_recorded_decision_on_the_conduct() {
         let mut bench = interrupted(bench, &id, by);
         let record = rollback_of(&mut bench, &id);
         assert_eq!((record.trigger.kind, record.post_status, record.uncompared), (kind, status, uncompared));
+        assert_eq!(may_retry(&mut bench, &id), status == PostStatus::Demoted);
+    }
+}
+
+/// It became a demotion, after which the version could be tried again.
+#[test]
+fn interrupted_rollback_of_a_person_ends_as_the_person_decided() {
+    for (leave, status) in [
+        (DeactivationKind::RolledBack, PostStatus::RolledBack),
+        (DeactivationKind::Demoted, PostStatus::Demoted),
+    ] {
+        let (mut bench, id) = RollbackBench::resting_with_active("align-improved");
+        let text = Notice::OperatorRollback { by: "ann".to_owned(), reason: "drill".to_owned() };
+        let live = bench.pipeline.live();
+        let cause = trigger(live.record, TriggerKind::Operator, text.clone());
+        begin(live.record, &id, &cause, leave).unwrap();
+        let mut bench = bench.restart();
+        let record = rollback_of(&mut bench, &id);
+        assert_eq!((record.trigger.kind, record.post_status), (TriggerKind::Operator, status));
+        assert_eq!(record.trigger.text, NoticeOrText::from(text));
+        let by_version = [Rung::RollbackHook, Rung::SafeAbort];
+        assert!(
+            !record.rungs.iter().any(|rung| by_version.contains(&rung.rung)),
+            "no code of it moves the arm"
+        );
         assert_eq!(may_retry(&mut bench, &id), status == PostStatus::Demoted);
     }
 }

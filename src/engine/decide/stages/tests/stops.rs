@@ -7,7 +7,7 @@ use holdpoint_governance::lifecycle::State;
 use holdpoint_governance::profile::ProfileName;
 use holdpoint_governance::record::RecordKind;
 use holdpoint_protocol::clock::Clock;
-use holdpoint_protocol::command::{Caller, Command, Reply, StopPersistence};
+use holdpoint_protocol::command::{Caller, Command, Refusal, Reply, StopPersistence};
 use holdpoint_protocol::event::EventKind;
 use holdpoint_store::{AuditFilter, Layout};
 use holdpoint_wording::command_effect::stop_effect;
@@ -113,6 +113,28 @@ fn a_waiting_stop_is_recorded_by_an_engine_without_a_socket() {
     let (by, reason) = ("ben".to_owned(), "empty".to_owned());
     let reply = pipeline.command(Command::Go { by, reason, since_ms: stopped.since_ms, stops: 1 });
     assert!(matches!(reply, Reply::Accepted { .. }), "{reply:?}");
+}
+
+/// Each mark refused a start of its own.
+#[test]
+fn one_answer_counts_all_marks_and_one_start_releases_them() {
+    let mut bench = RollbackBench::resting(ProfileName::Sim);
+    stop(&mut bench, "first", 61_008, "ana");
+    let layout = Layout::new(bench.folder());
+    let first = OwnStopMark::put(&layout, "1", "ben", "").unwrap();
+    let behind = ["cy", "dora"].map(|by| OwnStopMark::put_behind(&layout, by, by, "").unwrap());
+    let since_ms = bench.pipeline.snapshot().stopped.unwrap().since_ms;
+    let go = |bench: &mut RollbackBench, stops| {
+        let (by, reason) = ("ben".to_owned(), "empty".to_owned());
+        bench.pipeline.command(Command::Go { by, reason, since_ms, stops })
+    };
+    assert!(matches!(go(&mut bench, 1), Reply::Refused { code: Refusal::NotNow, .. }));
+    let stopped = bench.pipeline.snapshot().stopped.unwrap();
+    let mut by: Vec<&str> = stopped.again.iter().map(|stop| stop.by.as_str()).collect();
+    by.sort_unstable();
+    assert_eq!((stopped.stops, by), (4, vec!["ben", "cy", "dora"]));
+    assert!(first.is_removed() && behind.iter().all(OwnStopMark::is_removed), "they are on record");
+    assert!(matches!(go(&mut bench, stopped.stops), Reply::Accepted { .. }));
 }
 
 /// Anyone may stop the cell, and some stops in a window ended an honest version for good.
