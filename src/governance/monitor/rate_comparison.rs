@@ -3,7 +3,7 @@
 //! A version that fails in live tasks in which the rollback target fails as well shows no difference from it: the cell has
 //! changed, or the tasks were hard. So the target runs a fork of each kept task, and for each rate that decided only the
 //! tasks count in which one of the two is bad. If both are equal, either is the bad one with the same probability: an exact
-//! one-sided sign test, corrected after Holm for several rates. Source: McNemar (1947); the paired comparison of the
+//! one-sided sign test, corrected after Holm for several rates. Source: Dixon & Mood (1946); the paired comparison of the
 //! paper's section 6.6, after activation.
 
 use serde::{Deserialize, Serialize};

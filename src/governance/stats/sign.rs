@@ -1,4 +1,4 @@
-//! The exact sign test of paired outcomes (McNemar 1947, with the binomial distribution).
+//! The exact sign test of paired outcomes (Dixon & Mood 1946).
 
 use super::special::beta_cdf;
 

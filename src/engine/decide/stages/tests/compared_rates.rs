@@ -49,16 +49,19 @@ fn state(bench: &RollbackBench, id: &CapabilityId) -> State {
 
 #[test]
 fn version_that_is_bad_where_its_rollback_target_is_good_is_rolled_back_for_good() {
-    let (mut bench, id) = RollbackBench::resting_with_active("grasp-improved");
-    keep(&mut bench, &id, 45, EpisodeValues { violation: true, ..GOOD }, true);
+    let mut profile = Profile::builtin(ProfileName::Sim).unwrap();
+    profile.monitor.paired_tasks = 6.0;
+    let mut bench = RollbackBench::resting_under(profile);
+    let id = bench.activate("grasp-improved");
+    keep(&mut bench, &id, 8, EpisodeValues { violation: true, ..GOOD }, true);
     // The arm of the fork never moves, so the target violates nothing.
     let record = rolled_back_for(&mut bench, &id, Rate::Violation);
     assert_eq!((record.post_status, record.uncompared), (PostStatus::RolledBack, None));
     let compared = record.rates.unwrap();
     assert!(compared.differs());
-    let tally = RateTally { rate: Rate::Violation, tasks: 40, version: 40, target: 0 };
+    let tally = RateTally { rate: Rate::Violation, tasks: 6, version: 6, target: 0 };
     assert_eq!(compared.tallies(), [tally], "the newest tasks are kept");
-    assert_eq!(compared.rates[0].tasks[0].seed, 5, "the oldest ones are not");
+    assert_eq!(compared.rates[0].tasks[0].seed, 2, "the oldest ones are not");
     assert_eq!(state(&bench, &id), State::RolledBack);
     let target = record.predecessor.unwrap();
     assert!(bench.pipeline.record().alarms().get(&AlarmKey::SharedEvent(target)).is_none());
@@ -123,7 +126,7 @@ fn version_without_the_start_of_a_task_is_demoted_uncompared() {
 #[test]
 fn unanswered_question_about_a_rate_is_compared_as_well() {
     let (mut bench, id) = RollbackBench::resting_with_active("grasp-improved");
-    keep(&mut bench, &id, 12, FAILED, true);
+    keep(&mut bench, &id, 3, FAILED, true);
     let now_tick = bench.pipeline.record().now_tick();
     let live = bench.pipeline.live();
     let watched = live.monitors.of_mut(&id).unwrap();
