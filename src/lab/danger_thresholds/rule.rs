@@ -161,9 +161,9 @@ impl RatePer10000 {
 #[serde(deny_unknown_fields)]
 pub struct DangerCounts {
     pub tasks: u64,
-    /// Dangers by the referee.
+    /// Dangers by the referee; for a limit, tasks past it by the referee.
     pub dangers: u64,
-    /// Of these, tasks that no threshold finds.
+    /// Of these, tasks that the sensors do not find.
     pub misses: u64,
     /// Other tasks past a threshold.
     pub false_alarms: u64,
@@ -174,7 +174,7 @@ pub struct DangerCounts {
 }
 
 impl DangerCounts {
-    /// Counts pairs of (past a threshold, danger by the referee).
+    /// Counts pairs of (past a threshold or limit by the sensors, danger or past the limit by the referee).
     ///
     /// # Errors
     /// If there is none.
