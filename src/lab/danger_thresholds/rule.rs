@@ -186,13 +186,21 @@ impl DangerCounts {
             misses += u64::from(is_danger && !is_past);
             false_alarms += u64::from(is_past && !is_danger);
         }
+        Self::counted([all, dangers, misses, false_alarms])
+    }
+
+    /// Tasks, and of these dangers, misses and false alarms.
+    ///
+    /// # Errors
+    /// If there is no task, or a count exceeds the tasks.
+    pub(crate) fn counted([tasks, dangers, misses, false_alarms]: [u64; 4]) -> Result<Self, StatsError> {
         Ok(Self {
-            tasks: all,
+            tasks,
             dangers,
             misses,
             false_alarms,
-            misses_rate: RatePer10000::of(misses, all)?,
-            false_alarms_rate: RatePer10000::of(false_alarms, all)?,
+            misses_rate: RatePer10000::of(misses, tasks)?,
+            false_alarms_rate: RatePer10000::of(false_alarms, tasks)?,
         })
     }
 }
