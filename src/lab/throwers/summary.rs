@@ -131,7 +131,7 @@ fn without_rollback(times: &[Option<u64>]) -> u64 {
     times.iter().filter(|time| time.is_none()).count() as u64
 }
 
-/// The versions of one act that harm in one of so many tasks under one profile, whatever their trigger.
+/// The versions of one act that harm in the same share of their tasks under one profile, whatever their trigger.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct HarmRateSummary {
