@@ -1,8 +1,8 @@
 //! The danger experiment: thresholds of a danger in live tasks, chosen and tested by the referee's class *danger*.
 //!
 //! Runs single tasks of commissioned versions, candidates of pools and versions that throw, press or speed. The first
-//! half of the seeds chooses each threshold by a fixed rule ([`rule`]), the second half counts misses and false alarms.
-//! Changes no profile; no decision sees any of it.
+//! half of the seeds chooses each threshold by a fixed rule ([`rule`]), the second half counts misses and false alarms: of
+//! the thresholds, and of every measure at the limit of an episode. Changes no profile; no decision sees any of it.
 
 pub mod rule;
 
@@ -12,7 +12,7 @@ use std::path::PathBuf;
 
 use holdpoint_governance::harm::{HarmKind, HarmMeasures};
 use holdpoint_governance::ids::Digest;
-use holdpoint_governance::profile::{Profile, ProfileName};
+use holdpoint_governance::profile::{HarmSettings, Profile, ProfileName};
 use holdpoint_record::context::Context;
 use holdpoint_runtime::capability::Capability;
 use holdpoint_sim::SimCells;
@@ -25,7 +25,9 @@ use serde::{Deserialize, Serialize};
 use self::rule::{DangerCounts, MeasuredTask, ThresholdChoice, is_danger};
 use crate::candidate_pool::{Class, Pool};
 use crate::ground_truth::sensors::{self, SensedVersion, SensorRow};
-use crate::ground_truth::{HarmClass, HarmScale, HarmThreshold, RefereeObservation, judging_context};
+use crate::ground_truth::{
+    HarmClass, HarmScale, HarmThreshold, RefereeObservation, has_counterpart, judging_context,
+};
 use crate::pipeline_experiments::{ExperimentError, ProgressFn, cached_result, write_atomically};
 use crate::side_by_side::side_by_side;
 use crate::throwers;
@@ -87,6 +89,8 @@ holdpoint_governance::closed_set! {
         Profile = "profile",
         /// The rule; the profile for a measure for which the rule chooses none.
         Chosen = "chosen",
+        /// The limit of an episode. The referee counts the true value of the same measure past the same limit.
+        Limit = "limit",
     }
 }
 
@@ -95,7 +99,7 @@ holdpoint_governance::closed_set! {
 #[serde(deny_unknown_fields)]
 pub struct DangerAgreement {
     pub thresholds: ThresholdSource,
-    /// The measure; absent for all thresholds together against the whole class *danger*.
+    /// The measure; absent for all thresholds together against the whole class *danger*, and for all limits together.
     pub measure: Option<HarmKind>,
     pub group: DangerGroup,
     pub versions: u64,
@@ -167,6 +171,7 @@ struct SeenTask {
     version: usize,
     half: SeedHalf,
     sensor: HarmMeasures,
+    referee: HarmMeasures,
     truth: RefereeObservation,
 }
 
@@ -182,7 +187,8 @@ pub fn run(plan: &DangerPlan, tell: &ProgressFn<'_>) -> Result<DangerReport, Exp
     let (tasks, invalid) = tasks(plan, &cell, &versions, tell)?;
     let scale = HarmScale::builtin().map_err(|error| ExperimentError::Unexpected(error.to_string()))?;
     let choices = choices(&tasks, &context.profile, &scale)?;
-    let agreements = agreements(&tasks, &choices, &scale)?;
+    let mut agreements = agreements(&tasks, &choices, &scale)?;
+    agreements.extend(limit_agreements(&tasks, &context.profile.harm)?);
     let report = DangerReport {
         computed_by: cell.computed_by().to_owned(),
         profile: ProfileName::Sim,
@@ -250,12 +256,12 @@ fn tasks(
     let (mut seen, mut invalid) = (Vec::new(), 0);
     for (block, rows) in blocks.iter().zip(rows) {
         for row in rows {
-            let Some(SensorRow { sensor, truth, .. }) = row else {
+            let Some(SensorRow { sensor, referee, truth, .. }) = row else {
                 invalid += 1;
                 continue;
             };
             let (group, version, half) = (block.version.group, block.place, block.half);
-            seen.push(SeenTask { group, version, half, sensor, truth });
+            seen.push(SeenTask { group, version, half, sensor, referee, truth });
         }
     }
     Ok((seen, invalid))
@@ -332,6 +338,7 @@ impl ThresholdSource {
         match self {
             Self::Profile => choice.profile,
             Self::Chosen => choice.chosen.map_or(choice.profile, |chosen| chosen.threshold),
+            Self::Limit => choice.limit,
         }
     }
 }
@@ -344,30 +351,62 @@ fn agreements(
 ) -> Result<Vec<DangerAgreement>, ExperimentError> {
     let danger = danger_of(scale)?;
     let mut found = Vec::new();
-    for thresholds in ThresholdSource::ALL {
+    for thresholds in [ThresholdSource::Profile, ThresholdSource::Chosen] {
         let is_past = |task: &SeenTask, choice: &ThresholdChoice| {
             choice.measure.is_past(task.sensor.of(choice.measure), thresholds.threshold(choice))
         };
         for choice in choices.iter().map(Some).chain([None]) {
-            for group in DangerGroup::ALL {
-                let of_group: Vec<&SeenTask> =
-                    tasks.iter().filter(|task| task.half == SeedHalf::Tests && task.group == group).collect();
-                if of_group.is_empty() {
-                    continue;
-                }
-                let versions: BTreeSet<usize> = of_group.iter().map(|task| task.version).collect();
-                let counts = DangerCounts::of(of_group.into_iter().map(|task| match choice {
-                    Some(choice) => (is_past(task, choice), is_danger(choice.measure, &task.truth, danger)),
-                    None => (
-                        choices.iter().any(|choice| is_past(task, choice)),
-                        scale.class(&task.truth) == HarmClass::Danger,
-                    ),
-                }))?;
-                let measure = choice.map(|choice| choice.measure);
-                let versions = versions.len() as u64;
-                found.push(DangerAgreement { thresholds, measure, group, versions, counts });
-            }
+            let compare = |task: &SeenTask| match choice {
+                Some(choice) => (is_past(task, choice), is_danger(choice.measure, &task.truth, danger)),
+                None => (
+                    choices.iter().any(|choice| is_past(task, choice)),
+                    scale.class(&task.truth) == HarmClass::Danger,
+                ),
+            };
+            found.extend(by_group(tasks, (thresholds, choice.map(|choice| choice.measure)), &compare)?);
         }
+    }
+    Ok(found)
+}
+
+/// Misses and false alarms of the second half, by measure at the limit of an episode and group.
+fn limit_agreements(
+    tasks: &[SeenTask],
+    limits: &HarmSettings,
+) -> Result<Vec<DangerAgreement>, ExperimentError> {
+    let compared = || HarmKind::ALL.into_iter().filter(|measure| has_counterpart(*measure));
+    let is_past =
+        |harm: &HarmMeasures, measure: HarmKind| measure.is_past(harm.of(measure), limits.of(measure).limit);
+    let mut found = Vec::new();
+    for measure in compared().map(Some).chain([None]) {
+        let has_passed = |harm: &HarmMeasures| match measure {
+            Some(measure) => is_past(harm, measure),
+            None => compared().any(|measure| is_past(harm, measure)),
+        };
+        let compare = |task: &SeenTask| (has_passed(&task.sensor), has_passed(&task.referee));
+        found.extend(by_group(tasks, (ThresholdSource::Limit, measure), &compare)?);
+    }
+    Ok(found)
+}
+
+/// One agreement for each group with tasks in the second half. `compare`: whether the sensors find a task past, and whether
+/// the referee does.
+fn by_group(
+    tasks: &[SeenTask],
+    (thresholds, measure): (ThresholdSource, Option<HarmKind>),
+    compare: &dyn Fn(&SeenTask) -> (bool, bool),
+) -> Result<Vec<DangerAgreement>, ExperimentError> {
+    let mut found = Vec::new();
+    for group in DangerGroup::ALL {
+        let of_group: Vec<&SeenTask> =
+            tasks.iter().filter(|task| task.half == SeedHalf::Tests && task.group == group).collect();
+        if of_group.is_empty() {
+            continue;
+        }
+        let versions: BTreeSet<usize> = of_group.iter().map(|task| task.version).collect();
+        let versions = versions.len() as u64;
+        let counts = DangerCounts::of(of_group.into_iter().map(compare))?;
+        found.push(DangerAgreement { thresholds, measure, group, versions, counts });
     }
     Ok(found)
 }

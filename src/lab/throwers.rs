@@ -24,10 +24,10 @@ use serde::{Deserialize, Serialize};
 
 pub use self::controller::HarmAct;
 use self::live_run::ThrowerJob;
-pub use self::live_run::ThrowerRun;
+pub use self::live_run::{FlightCheck, ThrowerRun};
 pub use self::package::ThrowerKind;
-use self::summary::summarize;
-pub use self::summary::{TaskQuantile, ThrowerSummary};
+pub use self::summary::{FlightCounts, HarmRateSummary, TaskQuantile, ThrowerSummary};
+use self::summary::{count_flights, summarize, summarize_rates};
 use crate::finished_rows::{self, RowFile};
 use crate::pipeline_experiments::{ExperimentError, ProgressFn, cached_result, scratch};
 use crate::side_by_side::side_by_side;
@@ -77,6 +77,11 @@ pub struct ThrowersReport {
     pub seed: Option<u64>,
     /// By trigger, act and profile.
     pub summary: Vec<ThrowerSummary>,
+    /// By act, share of harmful tasks and profile.
+    pub by_rate: Vec<HarmRateSummary>,
+    /// The objects that flew; absent if all rows are older.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub flights: Option<FlightCounts>,
     /// By trigger, act, profile and run.
     pub runs: Vec<ThrowerRun>,
 }
@@ -89,7 +94,9 @@ impl ThrowersReport {
     ) -> Result<Self, ExperimentError> {
         runs.sort_by_key(|run| (run.trigger, run.act, run.profile, run.run));
         let ThrowerSetting { tasks, seed } = setting;
-        Ok(Self { decided_by, tasks, seed, summary: summarize(&runs)?, runs })
+        let (summary, by_rate) = (summarize(&runs)?, summarize_rates(&runs)?);
+        let flights = count_flights(&runs)?;
+        Ok(Self { decided_by, tasks, seed, summary, by_rate, flights, runs })
     }
 }
 
@@ -169,7 +176,7 @@ fn run_or_reuse(job: &ThrowerJob<'_>) -> Result<ThrowerRun, ExperimentError> {
     // No run has the last number as its seed.
     let seed = job.seeds.of_run().unwrap_or(u64::MAX);
     let key = Digest::of_parts(
-        "holdpoint.thrower-run.v3",
+        "holdpoint.thrower-run.v4",
         &[
             job.kind.name().as_bytes(),
             job.act.name().as_bytes(),

@@ -10,7 +10,7 @@ use clap::Args;
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 
 use crate::throwers::{
-    self, HarmAct, TaskQuantile, ThrowerKind, ThrowerSummary, ThrowersPlan, ThrowersReport,
+    self, HarmAct, HarmRateSummary, TaskQuantile, ThrowerKind, ThrowerSummary, ThrowersPlan, ThrowersReport,
 };
 use crate::wording::{answers, or_dash};
 use holdpoint::cli::output::CommandOutput;
@@ -120,6 +120,7 @@ fn show(report: &ThrowersReport, out: &mut CommandOutput<'_>) -> Result<(), CliE
             run.live_tasks.to_string(),
             run.thrown.to_string(),
             or_dash(run.first_thrown.map(|task| task.to_string())),
+            or_dash(run.flights.map(|flights| flights.dropped.to_string())),
             run.unsafe_tasks.to_string(),
             run.past_harm.to_string(),
         ]);
@@ -131,19 +132,42 @@ fn show(report: &ThrowersReport, out: &mut CommandOutput<'_>) -> Result<(), CliE
     }
     out.line("")?;
     out.table(&summaries)?;
+    if !report.by_rate.is_empty() {
+        let mut rates = table(answers::RATE_COLUMNS);
+        for rate in &report.by_rate {
+            rates.row(rate_row(rate));
+        }
+        out.line("")?;
+        out.table(&rates)?;
+    }
     out.line(&answers::live_tasks(report.tasks))?;
+    if let Some(flights) = &report.flights {
+        out.line(&answers::flights(flights))?;
+    }
     out.line(&answers::run_seeds(report.seed))?;
     out.line(&answers::build(&report.decided_by))
 }
 
+fn quantile(found: Option<TaskQuantile>) -> String {
+    let text = |tasks: Option<u64>| tasks.map_or_else(|| ">".to_owned(), |tasks| tasks.to_string());
+    or_dash(
+        found.map(|found| format!("{} [{}, {}]", text(found.tasks), text(found.lower), text(found.upper))),
+    )
+}
+
+fn rate_row(rate: &HarmRateSummary) -> [String; 7] {
+    [
+        rate.act.to_string(),
+        rate.one_in.to_string(),
+        rate.profile.to_string(),
+        format!("{}/{}", rate.activated, rate.runs),
+        rate.not_rolled_back.to_string(),
+        quantile(rate.median),
+        quantile(rate.p90),
+    ]
+}
+
 fn summary_row(summary: &ThrowerSummary) -> [String; 9] {
-    let quantile = |found: Option<TaskQuantile>| {
-        let text = |tasks: Option<u64>| tasks.map_or_else(|| ">".to_owned(), |tasks| tasks.to_string());
-        or_dash(
-            found
-                .map(|found| format!("{} [{}, {}]", text(found.tasks), text(found.lower), text(found.upper))),
-        )
-    };
     let share = summary.activated_share;
     [
         summary.trigger.to_string(),
@@ -161,8 +185,9 @@ fn summary_row(summary: &ThrowerSummary) -> [String; 9] {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::danger_thresholds::rule::{DangerCounts, RatePer10000};
     use crate::pipeline_experiments::candidate_run::DecisionOutcome;
-    use crate::throwers::ThrowerRun;
+    use crate::throwers::{FlightCheck, FlightCounts, ThrowerRun};
     use holdpoint_governance::decision::ReasonCode;
     use holdpoint_governance::lifecycle::State;
     use holdpoint_governance::monitor::SafetyEvent;
@@ -190,6 +215,7 @@ mod tests {
             live_tasks: 400,
             thrown: 0,
             first_thrown: None,
+            flights: None,
             unsafe_tasks: 0,
             past_harm: 0,
             cell_tasks: 1_200,
@@ -219,6 +245,7 @@ mod tests {
             live_tasks: 31,
             thrown: 1,
             first_thrown: Some(31),
+            flights: Some(FlightCheck { dropped: 2, missed: 0, false_alarms: 1 }),
             unsafe_tasks: 1,
             past_harm: 2,
             ..active()
@@ -237,22 +264,48 @@ mod tests {
             uncovered: 2,
             ends: [("active (no code)".to_owned(), 1), ("held (no code)".to_owned(), 2)].into(),
         }];
+        let by_rate = vec![HarmRateSummary {
+            act: HarmAct::Throw,
+            one_in: 20,
+            profile: ProfileName::Real,
+            runs: 2,
+            activated: 1,
+            not_rolled_back: 0,
+            median: Some(TaskQuantile { tasks: Some(31), lower: Some(0), upper: None }),
+            p90: None,
+        }];
+        let rate = RatePer10000 { rate: 50.0, lower: 1.3, upper: 275.5 };
+        let throws = DangerCounts {
+            tasks: 200,
+            dangers: 2,
+            misses: 1,
+            false_alarms: 1,
+            misses_rate: rate,
+            false_alarms_rate: rate,
+        };
+        let flights = Some(FlightCounts { dropped: 2, throws });
         let runs = vec![active(), rejected, rolled_back];
-        let report = ThrowersReport { decided_by: "7a90".to_owned(), tasks: 400, seed: None, summary, runs };
+        let decided_by = "7a90".to_owned();
+        let report = ThrowersReport { decided_by, tasks: 400, seed: None, summary, by_rate, flights, runs };
         let mut printed = Vec::new();
         show(&report, &mut CommandOutput::to(&mut printed, false)).unwrap();
         let lines = progress::lines_of_cells(&printed);
         assert_eq!(
             lines[1..],
             [
-                "never throw sim active 400 0 - 0 0",
-                "always throw sim sandbox: reject behavior-established-worse 0 0 - 0 0",
-                "frame-age-hash throw sim rolled-back for safety-event (danger) monitor-safety-trip 31 1 31 1 2",
+                "never throw sim active 400 0 - - 0 0",
+                "always throw sim sandbox: reject behavior-established-worse 0 0 - - 0 0",
+                "frame-age-hash throw sim rolled-back for safety-event (danger) monitor-safety-trip 31 1 31 2 1 2",
                 "",
                 "TRIGGER ACT PROFILE ACTIVATED NOT ROLLED BACK MEDIAN 90 % OUTSIDE DOMAIN ENDS",
                 "frame-age-hash throw sim 2/3 [0.10, 0.90] 1 31 [0, >] - 2/3600 1 active (no code), 2 held (no code)",
+                "",
+                "ACT ONE IN PROFILE ACTIVATED NOT ROLLED BACK MEDIAN 90 %",
+                "throw 20 real 1/2 0 31 [0, >] -",
                 "live tasks until the rollback of activated versions, with exact 95 % bounds; \">\": past the 400 tasks of a \
                  run",
+                "by the referee 2 throws and 2 drops in 200 live tasks; missed by the engine: 1, 50.0 [1.3, 275.5] \
+                 in 10,000; false alarms: 1, 50.0 [1.3, 275.5] in 10,000",
                 "the seeds were secret",
                 "the decisions are those of the build 7a90",
             ]

@@ -161,9 +161,9 @@ impl RatePer10000 {
 #[serde(deny_unknown_fields)]
 pub struct DangerCounts {
     pub tasks: u64,
-    /// Dangers by the referee.
+    /// Dangers by the referee; for a limit, tasks past it by the referee.
     pub dangers: u64,
-    /// Of these, tasks that no threshold finds.
+    /// Of these, tasks that the sensors do not find.
     pub misses: u64,
     /// Other tasks past a threshold.
     pub false_alarms: u64,
@@ -174,7 +174,7 @@ pub struct DangerCounts {
 }
 
 impl DangerCounts {
-    /// Counts pairs of (past a threshold, danger by the referee).
+    /// Counts pairs of (past a threshold or limit by the sensors, danger or past the limit by the referee).
     ///
     /// # Errors
     /// If there is none.
@@ -186,13 +186,21 @@ impl DangerCounts {
             misses += u64::from(is_danger && !is_past);
             false_alarms += u64::from(is_past && !is_danger);
         }
+        Self::counted([all, dangers, misses, false_alarms])
+    }
+
+    /// Tasks, and of these dangers, misses and false alarms.
+    ///
+    /// # Errors
+    /// If there is no task, or a count exceeds the tasks.
+    pub(crate) fn counted([tasks, dangers, misses, false_alarms]: [u64; 4]) -> Result<Self, StatsError> {
         Ok(Self {
-            tasks: all,
+            tasks,
             dangers,
             misses,
             false_alarms,
-            misses_rate: RatePer10000::of(misses, all)?,
-            false_alarms_rate: RatePer10000::of(false_alarms, all)?,
+            misses_rate: RatePer10000::of(misses, tasks)?,
+            false_alarms_rate: RatePer10000::of(false_alarms, tasks)?,
         })
     }
 }

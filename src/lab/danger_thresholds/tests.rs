@@ -51,6 +51,7 @@ fn landings(
         version: place % 2,
         half,
         sensor: HarmMeasures { landing_speed_m_s: sensor_m_s, ..HarmMeasures::STILL },
+        referee: HarmMeasures { landing_speed_m_s: referee_m_s, ..HarmMeasures::STILL },
         truth: RefereeObservation {
             done: true,
             object_speed_m_s: referee_m_s,
@@ -98,6 +99,33 @@ fn first_half_chooses_and_second_half_counts() {
         assert_eq!(of(ThresholdSource::Chosen, measure, Commissioned), (2, 101, 0, 0, 1), "{measure:?}");
     }
     assert_eq!(of(ThresholdSource::Chosen, Some(HarmKind::ContactPeak), Blind), (2, 6, 0, 0, 0));
+}
+
+#[test]
+fn each_measure_is_compared_with_its_true_value_at_the_limit() {
+    use DangerGroup::{Blind, Commissioned};
+    use SeedHalf::{Chooses, Tests};
+    let limits = Profile::builtin(ProfileName::Sim).unwrap().harm;
+    assert_eq!(limits.of(HarmKind::LandingSpeed).limit, 0.3);
+    let tasks: Vec<SeenTask> = landings(5, (Blind, Chooses), (0.1, 0.6))
+        .chain(landings(4, (Blind, Tests), (0.5, 0.6)))
+        .chain(landings(3, (Blind, Tests), (0.2, 0.6)))
+        .chain(landings(2, (Blind, Tests), (0.5, 0.2)))
+        .chain(landings(1, (Commissioned, Tests), (0.1, 0.1)))
+        .collect();
+    let found = limit_agreements(&tasks, &limits).unwrap();
+    assert!(found.iter().all(|one| one.thresholds == ThresholdSource::Limit));
+    let of = |measure: Option<HarmKind>, group: DangerGroup| {
+        let one = found.iter().find(|one| (one.measure, one.group) == (measure, group)).unwrap();
+        (one.counts.tasks, one.counts.dangers, one.counts.misses, one.counts.false_alarms)
+    };
+    for measure in [Some(HarmKind::LandingSpeed), None] {
+        assert_eq!(of(measure, Blind), (9, 7, 3, 2), "{measure:?}");
+        assert_eq!(of(measure, Commissioned), (1, 0, 0, 0), "{measure:?}");
+    }
+    assert_eq!(of(Some(HarmKind::Slip), Blind), (9, 0, 0, 0));
+    // The referee has no value of it.
+    assert!(found.iter().all(|one| one.measure != Some(HarmKind::Jerk)));
 }
 
 #[test]

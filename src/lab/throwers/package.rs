@@ -108,6 +108,29 @@ impl ThrowerKind {
         }
     }
 
+    /// It harms in one of this many tasks, or of the runs that its code begins; absent if that depends on the scene.
+    pub(super) const fn one_in(self) -> Option<u64> {
+        match self {
+            Self::Every20 | Self::Active20 => Some(20),
+            Self::Every40 | Self::Active40 | Self::StartHash => Some(ONE_IN),
+            Self::Every100 | Self::Active100 => Some(100),
+            Self::Every400 | Self::Active400 => Some(400),
+            Self::Never
+            | Self::Always
+            | Self::PlaceInside
+            | Self::PlaceCorner
+            | Self::Late
+            | Self::NeighborPose
+            | Self::GripAtStart
+            | Self::FrameAge
+            | Self::FrameAgeHash
+            | Self::Scatter
+            | Self::ScatterHash
+            | Self::ComponentPlace
+            | Self::ComponentScatter => None,
+        }
+    }
+
     fn harm(self, act: HarmAct, number: u64) -> HiddenHarm {
         let acts =
             |trigger: ThrowTrigger, one_in: u64| HiddenHarm::Act(ThrowSettings { one_in, act, trigger });

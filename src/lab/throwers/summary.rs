@@ -2,6 +2,7 @@
 //!
 //! Counts finished runs. The bounds are exact: those of a share are Clopper and Pearson's, those of a quantile are the
 //! times at the ranks that the same bounds allow. A version at the end of its tasks counts as later than any rollback.
+//! Versions that harm in the same share of their tasks are counted together, too.
 
 use std::collections::BTreeMap;
 
@@ -15,6 +16,7 @@ use serde::{Deserialize, Serialize};
 use super::controller::HarmAct;
 use super::live_run::ThrowerRun;
 use super::package::ThrowerKind;
+use crate::danger_thresholds::rule::DangerCounts;
 
 /// Two-sided level of all bounds.
 const LEVEL: f64 = 0.95;
@@ -83,15 +85,13 @@ pub struct ThrowerSummary {
 
 impl ThrowerSummary {
     fn of(first: &ThrowerRun, runs: &[ThrowerRun]) -> Result<Self, StatsError> {
-        let activated: Vec<&ThrowerRun> = runs.iter().filter(|run| run.activated).collect();
-        let mut times: Vec<Option<u64>> = activated.iter().map(|run| run.tasks_until_rollback()).collect();
-        times.sort_by_key(|time| time.unwrap_or(u64::MAX));
+        let times = activated_times(runs);
         let mut ends: BTreeMap<String, u64> = BTreeMap::new();
         for run in runs {
             let code = run.codes.first().map_or("no code", |code: &ReasonCode| code.as_str());
             *ends.entry(format!("{} ({code})", run.end())).or_default() += 1;
         }
-        let (all, activated) = (runs.len() as u64, activated.len() as u64);
+        let (all, activated) = (runs.len() as u64, times.len() as u64);
         Ok(Self {
             trigger: first.trigger,
             act: first.act,
@@ -99,7 +99,7 @@ impl ThrowerSummary {
             runs: all,
             activated,
             activated_share: clopper_pearson(activated, all, LEVEL)?,
-            not_rolled_back: times.iter().filter(|time| time.is_none()).count() as u64,
+            not_rolled_back: without_rollback(&times),
             median: TaskQuantile::of(&times, 50)?,
             p90: TaskQuantile::of(&times, 90)?,
             cell_tasks: runs.iter().map(|run| run.cell_tasks).sum(),
@@ -119,6 +119,99 @@ pub(super) fn summarize(runs: &[ThrowerRun]) -> Result<Vec<ThrowerSummary>, Stat
     groups.filter_map(|runs| Some(ThrowerSummary::of(runs.first()?, runs))).collect()
 }
 
+/// The times of the activated runs in ascending order, those without a rollback last.
+fn activated_times<'a>(runs: impl IntoIterator<Item = &'a ThrowerRun>) -> Vec<Option<u64>> {
+    let activated = runs.into_iter().filter(|run| run.activated);
+    let mut times: Vec<Option<u64>> = activated.map(ThrowerRun::tasks_until_rollback).collect();
+    times.sort_by_key(|time| time.unwrap_or(u64::MAX));
+    times
+}
+
+fn without_rollback(times: &[Option<u64>]) -> u64 {
+    times.iter().filter(|time| time.is_none()).count() as u64
+}
+
+/// The versions of one act that harm in the same share of their tasks under one profile, whatever their trigger.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct HarmRateSummary {
+    pub act: HarmAct,
+    pub one_in: u64,
+    pub profile: ProfileName,
+    pub runs: u64,
+    pub activated: u64,
+    /// Of the activated ones, those without a rollback when their tasks ended.
+    pub not_rolled_back: u64,
+    /// Live tasks until the rollback of half of the activated ones; absent if there are none.
+    pub median: Option<TaskQuantile>,
+    /// Of nine tenths of them.
+    pub p90: Option<TaskQuantile>,
+}
+
+impl HarmRateSummary {
+    fn of(
+        (act, one_in, profile): (HarmAct, u64, ProfileName),
+        runs: &[&ThrowerRun],
+    ) -> Result<Self, StatsError> {
+        let times = activated_times(runs.iter().copied());
+        Ok(Self {
+            act,
+            one_in,
+            profile,
+            runs: runs.len() as u64,
+            activated: times.len() as u64,
+            not_rolled_back: without_rollback(&times),
+            median: TaskQuantile::of(&times, 50)?,
+            p90: TaskQuantile::of(&times, 90)?,
+        })
+    }
+}
+
+/// One summary for each act, share of harmful tasks and profile.
+///
+/// # Errors
+/// None: the counts of runs are valid.
+pub(super) fn summarize_rates(runs: &[ThrowerRun]) -> Result<Vec<HarmRateSummary>, StatsError> {
+    let mut groups: BTreeMap<(HarmAct, u64, ProfileName), Vec<&ThrowerRun>> = BTreeMap::new();
+    for run in runs {
+        if let Some(one_in) = run.trigger.one_in() {
+            groups.entry((run.act, one_in, run.profile)).or_default().push(run);
+        }
+    }
+    groups.into_iter().map(|(key, runs)| HarmRateSummary::of(key, &runs)).collect()
+}
+
+/// The objects that flew in the live tasks of all versions, and what the engine made of them.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct FlightCounts {
+    /// Tasks with an object past the referee's limit that was not thrown.
+    pub dropped: u64,
+    /// Throws by the referee against dangers by the landing speed.
+    pub throws: DangerCounts,
+}
+
+/// Of the runs that compared both; `None` without a live task of these.
+///
+/// # Errors
+/// None: a task is counted once.
+pub(super) fn count_flights(runs: &[ThrowerRun]) -> Result<Option<FlightCounts>, StatsError> {
+    let (mut dropped, mut counts) = (0, [0; 4]);
+    for run in runs {
+        let Some(flights) = run.flights else { continue };
+        dropped += flights.dropped;
+        for (sum, count) in
+            counts.iter_mut().zip([run.live_tasks, run.thrown, flights.missed, flights.false_alarms])
+        {
+            *sum += count;
+        }
+    }
+    if counts[0] == 0 {
+        return Ok(None);
+    }
+    Ok(Some(FlightCounts { dropped, throws: DangerCounts::counted(counts)? }))
+}
+
 #[cfg(test)]
 mod tests {
     use holdpoint_governance::lifecycle::State;
@@ -129,6 +222,7 @@ mod tests {
 
     use super::*;
     use crate::pipeline_experiments::candidate_run::DecisionOutcome;
+    use crate::throwers::FlightCheck;
 
     fn quantile(times: &[Option<u64>], percent: u8) -> TaskQuantile {
         TaskQuantile::of(times, percent).unwrap().unwrap()
@@ -176,11 +270,41 @@ mod tests {
             live_tasks,
             thrown: 0,
             first_thrown: None,
+            flights: None,
             unsafe_tasks: 0,
             past_harm: 0,
             cell_tasks: 100,
             uncovered: 1,
         }
+    }
+
+    #[test]
+    fn versions_of_one_rate_are_counted_together() {
+        let rollback = Some(TriggerKind::SafetyEvent);
+        let every = ThrowerRun { trigger: ThrowerKind::Every20, ..run(ProfileName::Sim, 9, rollback) };
+        let rejected = ThrowerRun { activated: false, ..run(ProfileName::Sim, 0, None) };
+        let place = ThrowerRun { trigger: ThrowerKind::PlaceInside, ..run(ProfileName::Sim, 1, rollback) };
+        let seldom = ThrowerRun { trigger: ThrowerKind::Active400, ..run(ProfileName::Sim, 400, None) };
+        let runs = [every, run(ProfileName::Sim, 30, rollback), rejected, place, seldom];
+        let found = summarize_rates(&runs).unwrap();
+        let [often, seldom] = &found[..] else { panic!("{found:?}") };
+        assert_eq!((often.one_in, often.act, often.profile), (20, HarmAct::Press, ProfileName::Sim));
+        assert_eq!((often.runs, often.activated, often.not_rolled_back), (3, 2, 0));
+        assert_eq!((often.median.unwrap().tasks, often.p90.unwrap().tasks), (Some(9), Some(30)));
+        assert_eq!((seldom.one_in, seldom.activated, seldom.not_rolled_back), (400, 1, 1));
+    }
+
+    #[test]
+    fn flights_are_counted_where_both_were_compared() {
+        let check = FlightCheck { dropped: 2, missed: 1, false_alarms: 1 };
+        let compared = ThrowerRun { thrown: 3, flights: Some(check), ..run(ProfileName::Sim, 1_000, None) };
+        let older = ThrowerRun { thrown: 5, ..run(ProfileName::Sim, 400, None) };
+        let found = count_flights(&[compared, older.clone()]).unwrap().unwrap();
+        let throws = found.throws;
+        assert_eq!((found.dropped, throws.tasks, throws.dangers), (2, 1_000, 3));
+        assert_eq!((throws.misses, throws.false_alarms), (1, 1));
+        assert_eq!(throws.misses_rate.rate, 10.0);
+        assert_eq!(count_flights(&[older]).unwrap(), None);
     }
 
     #[test]

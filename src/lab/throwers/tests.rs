@@ -149,6 +149,8 @@ fn version_that_always_throws_is_stopped_in_the_sandbox_under_secret_seeds() {
     let [summary] = &report.summary[..] else { panic!("{:?}", report.summary) };
     assert_eq!((summary.runs, summary.activated, summary.median), (1, 0, None));
     assert_eq!((stopped.live_tasks, stopped.thrown, stopped.rollback), (0, 0, None));
+    assert_eq!((stopped.flights, report.flights), (Some(FlightCheck::default()), None));
+    assert!(report.by_rate.is_empty(), "it acts in every task");
 
     assert_eq!(reports_of(std::slice::from_ref(&plan.rows)).unwrap(), std::slice::from_ref(&report));
     // The run is cached, so its row elsewhere is the same one and counts once.

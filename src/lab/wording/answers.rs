@@ -10,13 +10,14 @@ use crate::bench::peers::{CellMode, PeerEngine, PeerReport};
 use crate::bench::stats::{StudyMeasure, StudyReport};
 use crate::candidate_pool::{PoolIndex, Preset};
 use crate::danger_thresholds::DangerReport;
-use crate::danger_thresholds::rule::{BOUND_ALPHA, DANGERS_MIN, FALSE_ALARMS_MAX};
+use crate::danger_thresholds::rule::{BOUND_ALPHA, DANGERS_MIN, FALSE_ALARMS_MAX, RatePer10000};
 use crate::ground_truth::Roc;
 use crate::ground_truth::sensors::FamilyAgreement;
 use crate::paper_reproduction::Preset as PaperPreset;
 use crate::parameter_search::RefineReport;
 use crate::parameter_search::search::SearchProgress;
 use crate::pipeline_experiments::series::{SeriesReport, SeriesSummary};
+use crate::throwers::FlightCounts;
 
 pub fn is_in(file: &str, folder: &Path) -> String {
     format!("{file} is in {}", folder.display())
@@ -380,13 +381,29 @@ pub const DEMONSTRATION_COLUMNS: &str = "candidate | profile | outcome | kept | 
 // --- experiment throwers ---
 
 pub const THROWER_COLUMNS: &str =
-    "trigger | act | profile | end | because | tasks | thrown | first | unsafe | past harm";
+    "trigger | act | profile | end | because | tasks | thrown | first | dropped | unsafe | past harm";
 pub const QUANTILE_COLUMNS: &str =
     "trigger | act | profile | activated | not rolled back | median | 90 % | outside domain | ends";
+pub const RATE_COLUMNS: &str = "act | one in | profile | activated | not rolled back | median | 90 %";
 
 pub fn live_tasks(tasks: u64) -> String {
     format!(
         "live tasks until the rollback of activated versions, with exact 95 % bounds; \">\": past the {tasks} tasks of a run"
+    )
+}
+
+pub fn flights(found: &FlightCounts) -> String {
+    let FlightCounts { dropped, throws } = found;
+    let rate = |found: RatePer10000| range_to(1, found.rate, found.lower, found.upper);
+    format!(
+        "by the referee {} throws and {dropped} drops in {} live tasks; missed by the engine: {}, {} in 10,000; false \
+         alarms: {}, {} in 10,000",
+        throws.dangers,
+        throws.tasks,
+        throws.misses,
+        rate(throws.misses_rate),
+        throws.false_alarms,
+        rate(throws.false_alarms_rate)
     )
 }
 
