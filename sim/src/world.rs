@@ -28,6 +28,7 @@ use crate::state::{InFlightCommand, WorldState};
 use crate::stepper::Stepper;
 use crate::work_count;
 use holdpoint_body::chain::Transform;
+use holdpoint_body::task::DoneCondition;
 use holdpoint_body::{
     Body, BodyError, Command, FurtherObject, GuardVerdict, Interrupt, JointVec, ObjectVec, Observation, Pose,
     ReadingVec, TaskKind, Telemetry, Twist, check_command,
@@ -396,32 +397,31 @@ impl World {
         let (object, speed, _) = s.object();
         let target = s.setup.target.isometry();
         let half = self.scene.object.half_m;
-        let in_hand = s.forces.gripped() && s.grip.reference_m.is_some() && s.grip.slip_m < t.in_hand_m;
         let local = target.inverse() * object;
-        match s.task {
-            TaskKind::Grasp => in_hand && object.translation.z - s.object_start_z >= t.lift_m,
-            TaskKind::Align => {
-                let hover = local.translation.z - half - t.hover_m;
-                in_hand
-                    && libm::hypot(local.translation.x, local.translation.y) <= t.align_xy_m
-                    && crate::perception::yaw_error(&object, &target) <= t.align_yaw_rad
-                    && hover.abs() <= t.hover_band_m
-                    && speed <= t.still_m_s
+        let at = local.translation;
+        s.task.done().iter().all(|condition| match condition {
+            DoneCondition::InHand => {
+                s.forces.gripped() && s.grip.reference_m.is_some() && s.grip.slip_m < t.in_hand_m
             }
-            TaskKind::Place => {
+            DoneCondition::Lifted => object.translation.z - s.object_start_z >= t.lift_m,
+            DoneCondition::OverTarget => libm::hypot(at.x, at.y) <= t.align_xy_m,
+            DoneCondition::SquareToTarget => {
+                crate::perception::yaw_error(&object, &target) <= t.align_yaw_rad
+            }
+            DoneCondition::AtHover => (at.z - half - t.hover_m).abs() <= t.hover_band_m,
+            DoneCondition::InTarget => {
                 let free = self.scene.tray.clearance_m + t.place_height_m;
-                let tilt = face_up_tilt(&object);
-                let tool = self.robot.geometry.chain.frames(&s.joints.q).tool.origin;
-                local.translation.x.abs() <= free
-                    && local.translation.y.abs() <= free
-                    && (local.translation.z - half).abs() <= t.place_height_m
-                    && tilt <= t.place_tilt_rad
-                    && speed <= t.still_m_s
-                    && !s.forces.contacts.pad_object
-                    && !s.forces.contacts.body_object
-                    && (tool - object.translation.vector).norm() >= t.place_clear_m
+                at.x.abs() <= free && at.y.abs() <= free
             }
-        }
+            DoneCondition::Seated => (at.z - half).abs() <= t.place_height_m,
+            DoneCondition::Upright => face_up_tilt(&object) <= t.place_tilt_rad,
+            DoneCondition::Still => speed <= t.still_m_s,
+            DoneCondition::Untouched => !s.forces.contacts.pad_object && !s.forces.contacts.body_object,
+            DoneCondition::ToolClear => {
+                let tool = self.robot.geometry.chain.frames(&s.joints.q).tool.origin;
+                (tool - object.translation.vector).norm() >= t.place_clear_m
+            }
+        })
     }
 
     /// FNV-1a over the raw bits of every body's pose and velocity, the servo's reference and the tick.

@@ -1,7 +1,7 @@
 //! The tasks that there are: each is declared once, with its name and what the rest of the program asks of it.
 //!
-//! Owns the declarations and the sequence of the built-in cell. Whether the work is done is physics and belongs to the
-//! cell that performs the task. How it is done belongs to a controller.
+//! Owns the declarations and the sequence of the built-in cell. Whether a condition of done work holds is physics and
+//! belongs to the cell that performs the task. How the work is done belongs to a controller.
 
 use serde::{Deserialize, Serialize};
 
@@ -61,9 +61,36 @@ pub enum AttemptMark {
     Descent,
 }
 
-/// Declares the tasks: the variant, the name in manifests and on screen, and the declaration.
+/// What holds at the end of a task whose work is done. The cell measures it within the tolerances of its scene.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum DoneCondition {
+    /// The hand holds the object, and it has not slipped.
+    InHand,
+    /// The object is higher than at the start of the task.
+    Lifted,
+    /// The object is over the middle of the target.
+    OverTarget,
+    /// The object is square to the target.
+    SquareToTarget,
+    /// The object is at the height of release over the target.
+    AtHover,
+    /// The object is inside the target.
+    InTarget,
+    /// The object stands on the ground of the target.
+    Seated,
+    /// A face of the object points up.
+    Upright,
+    /// The object does not move.
+    Still,
+    /// No part of the robot touches the object.
+    Untouched,
+    /// The tool is away from the object.
+    ToolClear,
+}
+
+/// Declares the tasks: the variant, the name in manifests and on screen, the conditions of done work, and the declaration.
 macro_rules! tasks {
-    ($($(#[$doc:meta])* $variant:ident = $name:literal => $declaration:expr),+ $(,)?) => {
+    ($($(#[$doc:meta])* $variant:ident = $name:literal, done: [$($done:ident),+] => $declaration:expr),+ $(,)?) => {
         /// One primitive of the cell's work; a sequence is several of them in the order of the cell.
         #[derive(
             Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, schemars::JsonSchema,
@@ -85,13 +112,19 @@ macro_rules! tasks {
             pub const fn declaration(self) -> &'static TaskDeclaration {
                 match self { $(Self::$variant => const { &$declaration }),+ }
             }
+
+            /// What holds at its end if the work is done.
+            #[must_use]
+            pub const fn done(self) -> &'static [DoneCondition] {
+                match self { $(Self::$variant => &[$(DoneCondition::$done),+]),+ }
+            }
         }
     };
 }
 
 tasks! {
     /// Approach the object on the table, close on it and lift it.
-    Grasp = "grasp" => TaskDeclaration {
+    Grasp = "grasp", done: [InHand, Lifted] => TaskDeclaration {
         start: EpisodeStart::Home,
         ends_held: true,
         object: "object",
@@ -104,7 +137,7 @@ tasks! {
         not_done: FailureSignal::GraspMissed,
     },
     /// Bring the held object over the tray, square to it.
-    Align = "align" => TaskDeclaration {
+    Align = "align", done: [InHand, OverTarget, SquareToTarget, AtHover, Still] => TaskDeclaration {
         start: EpisodeStart::InHand,
         ends_held: true,
         object: "object",
@@ -116,7 +149,7 @@ tasks! {
         not_done: FailureSignal::AlignmentLost,
     },
     /// Set the held object down in the tray and retreat.
-    Place = "place" => TaskDeclaration {
+    Place = "place", done: [InTarget, Seated, Upright, Still, Untouched, ToolClear] => TaskDeclaration {
         start: EpisodeStart::OverTarget,
         ends_held: false,
         object: "object",
@@ -215,6 +248,14 @@ mod tests {
             for name in [declared.object, declared.target] {
                 assert!((1..=OBJECT_NAME_BYTES_MAX).contains(&name.len()), "{task}: {name}");
             }
+        }
+    }
+
+    #[test]
+    fn a_task_ends_with_the_object_in_hand_where_its_done_work_needs_it() {
+        for task in TaskKind::ALL {
+            let is_held = task.done().contains(&DoneCondition::InHand);
+            assert_eq!(is_held, task.declaration().ends_held, "{task}");
         }
     }
 

@@ -37,6 +37,8 @@ pub enum RecordGroup {
     /// The store itself: context, recordings, witnesses, pruned telemetry. Without seals, which would crowd out the
     /// rest.
     Store,
+    /// Those that an engine also publishes as an event when it writes them: no other event says so.
+    Published,
 }
 
 /// Makes the kinds of records: documentation, name, replay class and groups of each.
@@ -147,7 +149,7 @@ record_kinds! {
     /// The machine's clock was set, or is behind the newest record: by how much.
     ClockDoubted = "clock-doubted": Note, [Events];
     /// A person confirmed the time of the machine's clock: who, why, and the time. Only here may recorded wall times go back.
-    ClockConfirmed = "clock-confirmed": Note, [Events, People];
+    ClockConfirmed = "clock-confirmed": Note, [Events, People, Published];
     /// Who reset an alarm, and why it was safe.
     AlarmReset = "alarm-reset": Note, [Events, People, Alarms];
     /// A drift set in, or ended, in the live cell.
@@ -401,6 +403,15 @@ mod tests {
         let bookkeeping = [K::FlagsSet, K::ScoresSet, K::StandingSet, K::EvidencePut];
         assert_eq!(hidden, [&bookkeeping[..], &K::SEALS[..]].concat());
         assert!(hidden.iter().all(|kind| kind.replay_class() == ReplayClass::Change), "{hidden:?}");
+    }
+
+    /// The engine publishes what it notes itself; a change has an event of its own.
+    #[test]
+    fn only_notes_are_published() {
+        for kind in RecordKind::ALL.into_iter().filter(|kind| kind.groups().contains(&RecordGroup::Published))
+        {
+            assert_eq!(kind.replay_class(), ReplayClass::Note, "{kind}");
+        }
     }
 
     #[test]

@@ -28,7 +28,7 @@ use holdpoint_governance::notice::{Notice, NoticeOrText};
 use holdpoint_governance::outcome::{ActivationMode, DimensionOutcome, StageOutcome};
 use holdpoint_governance::past_limit::PastLimit;
 use holdpoint_governance::profile::{ProfileName, SiteName};
-use holdpoint_governance::record::UpgradeEnd;
+use holdpoint_governance::record::{RecordKind, UpgradeEnd};
 use holdpoint_governance::rollback::{RollbackRecord, Rung, RungFailure};
 use holdpoint_governance::submission::{InterfaceChange, Provenance, Risk};
 use holdpoint_governance::wall_time::WallTime;
@@ -483,6 +483,16 @@ pub enum EventKind {
         family: Family,
         /// What changed.
         reason: NoticeOrText,
+    },
+    /// The engine wrote a record that no other event tells of.
+    Recorded {
+        /// The kind of the record.
+        kind: Lenient<RecordKind>,
+        /// The version that the record is about; absent if it is about none.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        version: Option<CapabilityId>,
+        /// Its content, JSON text.
+        body: String,
     },
     /// The record of an upgrade is closed.
     AuditClosed {

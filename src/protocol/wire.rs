@@ -13,7 +13,7 @@ use crate::video_frame::VideoFrame;
 
 /// Raised when either side's documents change; both sides must have the same. A new command with its reply does not raise it:
 /// an engine that does not know a command refuses it and names those it knows.
-pub const PROTOCOL: u32 = 15;
+pub const PROTOCOL: u32 = 16;
 
 /// The longest line a client may send, bytes: enough for the largest component in a package's JSON.
 pub const CALL_BYTES_MAX: usize = 4 * 1024 * 1024;

@@ -5,6 +5,7 @@
 use std::fmt::Write as _;
 
 use crate::condition::conditions_of_use;
+use crate::console::record::sentence_of_record;
 use crate::harm::harm_past;
 use crate::past_limit::{after_event, past_limit};
 use crate::twin::{rate_tallies, uncompared};
@@ -316,6 +317,10 @@ fn text(kind: &EventKind) -> String {
             format!("alarm    {alarm} [{priority}, {state}] {}", notice(text))
         }
         EventKind::Voided { family, reason } => format!("void     {family}: {}", notice(reason)),
+        EventKind::Recorded { kind, version, body } => {
+            let about = version.as_ref().map_or_else(String::new, |version| format!("{version}: "));
+            format!("record   {about}{kind}: {}", sentence_of_record(kind, body))
+        }
         EventKind::AuditClosed { version, outcome, records } => {
             format!("closed   {version}: {outcome}, {}", counted(*records, "audit record"))
         }
@@ -453,6 +458,21 @@ mod tests {
             let line = told(&format!(r#","uncompared":"{why}""#));
             assert!(line.ends_with(&format!("recovered; {}", uncompared(why))), "{line}");
         }
+    }
+
+    #[test]
+    fn a_recorded_event_has_the_sentence_of_its_record() {
+        let json = r#"{"event":"recorded","kind":"shift-note","version":"grasp@1.0.0",
+            "body":"{\"by\":\"ana\",\"text\":\"lens cleaned\"}"}"#;
+        let kind: EventKind = serde_json::from_str(json).unwrap();
+        let version = kind.version().map(ToString::to_string);
+        assert_eq!(version.as_deref(), Some("grasp@1.0.0"));
+        let line = sentence(&Event { seq: 1, at_ms: 0, kind }, LINE_WIDTH_MAX);
+        assert!(
+            line.as_str().contains("shift-note") && line.as_str().contains("lens cleaned"),
+            "{}",
+            line.as_str()
+        );
     }
 
     /// Regression: a stopped task read as failed, and a decision of the sandbox as an activation.

@@ -30,6 +30,7 @@ VERSION = re.compile(
 )
 ROLES = ("operator", "engineer", "safety", "admin")
 DECISIONS = ("approve", "reject")
+# The least strict first: from "real" on the cell is at risk, from "human" on people.
 PROFILES = ("sim", "real", "human")
 
 
@@ -49,6 +50,11 @@ class Bad(Exception):
             "person": f"the person {self.which!r} is bad: {self.problem}",
             "line": f"line {self.which} is bad: {self.problem}",
         }[self.what]
+
+
+def reaches(profile, class_):
+    """Whether there is a profile, and of this class or a stricter one."""
+    return profile is not None and PROFILES.index(profile) >= PROFILES.index(class_)
 
 
 def digest(domain, *parts):

@@ -23,7 +23,7 @@ import shown
 from curve import is_signed
 from form import (
     DECISIONS, NAME, PROFILES, RECORD, REASON_BYTES_MAX, ROLES, Bad, body_of, digest, digits, fields, is_reason, lines,
-    listed, number, public_key, set_field, signature_of, text, truth, version, whole, word,
+    listed, number, public_key, reaches, set_field, signature_of, text, truth, version, whole, word,
 )
 
 HEADS_KEPT_MAX = 1000
@@ -299,7 +299,7 @@ class Persons:
             after = [digits(before, 32) if before is not None else b"", digits(rules["to"], 32)]
             after += loosened_of(rules["loosened"])
         self.take_word(record, said, domain, about, told, after)
-        if "human" in human and not (act["guarded"] and act["by"] in self.confirmed):
+        if any(reaches(one, "human") for one in human) and not (act["guarded"] and act["by"] in self.confirmed):
             raise Bad("person", act["by"], "where people decide the key that signed has to be guarded")
         self.allowed, self.asked = (record["seq"], change["profile"], rules), True
 
@@ -314,7 +314,7 @@ class Persons:
         asks = truth(set_field(change, "looser_by_word", False))
         rules = set_field(change, "rules", None)
         last, profile = self.profile, change["profile"]
-        at_risk = [one in ("real", "human") for one in (last, profile)]
+        at_risk = [reaches(one, "real") for one in (last, profile)]
         seq, allowed_for, change_of_rules = self.allowed or (0, None, None)
         is_right_before = seq == record["seq"] - 1 and allowed_for == profile
         if rules is None:

@@ -110,11 +110,13 @@ fn work(world: &mut World, task: TaskKind, distribution: &Distribution, seed: u6
     world.reset(&setup).ok()?;
     let weight_n = 9.81 * setup.object.mass_kg;
     let mut cell = Watched { world, seen: Episode { weight_n, ..Episode::default() }, let_go_z: 0.0 };
-    match task {
-        TaskKind::Grasp => script::grasp(&mut cell),
-        TaskKind::Align => script::align(&mut cell),
-        TaskKind::Place => script::place(&mut cell),
-    }
+    let scripts: [(TaskKind, fn(&mut _)); 3] = [
+        (TaskKind::Grasp, script::grasp),
+        (TaskKind::Align, script::align),
+        (TaskKind::Place, script::place),
+    ];
+    let (_, act) = scripts.into_iter().find(|(of, _)| *of == task).expect("a script performs it");
+    act(&mut cell);
     let (truth, mut seen) = (cell.world.truth(), cell.seen);
     seen.succeeded = cell.world.task_succeeded();
     seen.drop_m =

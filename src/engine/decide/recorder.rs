@@ -10,7 +10,7 @@ use holdpoint_governance::ids::{CapabilityId, Family};
 use holdpoint_governance::lifecycle::{LifecycleEvent, Stage};
 use holdpoint_governance::metrics::store_metrics::ObservedCounts;
 use holdpoint_governance::notice::Notice;
-use holdpoint_governance::record::{RecordKind, UpgradeEnd};
+use holdpoint_governance::record::{RecordGroup, RecordKind, UpgradeEnd};
 use holdpoint_governance::tries::CountedTry;
 use holdpoint_governance::wall_time::WallTime;
 use holdpoint_protocol::clock::{Clock, tick_of};
@@ -220,12 +220,21 @@ impl EngineRecorder {
         self.versions.write(changes, records, at_ms).map(|_| ())
     }
 
-    /// Writes one audit record.
+    /// Writes one audit record, and publishes it as an event if its kind is published.
     ///
     /// # Errors
     /// If the store does not take it.
     pub fn note(&mut self, kind: RecordKind, subject: String, body: String) -> Result<(), StoreError> {
-        self.write(Vec::new(), vec![AuditBody { kind, subject, body }])
+        let event = kind.groups().contains(&RecordGroup::Published).then(|| EventKind::Recorded {
+            kind: kind.into(),
+            version: subject.parse().ok(),
+            body: body.clone(),
+        });
+        self.write(Vec::new(), vec![AuditBody { kind, subject, body }])?;
+        if let Some(event) = event {
+            self.tell(event);
+        }
+        Ok(())
     }
 
     /// The active version of a family.

@@ -32,6 +32,7 @@ impl EventKind {
             | Self::BreakGlass { version, .. }
             | Self::Reviewed { version, .. }
             | Self::AuditClosed { version, .. } => Some(version),
+            Self::Recorded { version, .. } => version.as_ref(),
             Self::EngineStarted { .. }
             | Self::Sequence { .. }
             | Self::Drift { .. }

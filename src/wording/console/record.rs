@@ -8,6 +8,7 @@ use serde_json::Value;
 use super::shared;
 use crate::count::{counted, is_or_are};
 use crate::notice_sentence;
+use holdpoint_governance::closed_set::Lenient;
 use holdpoint_governance::decision::ReasonCode;
 use holdpoint_governance::notice::Notice;
 use holdpoint_governance::record::{AuditRecord, RecordKind};
@@ -26,12 +27,17 @@ const VALUE_CHARS: usize = 160;
 /// A record as a sentence, without a period.
 #[must_use]
 pub fn record_sentence(record: &AuditRecord) -> String {
-    let value = (record.body.len() <= BODY_BYTES_MAX).then(|| serde_json::from_str::<Value>(&record.body));
+    sentence_of_record(&record.kind, &record.body)
+}
+
+/// As [`record_sentence`], of a record's kind and content.
+#[must_use]
+pub fn sentence_of_record(kind: &Lenient<RecordKind>, body: &str) -> String {
+    let value = (body.len() <= BODY_BYTES_MAX).then(|| serde_json::from_str::<Value>(body));
     let Some(Ok(value)) = value else {
-        return format!("{}, {} of content", record.kind, counted(record.body.len(), "byte"));
+        return format!("{kind}, {} of content", counted(body.len(), "byte"));
     };
-    let specific =
-        record.kind.known().and_then(|kind| sentence_of_kind(*kind, &RecordFields { root: &value }));
+    let specific = kind.known().and_then(|kind| sentence_of_kind(*kind, &RecordFields { root: &value }));
     specific.unwrap_or_else(|| generic(&value))
 }
 

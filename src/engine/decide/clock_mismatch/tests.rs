@@ -14,6 +14,7 @@ use holdpoint_governance::outcome::PolicyOutcome;
 use holdpoint_governance::profile::{FreezeWindow, Profile, ProfileName};
 use holdpoint_governance::wall_time::ClockReading;
 use holdpoint_protocol::command::{Command, Operation};
+use holdpoint_protocol::event::EventKind;
 use holdpoint_protocol::snapshot::ApprovalRequestView;
 
 use super::*;
@@ -229,7 +230,13 @@ fn a_clock_that_was_set_holds_the_gate_until_a_person_confirms_the_time() {
 
     let another = confirm(&mut second, machine.wall_time().plus_ms(10 * 60_000));
     assert!(matches!(&another, Reply::Refused { code: Refusal::Stale, .. }), "{another:?}");
+    second.drain_events();
     assert_accepted(&confirm(&mut second, machine.wall_time()));
+    let published = second.drain_events().into_iter().filter_map(|event| match event {
+        EventKind::Recorded { kind, .. } => kind.known().copied(),
+        _ => None,
+    });
+    assert_eq!(published.collect::<Vec<_>>(), [RecordKind::ClockConfirmed]);
     assert_eq!(second.snapshot().time, machine.wall_time(), "it may go back by no more");
     resume(&mut second, &id);
     work(&mut second, &id);

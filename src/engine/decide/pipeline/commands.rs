@@ -321,16 +321,8 @@ impl Pipeline {
             Command::Note { by, text } => Ok(shift_note::take(record, by, text)?),
             Command::Goal { goal, by, reason } => Ok(goal::set(record, world, &goal, by, reason)?),
             Command::Pace { times } => operations::set_pace(record, world, times),
-            // The engine answers these itself.
-            Command::Stop { .. }
-            | Command::Detail { .. }
-            | Command::Film { .. }
-            | Command::Registry { .. }
-            | Command::Audit { .. }
-            | Command::Health { .. }
-            | Command::VerifyAudit
-            | Command::Snapshot
-            | Command::Shutdown => Ok(Reply::Refused {
+            // The engine answers the others itself.
+            _ => Ok(Reply::Refused {
                 code: Refusal::BadInput,
                 text: "this is for the engine, not for the pipeline".to_owned(),
                 hint: None,
