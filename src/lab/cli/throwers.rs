@@ -133,7 +133,7 @@ fn show(report: &ThrowersReport, out: &mut CommandOutput<'_>) -> Result<(), CliE
     out.line("")?;
     out.table(&summaries)?;
     if !report.by_rate.is_empty() {
-        let mut rates = table(answers::RATE_COLUMNS);
+        let mut rates = table(answers::RATE_QUANTILE_COLUMNS);
         for rate in &report.by_rate {
             rates.row(rate_row(rate));
         }

@@ -368,6 +368,7 @@ mod tests {
             text: text.into(),
             tick: 0,
             measured: Some(measured),
+            rates: Vec::new(),
         }
     }
 
