@@ -6,7 +6,9 @@
 use std::collections::VecDeque;
 
 use holdpoint_governance::evidence::EpisodeValues;
-use holdpoint_governance::monitor::{ForkedPair, Monitor, MonitorAction, deciding_rates, normal_rates};
+use holdpoint_governance::monitor::{
+    ForkedPair, Monitor, MonitorAction, RateComparison, deciding_rates, normal_rates,
+};
 use holdpoint_governance::profile::{Profile, ProfileName};
 
 use crate::fixture::{GOOD, Uniform, profile};
@@ -81,9 +83,9 @@ fn a_rate_ends_an_equal_version_for_good_as_seldom_as_stated() {
     }
 }
 
-/// In the same fork an equal version does the same: no chance of the scenes ends it for good.
-#[test]
-fn a_version_with_the_same_outcomes_is_never_ended_for_good_by_a_rate() {
+/// A version that fails in every way it can, up to the trip of its charts: the rates that decided, compared with a target
+/// that has these values in the same tasks.
+fn always_failing(target: impl Fn(EpisodeValues) -> EpisodeValues) -> RateComparison {
     let profile = profile(ProfileName::Sim);
     let expected = normal_rates(&[GOOD; 20], &profile.monitor).unwrap();
     let mut monitor = Monitor::new(&profile, &expected, 0).unwrap();
@@ -91,14 +93,27 @@ fn a_version_with_the_same_outcomes_is_never_ended_for_good_by_a_rate() {
     let mut pairs = Vec::new();
     let mut rates = Vec::new();
     for seed in 1..=40 {
-        pairs.push(ForkedPair { seed, version: failed, target: failed, tightened: false });
+        pairs.push(ForkedPair { seed, version: failed, target: target(failed), tightened: false });
         let decision = monitor.observe(&failed, seed);
         if decision.action == MonitorAction::Rollback {
             rates = deciding_rates(&decision.reasons);
             break;
         }
     }
-    let compared = monitor.rate_comparison(&rates, &pairs, profile.monitor.paired_alpha);
-    assert!(rates.len() > 1 && !compared.differs(), "{compared:?}");
+    assert!(rates.len() > 1, "{rates:?}");
+    monitor.rate_comparison(&rates, &pairs, profile.monitor.paired_alpha)
+}
+
+/// In the same fork an equal version does the same: no chance of the scenes ends it for good.
+#[test]
+fn a_version_with_the_same_outcomes_is_never_ended_for_good_by_a_rate() {
+    let compared = always_failing(|failed| failed);
+    assert!(!compared.differs(), "{compared:?}");
     assert!(compared.rates.iter().all(|rate| rate.p == 1.0), "{compared:?}");
+}
+
+#[test]
+fn a_version_that_fails_in_every_way_at_once_is_ended_for_good() {
+    let compared = always_failing(|_| GOOD);
+    assert!(compared.differs(), "{compared:?}");
 }
