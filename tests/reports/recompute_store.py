@@ -847,14 +847,18 @@ def apply_holm(p_values):
 def check_rollback(record):
     """The comparison of the rates that rolled a version back with its rollback target, again from each task."""
     check, rates = Check(), record["rates"]["rates"]
-    again = []
+    again, differing = [], []
     for rate in rates:
         alone = [sum(task[one] and not task[other] for task in rate["tasks"])
                  for one, other in (("version", "target"), ("target", "version"))]
         p = stats.binomtest(alone[0], sum(alone), 0.5, alternative="greater").pvalue if sum(alone) else 1.0
         again.append({"name": rate["rate"], "version_alone": alone[0], "target_alone": alone[1], "p": float(p)})
-    for rate, p in zip(again, apply_holm([rate["p"] for rate in again])):
-        rate["p"] = p
+        differing.append(tuple((task["seed"], task["version"]) for task in rate["tasks"] if task["version"] != task["target"]))
+    # Rates that differ in the same tasks are one test.
+    tests = {tasks: rate["p"] for rate, tasks in zip(again, differing) if tasks}
+    corrected = dict(zip(tests, apply_holm(list(tests.values()))))
+    for rate, tasks in zip(again, differing):
+        rate["p"] = corrected.get(tasks, 1.0)
     check.same("rates", [{key: rate[key] for key in rate if key != "name"} for rate in again], rates)
     check.same("rates", [rate["name"] for rate in again], record["trigger"]["rates"])
     differs = any(rate["p"] <= record["rates"]["alpha"] for rate in again)

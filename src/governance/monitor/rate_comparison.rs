@@ -3,8 +3,8 @@
 //! A version that fails in live tasks in which the rollback target fails as well shows no difference from it: the cell has
 //! changed, or the tasks were hard. So the target runs a fork of each kept task, and for each rate that decided only the
 //! tasks count in which one of the two is bad. If both are equal, either is the bad one with the same probability: an exact
-//! one-sided sign test, corrected after Holm for several rates. Source: Dixon & Mood (1946); the paired comparison of the
-//! paper's section 6.6, after activation.
+//! one-sided sign test, corrected after Holm for rates that differ in other tasks. Source: Dixon & Mood (1946); the paired
+//! comparison of the paper's section 6.6, after activation.
 
 use serde::{Deserialize, Serialize};
 
@@ -51,7 +51,7 @@ pub struct ComparedRate {
     pub version_alone: u64,
     /// Tasks in which the rollback target alone was bad.
     pub target_alone: u64,
-    /// One-sided p-value of the sign test, corrected for the number of rates.
+    /// One-sided p-value of the sign test, corrected for the rates that differ in other tasks.
     pub p: f64,
 }
 
@@ -88,6 +88,33 @@ impl ComparedRate {
             tasks: count(|_| true),
             version: count(|task| task.version),
             target: count(|task| task.target),
+        }
+    }
+
+    /// The tasks in which one of the two was bad.
+    fn differing(&self) -> Vec<ComparedTask> {
+        self.tasks.iter().filter(|task| task.version != task.target).copied().collect()
+    }
+}
+
+/// Corrects the p-values for several tests. Rates that differ in the same tasks are one test: in each task both change sides
+/// together. A rate that differs in no task is no test.
+fn correct(rates: &mut [ComparedRate]) {
+    let mut tests: Vec<(Vec<ComparedTask>, f64)> = Vec::new();
+    for compared in rates.iter() {
+        let differing = compared.differing();
+        if !differing.is_empty() && tests.iter().all(|(known, _)| *known != differing) {
+            tests.push((differing, compared.p));
+        }
+    }
+    let p_values: Vec<f64> = tests.iter().map(|(_, p)| *p).collect();
+    // Without a test there is nothing to correct.
+    let corrected = holm(&p_values).unwrap_or_default();
+    for compared in rates {
+        let differing = compared.differing();
+        let test = tests.iter().position(|(known, _)| *known == differing);
+        if let Some(p) = test.and_then(|place| corrected.get(place)) {
+            compared.p = *p;
         }
     }
 }
@@ -138,11 +165,7 @@ impl Monitor {
             ComparedRate { rate: *rate, tasks, version_alone, target_alone, p }
         });
         let mut rates: Vec<ComparedRate> = compared.collect();
-        let p_values: Vec<f64> = rates.iter().map(|compared| compared.p).collect();
-        // Without a rate there is nothing to correct.
-        for (compared, p) in rates.iter_mut().zip(holm(&p_values).unwrap_or_default()) {
-            compared.p = p;
-        }
+        correct(&mut rates);
         RateComparison { alpha, rates }
     }
 }
@@ -222,11 +245,26 @@ mod tests {
         let retried = EpisodeValues { retries: 1, ..DONE };
         let rates = [Rate::Failure, Rate::Retry];
         for (failed, differs) in [(5, false), (6, true)] {
-            let tasks = pairs(&[(FAILED, DONE, failed), (retried, retried, 20)]);
+            let tasks = pairs(&[(FAILED, DONE, failed), (DONE, retried, 1), (retried, retried, 20)]);
             let found = compared(&rates, &tasks);
             assert_eq!(found.differs(), differs, "{failed}");
-            assert_eq!(found.rates[1].p, 1.0, "both retry in the same tasks");
+            assert_eq!(found.rates[1].p, 1.0, "the target alone retries in a task");
         }
+    }
+
+    /// Each counted as a test of its own: a version that failed in every way at once was never ended for good.
+    #[test]
+    fn rates_that_differ_in_the_same_tasks_are_one_test() {
+        let retried = EpisodeValues { retries: 1, ..DONE };
+        let lost = EpisodeValues { anomaly: true, recovery: true, timeout: true, ..FAILED };
+        let rates = [Rate::Failure, Rate::Anomaly, Rate::Recovery, Rate::Timeout, Rate::Retry];
+        let found = compared(&rates, &pairs(&[(lost, DONE, 5), (retried, retried, 20)]));
+        assert!(found.differs());
+        let p: Vec<f64> = found.rates.iter().map(|rate| rate.p).collect();
+        assert_eq!(p[..4], [p[0]; 4]);
+        assert!((p[0] - 1.0 / 32.0).abs() < 1e-12 && p[4] == 1.0, "{p:?}");
+        let same = compared(&rates, &pairs(&[(lost, lost, 40)]));
+        assert!(!same.differs() && same.rates.iter().all(|rate| rate.p == 1.0));
     }
 
     #[test]

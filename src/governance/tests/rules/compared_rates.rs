@@ -6,8 +6,11 @@
 use std::collections::VecDeque;
 
 use holdpoint_governance::evidence::EpisodeValues;
-use holdpoint_governance::monitor::{ForkedPair, Monitor, MonitorAction, deciding_rates, normal_rates};
+use holdpoint_governance::monitor::{
+    ForkedPair, Monitor, MonitorAction, RateComparison, deciding_rates, normal_rates,
+};
 use holdpoint_governance::profile::{Profile, ProfileName};
+use holdpoint_governance::strictness::Strictness;
 
 use crate::fixture::{GOOD, Uniform, profile};
 
@@ -81,9 +84,9 @@ fn a_rate_ends_an_equal_version_for_good_as_seldom_as_stated() {
     }
 }
 
-/// In the same fork an equal version does the same: no chance of the scenes ends it for good.
-#[test]
-fn a_version_with_the_same_outcomes_is_never_ended_for_good_by_a_rate() {
+/// A version that fails in every way it can, up to the trip of its charts: the rates that decided, compared with a target
+/// that has these values in the same tasks.
+fn always_failing(target: impl Fn(EpisodeValues) -> EpisodeValues) -> RateComparison {
     let profile = profile(ProfileName::Sim);
     let expected = normal_rates(&[GOOD; 20], &profile.monitor).unwrap();
     let mut monitor = Monitor::new(&profile, &expected, 0).unwrap();
@@ -91,14 +94,54 @@ fn a_version_with_the_same_outcomes_is_never_ended_for_good_by_a_rate() {
     let mut pairs = Vec::new();
     let mut rates = Vec::new();
     for seed in 1..=40 {
-        pairs.push(ForkedPair { seed, version: failed, target: failed, tightened: false });
+        pairs.push(ForkedPair { seed, version: failed, target: target(failed), tightened: false });
         let decision = monitor.observe(&failed, seed);
         if decision.action == MonitorAction::Rollback {
             rates = deciding_rates(&decision.reasons);
             break;
         }
     }
-    let compared = monitor.rate_comparison(&rates, &pairs, profile.monitor.paired_alpha);
-    assert!(rates.len() > 1 && !compared.differs(), "{compared:?}");
+    assert!(rates.len() > 1, "{rates:?}");
+    monitor.rate_comparison(&rates, &pairs, profile.monitor.paired_alpha)
+}
+
+/// In the same fork an equal version does the same: no chance of the scenes ends it for good.
+#[test]
+fn a_version_with_the_same_outcomes_is_never_ended_for_good_by_a_rate() {
+    let compared = always_failing(|failed| failed);
+    assert!(!compared.differs(), "{compared:?}");
     assert!(compared.rates.iter().all(|rate| rate.p == 1.0), "{compared:?}");
+}
+
+#[test]
+fn a_version_that_fails_in_every_way_at_once_is_ended_for_good() {
+    let compared = always_failing(|_| GOOD);
+    assert!(compared.differs(), "{compared:?}");
+}
+
+/// As stated in the guide: the charts may need fewer than five tasks, the fewest that differ.
+#[test]
+fn a_version_that_always_fails_may_leave_too_few_tasks_to_differ() {
+    for (name, twins, coupled, tasks, differs) in [
+        (ProfileName::Sim, 20, false, 6, true),
+        (ProfileName::Real, 30, false, 5, true),
+        (ProfileName::Real, 30, true, 4, false),
+        (ProfileName::Human, 40, true, 4, false),
+    ] {
+        let profile = profile(name);
+        let expected = normal_rates(&vec![GOOD; twins], &profile.monitor).unwrap();
+        let strictness = Strictness { coupled, ..Strictness::PLAIN };
+        let mut monitor = Monitor::strict(&profile, &expected, strictness, 0).unwrap();
+        let failed = EpisodeValues { success: false, ..GOOD };
+        let rolled_back = (1..=40).find_map(|task| {
+            let decision = monitor.observe(&failed, task);
+            (decision.action == MonitorAction::Rollback).then_some((task, decision.reasons))
+        });
+        let (fed, reasons) = rolled_back.unwrap();
+        let pair = |seed| ForkedPair { seed, version: failed, target: GOOD, tightened: false };
+        let pairs: Vec<ForkedPair> = (1..=fed).map(pair).collect();
+        let compared =
+            monitor.rate_comparison(&deciding_rates(&reasons), &pairs, profile.monitor.paired_alpha);
+        assert_eq!((fed, compared.differs()), (tasks, differs), "{name}, coupled: {coupled}");
+    }
 }
