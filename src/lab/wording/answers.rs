@@ -384,7 +384,8 @@ pub const THROWER_COLUMNS: &str =
     "trigger | act | profile | end | because | tasks | thrown | first | dropped | unsafe | past harm";
 pub const QUANTILE_COLUMNS: &str =
     "trigger | act | profile | activated | not rolled back | median | 90 % | outside domain | ends";
-pub const RATE_QUANTILE_COLUMNS: &str = "act | one in | profile | activated | not rolled back | median | 90 %";
+pub const RATE_QUANTILE_COLUMNS: &str =
+    "act | one in | profile | activated | not rolled back | median | 90 %";
 
 pub fn live_tasks(tasks: u64) -> String {
     format!(
