@@ -136,28 +136,28 @@ impl ConsoleModel {
         let facts = StateFilterFacts::of(self);
         let listing = &self.engine_data.registry;
         let all = &listing.page.rows;
-        let ordered = listing.places.iter().filter_map(|place| all.get(*place));
-        let as_it_comes = if listing.places.is_empty() { &all[..] } else { &[] };
-        let rows: Vec<&VersionSummary> = ordered
-            .chain(as_it_comes)
-            .filter(|row| self.is_listed(&facts, &row.version, row.state, &row.flags, &row.author))
+        let as_it_comes = if listing.places.is_empty() { 0..all.len() } else { 0..0 };
+        let places = listing.places.iter().copied().chain(as_it_comes);
+        let rows: Vec<(usize, &VersionSummary)> = places
+            .filter_map(|place| Some((*listing.families.get(place)?, all.get(place)?)))
+            .filter(|(_, row)| self.is_listed(&facts, &row.version, row.state, &row.flags, &row.author))
             // Words are made only for a filter: each frame asks for every row.
-            .filter(|row| {
+            .filter(|(_, row)| {
                 sieve.takes_all()
                     || sieve.fits(&[&row.version, &row.author, &state_text(row.state, &row.flags)])
             })
             .collect();
         if listing.is_flat() {
-            return rows.into_iter().map(RegistryItem::Version).collect();
+            return rows.into_iter().map(|(_, row)| RegistryItem::Version(row)).collect();
         }
         let mut items = Vec::with_capacity(rows.len() + 8);
-        for versions in rows.chunk_by(|a, b| a.version.family == b.version.family) {
-            let Some(first) = versions.first() else { continue };
+        for versions in rows.chunk_by(|(a, _), (b, _)| a == b) {
+            let Some((_, first)) = versions.first() else { continue };
             let family = &first.version.family;
             let open = !self.engine_data.registry.closed.contains(family);
             items.push(RegistryItem::Family { family, versions: versions.len(), open });
             if open {
-                items.extend(versions.iter().map(|row| RegistryItem::Version(row)));
+                items.extend(versions.iter().map(|(_, row)| RegistryItem::Version(row)));
             }
         }
         items

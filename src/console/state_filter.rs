@@ -105,22 +105,31 @@ impl<'a> StateFilterFacts<'a> {
     /// Whether a filter takes a version.
     #[must_use]
     pub fn takes(&self, filter: StateFilter, one: ListedVersion<'_>) -> bool {
-        use VersionCondition as C;
-        let condition = || match C::of(one.state, one.flags, self.held.contains(one.version)) {
-            C::Running if self.parked.contains(one.version) => C::Queued,
-            condition => condition,
-        };
         match filter {
             StateFilter::All => true,
-            StateFilter::Running => condition() == C::Running,
-            StateFilter::Queued => condition() == C::Queued,
-            StateFilter::Waiting => condition() == C::AwaitingApproval,
-            StateFilter::Held => {
-                matches!(condition(), C::Paused | C::PromotionPaused | C::Held | C::Demoted)
-            }
-            StateFilter::Rejected => condition() == C::Rejected,
-            StateFilter::Mine => self.operator == Some(one.author) || self.asked.contains(one.version),
+            StateFilter::Mine => self.is_mine(one),
+            of_state => self.of_state(one) == Some(of_state),
         }
+    }
+
+    /// The filter of a version's own state; absent if none of them takes it.
+    fn of_state(&self, one: ListedVersion<'_>) -> Option<StateFilter> {
+        use VersionCondition as C;
+        match C::of(one.state, one.flags, self.held.contains(one.version)) {
+            C::Running if self.parked.contains(one.version) => Some(StateFilter::Queued),
+            C::Running => Some(StateFilter::Running),
+            C::Queued => Some(StateFilter::Queued),
+            C::AwaitingApproval => Some(StateFilter::Waiting),
+            C::Paused | C::PromotionPaused | C::Held | C::Demoted => Some(StateFilter::Held),
+            C::Rejected => Some(StateFilter::Rejected),
+            C::Provisional | C::Restricted | C::Confirmed | C::Leaving | C::Superseded | C::RolledBack => {
+                None
+            }
+        }
+    }
+
+    fn is_mine(&self, one: ListedVersion<'_>) -> bool {
+        self.operator == Some(one.author) || self.asked.contains(one.version)
     }
 }
 
@@ -145,8 +154,14 @@ impl ConsoleModel {
         let facts = StateFilterFacts::of(self);
         let mut counts = [0; 7];
         let mut count = |one: ListedVersion<'_>| {
+            // Once for all filters: each frame asks for every row.
+            let (of_state, is_mine) = (facts.of_state(one), facts.is_mine(one));
             for (count, filter) in counts.iter_mut().zip(StateFilter::ALL) {
-                *count += usize::from(facts.takes(filter, one));
+                *count += usize::from(match filter {
+                    StateFilter::All => true,
+                    StateFilter::Mine => is_mine,
+                    other => of_state == Some(other),
+                });
             }
         };
         if self.view_state.view == View::Registry {

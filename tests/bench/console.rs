@@ -155,8 +155,8 @@ fn frames() -> Vec<Duration> {
     let mut rows: Vec<VersionSummary> = (0..ROWS).map(version).collect();
     rows.sort_by(|a, b| a.version.cmp(&b.version));
     let thresholds = [0.95, 0.9, 0.85, 0.8];
-    model.engine_data.registry.page =
-        Arc::new(RegistryPage { rows, total: ROWS, thresholds, anchors: Vec::new() });
+    let page = RegistryPage { rows, total: ROWS, thresholds, anchors: Vec::new() };
+    model.engine_data.registry.take(page);
     model.view_state.view = View::Registry;
     model.size = SIZE;
     let options = LookOptions {

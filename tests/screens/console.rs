@@ -422,7 +422,7 @@ fn poisoned(text: &str, view: View) -> ConsoleModel {
     model.engine_data.audit = Arc::new(page);
     let mut registry = (*model.engine_data.registry.page).clone();
     registry.rows.iter_mut().for_each(|row| text.clone_into(&mut row.author));
-    model.engine_data.registry.page = Arc::new(registry);
+    model.engine_data.registry.take(registry);
     model.engine_data.events.iter_mut().for_each(|line| text.clone_into(&mut line.text));
     model.session.operator =
         Some(Operator { name: text.to_owned(), role: Role::Operator, protection: Protection::None });

@@ -57,7 +57,7 @@ fn held_provisional(view: View, pane: usize) -> ConsoleModel {
     for row in &mut page.rows {
         (row.state, row.flags) = (State::Active, flags);
     }
-    model.engine_data.registry.page = Arc::new(page);
+    model.engine_data.registry.take(page);
     let mut detail = support::detail();
     detail.version = support::id("place@1.1.0");
     model.engine_data.detail = Some(Arc::new(detail));

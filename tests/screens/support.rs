@@ -4,9 +4,7 @@ use std::sync::Arc;
 
 use holdpoint::approvals::keyfile::Protection;
 use holdpoint::console::keymap::Keymap;
-use holdpoint::console::model::{
-    ConsoleModel, ConsoleSettings, EngineState, EventLogLine, RegistryListing, View,
-};
+use holdpoint::console::model::{ConsoleModel, ConsoleSettings, EngineState, EventLogLine, View};
 use holdpoint::console::operator::Operator;
 use holdpoint::governance::approval::Role;
 use holdpoint::protocol::detail::{AuditPage, AuditVerification};
@@ -32,8 +30,7 @@ pub fn model() -> ConsoleModel {
     model.engine_data.frame = Some(Arc::new(video_frame()));
     model.session.operator =
         Some(Operator { name: "linus".to_owned(), role: Role::Operator, protection: Protection::None });
-    model.engine_data.registry =
-        RegistryListing { page: Arc::new(registry_page()), ..RegistryListing::default() };
+    model.engine_data.registry.take(registry_page());
     model.engine_data.audit = Arc::new(AuditPage { rows: audit_rows(), head: 391 });
     model.engine_data.verified = Some(AuditVerification {
         holds: true,

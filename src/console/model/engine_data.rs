@@ -7,7 +7,7 @@ use super::framing::Framing;
 use super::order::{SortBy, SortOrder};
 use super::stage_progress::StageProgress;
 use holdpoint_governance::ids::{CapabilityId, Family};
-use holdpoint_governance::record::VersionGroup;
+use holdpoint_governance::record::{VersionGroup, VersionSummary};
 use holdpoint_protocol::console_presence::{AttachedConsoleView, ConsoleAccount};
 use holdpoint_protocol::detail::{AuditPage, AuditVerification, Detail, RegistryPage};
 use holdpoint_protocol::event::EventKind;
@@ -189,7 +189,11 @@ impl SharedLine {
 /// The registry as of the last query.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct RegistryListing {
+    /// Set by [`Self::take`].
     pub page: Arc<RegistryPage>,
+    /// The family of each row of the page by its number: rows beside each other with one number are of one family. Each
+    /// frame groups every row, and comparing names would take most of its time.
+    pub families: Vec<usize>,
     /// The queried group.
     pub group: VersionGroup,
     /// The order of the rows.
@@ -204,6 +208,7 @@ impl RegistryListing {
     /// Takes a new page in the chosen order.
     pub fn take(&mut self, page: RegistryPage) {
         self.page = Arc::new(page);
+        self.families = family_numbers(&self.page.rows);
         self.places = self.sort.places(&self.page.rows);
     }
 
@@ -218,6 +223,11 @@ impl RegistryListing {
     pub fn is_flat(&self) -> bool {
         self.sort.by != SortBy::Tree
     }
+}
+
+fn family_numbers(rows: &[VersionSummary]) -> Vec<usize> {
+    let families = rows.chunk_by(|a, b| a.version.family == b.version.family);
+    families.enumerate().flat_map(|(number, rows)| std::iter::repeat_n(number, rows.len())).collect()
 }
 
 impl EngineData {

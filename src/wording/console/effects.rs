@@ -57,7 +57,7 @@ pub fn cannot_write_beside(error: &std::io::Error) -> String {
 
 #[must_use]
 pub fn makes_an_identity(name: &str) -> String {
-    format!("`holdpoint identity new {name}` makes one; in a simulated cell `:as {name}` does, too")
+    format!("`holdpoint identity new {name}` makes one; under the sim profile `:as {name}` does, too")
 }
 
 #[must_use]

@@ -1,7 +1,7 @@
 //! The texts of the form that makes an identity.
 
 pub const NO_PASSPHRASE: &str =
-    "Its key has no passphrase: it may act in a simulated cell, and cannot approve where people work";
+    "Its key has no passphrase: it may act under the sim profile, and cannot approve where people work";
 
 #[must_use]
 pub fn is_made(name: &str) -> String {
