@@ -33,7 +33,9 @@ use tokio_util::sync::CancellationToken;
 
 pub use accounts::AccountRoles;
 pub use answer_origin::{AnswerOrigin, UnverifiedOrigin};
-pub use attached_console::{LET_GO_AFTER, LiveViews, PAST_MAX, READS_WITHIN, SHOWN_TO_NOBODY};
+pub use attached_console::{
+    FRAME_INTERVAL_MS, LET_GO_AFTER, LiveViews, PAST_MAX, READS_WITHIN, SHOWN_TO_NOBODY,
+};
 pub use client::{Client, ConsoleConnection, ConsoleMessage, Notification, PresenceSender, Subscription};
 pub use connection_limits::{
     ACCOUNT_CONNECTIONS_MAX, ACCOUNT_RECEIVERS_MAX, ASKING_MAX, BRAKING_MAX, IDLE_MAX, OBSERVERS_MAX,

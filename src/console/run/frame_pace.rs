@@ -2,11 +2,10 @@
 //!
 //! Pure: times are arguments. Must not know what is drawn.
 
+use holdpoint_service::control_socket::FRAME_INTERVAL_MS;
+
 /// Frames for a key: the shortest time since the last one, ms. A key that follows a frame waits for it at most.
 const KEY_INTERVAL_MS: u64 = 4;
-
-/// Frames for data and for a moving scene: at most 8 a second, so that the console takes under 3 % of a core.
-const CHANGE_INTERVAL_MS: u64 = 125;
 
 /// Why a frame is wanted.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -34,7 +33,7 @@ impl FramePace {
     #[must_use]
     pub fn due_ms(&self) -> Option<u64> {
         let interval_ms = match self.want? {
-            FrameReason::Change => CHANGE_INTERVAL_MS,
+            FrameReason::Change => FRAME_INTERVAL_MS,
             FrameReason::Key => KEY_INTERVAL_MS,
         };
         Some(self.last_ms.map_or(0, |last_ms| last_ms.saturating_add(interval_ms)))
