@@ -299,6 +299,10 @@ fn attached() {
         console.keys("q");
         console.end();
     }
+    // While it shows another console it leaves the engine running, and asks for nothing.
+    first.wait_for("no other console", |screen| {
+        screen.rows(0, SIZE.0).nth(1).is_some_and(|line| !line.contains("with ") && !line.contains(" more"))
+    });
     end(&mut first);
 }
 
