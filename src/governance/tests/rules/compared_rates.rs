@@ -69,6 +69,7 @@ fn a_rate_ends_an_equal_version_for_good_as_seldom_as_stated() {
         // Where the cell has changed, the trip is certain, and selects little.
         (Scenes { name: "equal, cell at .3", hard: [1.0, 0.3], more: 0.0 }, [0.99, 1.0], [0.0, 0.05]),
         (Scenes { name: "equal, cell at .5", hard: [1.0, 0.5], more: 0.0 }, [0.99, 1.0], [0.0, 0.05]),
+        (Scenes { name: "equal, cell at .9", hard: [1.0, 0.9], more: 0.0 }, [0.99, 1.0], [0.0, 0.05]),
         (Scenes { name: "13 % more", hard: [0.05, 0.5], more: 0.13 }, [0.75, 1.0], [0.65, 1.0]),
         (Scenes { name: "40 % more", hard: [0.05, 0.5], more: 0.4 }, [0.99, 1.0], [0.9, 1.0]),
         (Scenes { name: "always", hard: [0.05, 0.5], more: 1.0 }, [0.99, 1.0], [0.96, 1.0]),
