@@ -74,7 +74,7 @@ pub struct TaskHarm {
 }
 
 impl TaskHarm {
-    /// The harm of a task that a person cut short: it says nothing of a rate, and counts only as a danger.
+    /// The harm of a task that a person cut short. It counts only as a danger: no rate takes in a part of a task.
     #[must_use]
     pub fn of_cut_task(harm: &HarmMeasures, profile: &Profile) -> Self {
         let danger: Vec<Reason> = profile.live_harm.dangers(harm).iter().map(danger_reason).collect();

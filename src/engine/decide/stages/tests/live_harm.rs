@@ -50,12 +50,16 @@ fn rollback_of(version: &CapabilityId) -> impl Fn(&EventKind) -> Option<Rollback
 }
 
 /// Every task is near enough to a person's zone to be a danger, by either version.
-#[test]
-fn danger_alarms_for_a_commissioned_version_and_rolls_a_new_one_back() {
+fn always_in_danger() -> RollbackBench {
     let mut profile = sim();
     profile.harm.zone_clearance_m.limit = 2.0;
     profile.live_harm.danger_zone_clearance_m = 2.0;
-    let mut bench = RollbackBench::under(profile);
+    RollbackBench::under(profile)
+}
+
+#[test]
+fn danger_alarms_for_a_commissioned_version_and_rolls_a_new_one_back() {
+    let mut bench = always_in_danger();
     let before = id("place@1.0.0");
     let past = until(&mut bench, |event| match event {
         EventKind::HarmPastLimit { version, past, danger: true, tasks_past: 1, .. } if *version == before => {
@@ -80,10 +84,7 @@ fn danger_alarms_for_a_commissioned_version_and_rolls_a_new_one_back() {
 /// It was not counted, though it was measured before the person cut the task short.
 #[test]
 fn danger_in_a_task_that_a_person_cut_short_is_an_event() {
-    let mut profile = sim();
-    profile.harm.zone_clearance_m.limit = 2.0;
-    profile.live_harm.danger_zone_clearance_m = 2.0;
-    let mut bench = RollbackBench::under(profile);
+    let mut bench = always_in_danger();
     let mut live = bench.pipeline.live();
     let mut worked = live.begin_sequence().unwrap().run(&mut NoListener);
     worked.stopped = Some(StoppedTask::here(&worked.report, 0));

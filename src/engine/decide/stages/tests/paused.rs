@@ -167,7 +167,7 @@ fn candidate_whose_refusal_finds_a_full_disk_is_on_hold_and_the_engine_works_on(
     let before = seen(&bench);
     assert_eq!(before.0, VersionCondition::Held);
     work(&mut bench, 20);
-    assert_eq!(seen(&bench), before, "nothing of it is worked while it is on hold");
+    assert_eq!(seen(&bench), before, "its stage makes no progress while it is on hold");
     resume(&mut bench, &id);
     work(&mut bench, 20);
     assert!(seen(&bench).1 > before.1, "a person resumed it");
